@@ -1,0 +1,25 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The one error that bad input raises, everywhere in the project."""
+
+
+class InputError(ValueError):
+    """Bad input: says in one line where it was found, which rule it broke and the value given.
+
+    Parameters
+    ----------
+    where : str
+        File and key, file and row, option or parameter.
+    rule : str
+        What is required, for example ``"must be a positive integer"``.
+    value : object, optional
+        What was given instead.
+    """
+
+    def __init__(self, where, rule, *value):
+        given = f", got {_short(value[0])}" if value else ""
+        super().__init__(f"{where}: {rule}{given}")
+
+
+def _short(value, limit=80):
+    text = " ".join(repr(value).split())
+    return text if len(text) <= limit else text[: limit - 3] + "..."
