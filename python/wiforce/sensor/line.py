@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The physical line: where a press shorts it, and the phases seen from its two ends.
+
+A press of force F at location l shorts the line from ``l - a_1`` to ``l + a_2``. The phase of the
+reflection seen from end i follows from the distance ``d_i`` of the nearer edge of the short:
+``psi_i = offset_i + 180 deg - 2 beta d_i``, with ``d_1 = l - a_1`` and ``d_2 = L - l - a_2``. The
+untouched line ends in an open: ``psi_i = offset_i - 2 beta L``.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+SPEED_OF_LIGHT_M_S = 299_792_458.0
+
+
+def round_trip_deg_per_mm(frequency_hz, permittivity=1.0):
+    """2 beta: the round-trip phase of a line in degrees per millimetre.
+
+    Parameters
+    ----------
+    frequency_hz : float
+    permittivity : float
+        Effective relative permittivity; 1 for a line in air.
+    """
+    return 720.0 * frequency_hz * np.sqrt(permittivity) / (SPEED_OF_LIGHT_M_S * 1e3)
+
+
+def _foundation_profile(u):
+    """Deflection of a beam on an elastic foundation, relative to that under the load, at u = kx."""
+    return np.exp(-u) * (np.cos(u) + np.sin(u))
+
+
+# The profile falls monotonically from 1 at u = 0 to -e^-pi at u = pi.
+_PROFILE_U = np.linspace(0.0, np.pi, 4001)
+_PROFILE = _foundation_profile(_PROFILE_U)
+
+
+def _inverse_profile(ratio):
+    """u in [0, pi] at which the relative deflection is ``ratio`` in (0, 1]; Newton-refined."""
+    u = np.interp(-ratio, -_PROFILE, _PROFILE_U)
+    for _ in range(2):
+        slope = -2.0 * np.exp(-u) * np.sin(u)
+        safe = np.where(np.abs(slope) < 1e-9, -1.0, slope)
+        step = np.where(np.abs(slope) < 1e-9, 0.0, (_foundation_profile(u) - ratio) / safe)
+        u = np.clip(u - step, 0.0, np.pi)
+    return u
+
+
+@dataclass(frozen=True)
+class ContactLaw:
+    """A soft beam pressed onto the line.
+
+    The beam is an Euler beam on an elastic foundation (M. Hetenyi, *Beams on Elastic Foundation*,
+    1946): under a point load its deflection falls off as ``exp(-kx) (cos kx + sin kx)``. It touches
+    the line wherever it is deflected by more than the gap, so the half width a of the short solves
+    ``exp(-ka) (cos ka + sin ka) = F_onset / F``. The ends of the beam are held, which tilts the
+    short towards the nearer end: ``a_1 = a (1 + t)``, ``a_2 = a (1 - t)`` with
+    ``t = asymmetry tanh((L/2 - l) / fade)``; in the middle both ends move alike.
+
+    Attributes
+    ----------
+    onset_force_n : float
+        Force at which the line is first shorted.
+    decay_length_mm : float
+        1/k of the beam on its foundation.
+    asymmetry : float
+        Tilt far from the middle, in [0, 1).
+    fade_mm : float
+        Distance from the middle over which the tilt builds up.
+    """
+
+    onset_force_n: float
+    decay_length_mm: float
+    asymmetry: float
+    fade_mm: float
+
+    def extents_mm(self, force_n, location_mm, length_mm):
+        """How far the short reaches towards port 1 and port 2; shape (..., 2).
+
+        Forces below the onset count as the onset, where the short has no width.
+        """
+        force, location = np.broadcast_arrays(
+            np.asarray(force_n, float), np.asarray(location_mm, float)
+        )
+        ratio = self.onset_force_n / np.maximum(force, self.onset_force_n)
+        half_width = self.decay_length_mm * _inverse_profile(ratio)
+        tilt = self.asymmetry * np.tanh((length_mm / 2 - location) / self.fade_mm)
+        return np.stack([half_width * (1 + tilt), half_width * (1 - tilt)], axis=-1)
+
+
+def shorting_points_mm(contact, force_n, location_mm, length_mm):
+    """Distance of each end from the short it sees, not below 0; shape (..., 2)."""
+    location = np.asarray(location_mm, float)
+    extents = contact.extents_mm(force_n, location, length_mm)
+    centre = np.stack(np.broadcast_arrays(location, length_mm - location), axis=-1)
+    return np.maximum(centre - extents, 0.0)
+
+
+def short_phase_deg(distance_mm, frequency_hz, permittivity=1.0):
+    """psi of a short at a distance, not wrapped: 180 deg - 2 beta d."""
+    return 180.0 - round_trip_deg_per_mm(frequency_hz, permittivity) * np.asarray(distance_mm)
+
+
+def open_phase_deg(length_mm, frequency_hz, permittivity=1.0):
+    """psi of the untouched line, not wrapped: -2 beta L."""
+    return -round_trip_deg_per_mm(frequency_hz, permittivity) * length_mm
