@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The ``gr-wiforce`` command: finds its subcommands, and turns every failure into one line."""
+
+import importlib
+import importlib.util
+import os
+import sys
+import traceback
+
+import click
+from gnuradio.wiforce.errors import InputError
+
+PROGRAM = "gr-wiforce"
+COMMANDS = (
+    "simulate",
+    "calibrate",
+    "invert",
+    "read",
+    "live",
+    "emulate",
+    "check",
+    "plan",
+    "evaluate",
+    "bench",
+    "demo",
+)
+DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+
+class _Subcommands(click.Group):
+    """The modules of this package that hold a command, imported when asked for."""
+
+    def list_commands(self, ctx):
+        return [name for name in COMMANDS if importlib.util.find_spec(f"{__package__}.{name}")]
+
+    def get_command(self, ctx, name):
+        if name not in self.list_commands(ctx):
+            return None
+        return getattr(importlib.import_module(f"{__package__}.{name}"), name)
+
+
+def _version():
+    from gnuradio.wiforce import __version__
+
+    return __version__
+
+
+def _print_version(ctx, _, asked):
+    if asked and not ctx.resilient_parsing:
+        click.echo(f"{PROGRAM} {_version()}")
+        ctx.exit()
+
+
+def _set_debug(ctx, _, asked):
+    ctx.find_root().obj["debug"] = asked
+
+
+@click.command(
+    cls=_Subcommands,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="Exit status: 0 done; 2 bad usage or bad input, with one line that says what; "
+    "1 anything else.",
+)
+@click.option(
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_print_version,
+    help="Show the version and exit.",
+)
+@click.option(
+    "--debug",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_set_debug,
+    help="Show the full traceback of an unexpected error.",
+)
+def command():
+    """Contact force and its location from a passive wireless sensor."""
+
+
+def main(argv=None):
+    """Run the command.
+
+    Parameters
+    ----------
+    argv : list of str, optional
+        Arguments without the program's name; those of the process by default.
+
+    Returns
+    -------
+    int
+        Exit status: 0 done; 2 bad usage or bad input; 130 interrupted; 1 anything else. Every
+        failure prints one line on standard error.
+    """
+    state = {"debug": False}
+    try:
+        result = command.main(argv, prog_name=PROGRAM, obj=state, standalone_mode=False)
+        sys.stdout.flush()
+        return result if isinstance(result, int) else DONE
+    except click.UsageError as error:
+        return _fail(BAD_INPUT, _with_command(error))
+    except click.ClickException as error:
+        return _fail(BAD_INPUT, error.format_message())
+    except InputError as error:
+        return _fail(BAD_INPUT, str(error))
+    except (click.Abort, KeyboardInterrupt):
+        return _fail(INTERRUPTED, "interrupted")
+    except BrokenPipeError:
+        _silence_stdout()
+        return FAILED
+    except Exception as error:
+        if state["debug"]:
+            traceback.print_exc()
+        return _fail(FAILED, f"{type(error).__name__}: {error}")
+
+
+def _with_command(error):
+    name = error.ctx.info_name if error.ctx is not None else PROGRAM
+    message = error.format_message()
+    return message if name == PROGRAM else f"{name}: {message}"
+
+
+def _fail(status, message):
+    line = "".join(c if c.isprintable() else " " for c in message)
+    click.echo(f"{PROGRAM}: {' '.join(line.split())}", err=True)
+    return status
+
+
+def _silence_stdout():
+    """Whoever read our output is gone: let the interpreter's last flush go nowhere."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+if __name__ == "__main__":
+    sys.exit(main())
