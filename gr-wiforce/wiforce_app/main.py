@@ -39,15 +39,11 @@ class _Subcommands(click.Group):
         return getattr(importlib.import_module(f"{__package__}.{name}"), name)
 
 
-def _version():
-    from gnuradio.wiforce import __version__
-
-    return __version__
-
-
 def _print_version(ctx, _, asked):
     if asked and not ctx.resilient_parsing:
-        click.echo(f"{PROGRAM} {_version()}")
+        from gnuradio.wiforce._config import VERSION
+
+        click.echo(f"{PROGRAM} {VERSION}")
         ctx.exit()
 
 
