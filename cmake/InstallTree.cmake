@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+# What is installed beside the library and the compiled module.
+set(package ${GR_PYTHON_DIR}/gnuradio/wiforce)
+set(without_caches PATTERN __pycache__ EXCLUDE PATTERN bindings EXCLUDE)
+
+install(DIRECTORY python/wiforce/ DESTINATION ${package} FILES_MATCHING PATTERN *.py ${without_caches})
+install(DIRECTORY gr-wiforce/wiforce_app DESTINATION ${GR_PYTHON_DIR} ${without_caches})
+install(DIRECTORY gr-wiforce/ DESTINATION ${WIFORCE_DATA_DIR}
+  PATTERN wiforce_app EXCLUDE ${without_caches})
+install(DIRECTORY grc/ DESTINATION ${GRC_BLOCKS_DIR} FILES_MATCHING PATTERN *.yml)
+install(DIRECTORY include/gnuradio/wiforce DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/gnuradio)
+
+# Relative, so that an installed tree can be moved.
+file(RELATIVE_PATH DATA_FROM_PACKAGE /${package} /${WIFORCE_DATA_DIR})
+configure_file(cmake/_config.py.in ${PROJECT_BINARY_DIR}/install/_config.py @ONLY)
+install(FILES ${PROJECT_BINARY_DIR}/install/_config.py DESTINATION ${package})
+
+file(RELATIVE_PATH PACKAGES_FROM_BIN /${CMAKE_INSTALL_BINDIR} /${GR_PYTHON_DIR})
+set(LAUNCHER_INTERPRETER ${PYTHON_EXECUTABLE})
+configure_file(cmake/gr-wiforce.in ${PROJECT_BINARY_DIR}/install/gr-wiforce @ONLY)
+install(PROGRAMS ${PROJECT_BINARY_DIR}/install/gr-wiforce DESTINATION ${CMAKE_INSTALL_BINDIR})
+
+include(CMakePackageConfigHelpers)
+set(config_dir ${CMAKE_INSTALL_LIBDIR}/cmake/gnuradio-wiforce)
+configure_package_config_file(cmake/gnuradio-wiforceConfig.cmake.in
+  ${PROJECT_BINARY_DIR}/install/gnuradio-wiforceConfig.cmake INSTALL_DESTINATION ${config_dir})
+write_basic_package_version_file(
+  ${PROJECT_BINARY_DIR}/install/gnuradio-wiforceConfigVersion.cmake
+  COMPATIBILITY SameMinorVersion)
+install(FILES ${PROJECT_BINARY_DIR}/install/gnuradio-wiforceConfig.cmake
+  ${PROJECT_BINARY_DIR}/install/gnuradio-wiforceConfigVersion.cmake DESTINATION ${config_dir})
+install(EXPORT gnuradio-wiforceTargets NAMESPACE gnuradio:: DESTINATION ${config_dir})
+
+configure_file(cmake/SayPaths.cmake.in ${PROJECT_BINARY_DIR}/install/SayPaths.cmake @ONLY)
+install(SCRIPT ${PROJECT_BINARY_DIR}/install/SayPaths.cmake)

@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Names of stream tags, message ports and message keys. names.py says the same; a test
+// holds the two equal.
+#pragma once
+
+namespace gr::wiforce::names {
+
+// Stream tags
+constexpr char RX_TIME[] = "rx_time";
+constexpr char SNAPSHOT[] = "snapshot";
+constexpr char GROUP[] = "group";
+constexpr char MISSING[] = "missing";
+constexpr char CLOCK[] = "clock";
+constexpr char NOISE[] = "noise";
+
+// Message ports
+constexpr char INCOMPLETE[] = "incomplete";
+constexpr char READINGS[] = "readings";
+constexpr char TARE[] = "tare";
+
+// Keys of the PDUs on the port "incomplete" (with GROUP)
+constexpr char MASK[] = "mask";
+
+} // namespace gr::wiforce::names

@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <gnuradio/block.h>
+#include <gnuradio/wiforce/api.h>
+
+#include <cstdint>
+#include <string>
+
+namespace gr::wiforce {
+
+/*!
+ * \brief Folds the repeated part of each sounding frame into one vector of 64 samples.
+ * \ingroup wiforce
+ *
+ * Input: samples, complex float (fc32) or complex int16 (sc16, scaled by 1/32768).
+ * Output: one vector of 64 complex floats per frame, the mean over the repetitions.
+ *
+ * Frames lie on a grid that starts at \p frame_offset. A tag `rx_time` that is later than
+ * the samples before it account for means lost samples (an overflow): the frames that
+ * miss averaged samples are dropped and the next whole one of the same grid follows. The
+ * first output and the first one after every gap carry the tag `snapshot`, the index of
+ * that frame on the grid. Input tags are not passed on: 1/frame_length of their offsets
+ * means nothing once samples were lost.
+ *
+ * The block finds no frames by itself: reader and transmitter share their clock and
+ * start.
+ */
+class WIFORCE_API preamble_fold : virtual public gr::block
+{
+public:
+    using sptr = std::shared_ptr<preamble_fold>;
+
+    /*!
+     * \param frame_length samples per frame, at least first_averaged + 64 repetitions
+     * \param first_averaged first averaged sample of a frame
+     * \param repetitions repetitions of 64 samples that are averaged
+     * \param sample_rate samples per second, by which `rx_time` is read
+     * \param frame_offset samples before the first frame
+     * \param item_type "fc32" or "sc16"
+     * \throws std::invalid_argument naming parameter, rule and value
+     */
+    static sptr make(int frame_length,
+                     int first_averaged = 64,
+                     int repetitions = 4,
+                     double sample_rate = 12.5e6,
+                     std::uint64_t frame_offset = 0,
+                     const std::string& item_type = "fc32");
+
+    //! Frames folded so far.
+    virtual std::uint64_t snapshots() const = 0;
+    //! Samples that were lost before the input, by `rx_time`.
+    virtual std::uint64_t samples_lost() const = 0;
+    //! Times that samples were lost.
+    virtual std::uint64_t gaps() const = 0;
+};
+
+} // namespace gr::wiforce

@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "preamble_folder.h"
+
+#include "require.h"
+
+namespace gr::wiforce::kernel {
+
+namespace {
+
+constexpr int WIDTH = 2 * FFT_LENGTH; // real and imaginary parts of one repetition
+
+template <class Component, class Sum>
+void fold_frames(const Component* averaged,
+                 std::size_t stride,
+                 std::size_t frames,
+                 int repetitions,
+                 float scale,
+                 float* folded)
+{
+    for (std::size_t frame = 0; frame < frames; frame++) {
+        const Component* in = averaged + frame * stride;
+        Sum sum[WIDTH] = {};
+        for (int r = 0; r < repetitions; r++)
+            for (int n = 0; n < WIDTH; n++)
+                sum[n] += in[r * WIDTH + n];
+        for (int n = 0; n < WIDTH; n++)
+            folded[frame * WIDTH + n] = scale * static_cast<float>(sum[n]);
+    }
+}
+
+} // namespace
+
+preamble_folder::preamble_folder(int frame_length, int first_averaged, int repetitions)
+    : d_frame_length(frame_length),
+      d_first_averaged(first_averaged),
+      d_repetitions(repetitions)
+{
+    const char* where = "preamble_fold";
+    require(first_averaged >= 0, where, "first_averaged", "must be >= 0", first_averaged);
+    // Above 65536 repetitions the integer sums could overflow.
+    require(repetitions >= 1 && repetitions <= 65536,
+            where,
+            "repetitions",
+            "must be 1 to 65536",
+            repetitions);
+    const long long end = first_averaged + 1LL * FFT_LENGTH * repetitions;
+    require(frame_length >= end,
+            where,
+            "frame_length",
+            "must be >= first_averaged + 64 repetitions = " + std::to_string(end),
+            frame_length);
+}
+
+void preamble_folder::fold(const fc32* averaged, std::size_t frames, fc32* folded) const
+{
+    fold_frames<float, float>(reinterpret_cast<const float*>(averaged),
+                              2 * d_frame_length,
+                              frames,
+                              d_repetitions,
+                              1.0f / d_repetitions,
+                              reinterpret_cast<float*>(folded));
+}
+
+void preamble_folder::fold(const sc16* averaged, std::size_t frames, fc32* folded) const
+{
+    fold_frames<std::int16_t, std::int32_t>(
+        reinterpret_cast<const std::int16_t*>(averaged),
+        2 * d_frame_length,
+        frames,
+        d_repetitions,
+        1.0f / (32768.0f * d_repetitions),
+        reinterpret_cast<float*>(folded));
+}
+
+} // namespace gr::wiforce::kernel

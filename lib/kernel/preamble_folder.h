@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <complex>
+#include <cstddef>
+#include <cstdint>
+
+namespace gr::wiforce::kernel {
+
+constexpr int FFT_LENGTH = 64;
+
+using fc32 = std::complex<float>;
+using sc16 = std::complex<std::int16_t>;
+
+/*
+ * Folds the repeated part of each sounding frame into its mean: 64 samples per frame.
+ *
+ *   folded[n] = 1/R sum_r x[first_averaged + 64 r + n],  n = 0..63, r = 0..R-1
+ *
+ * sc16 samples are summed as integers, which is exact, and scaled by 1/32768, so that
+ * both sample types give the same unit. It knows one frame's layout only: alignment and
+ * lost samples are its caller's part. Samples outside the averaged part are never read.
+ */
+class preamble_folder
+{
+public:
+    // Throws std::invalid_argument unless 0 <= first_averaged, 1 <= repetitions and
+    // first_averaged + 64 repetitions <= frame_length.
+    preamble_folder(int frame_length, int first_averaged = 64, int repetitions = 4);
+
+    int frame_length() const { return d_frame_length; }
+    int first_averaged() const { return d_first_averaged; }
+    int averaged_length() const { return d_repetitions * FFT_LENGTH; }
+
+    // `averaged` is the first averaged sample of the first frame; frames follow each
+    // other at frame_length. Writes 64 * frames values.
+    void fold(const fc32* averaged, std::size_t frames, fc32* folded) const;
+    void fold(const sc16* averaged, std::size_t frames, fc32* folded) const;
+
+private:
+    const int d_frame_length;
+    const int d_first_averaged;
+    const int d_repetitions;
+};
+
+} // namespace gr::wiforce::kernel

@@ -1,0 +1,199 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "preamble_fold_impl.h"
+
+#include "kernel/require.h"
+#include <gnuradio/io_signature.h>
+#include <gnuradio/wiforce/names.h>
+
+#include <algorithm>
+#include <cmath>
+
+namespace gr::wiforce {
+
+namespace {
+const pmt::pmt_t& rx_time_key()
+{
+    static const pmt::pmt_t key = pmt::mp(names::RX_TIME);
+    return key;
+}
+const pmt::pmt_t& snapshot_key()
+{
+    static const pmt::pmt_t key = pmt::mp(names::SNAPSHOT);
+    return key;
+}
+} // namespace
+
+preamble_fold::sptr preamble_fold::make(int frame_length,
+                                        int first_averaged,
+                                        int repetitions,
+                                        double sample_rate,
+                                        std::uint64_t frame_offset,
+                                        const std::string& item_type)
+{
+    const char* where = "preamble_fold";
+    const kernel::preamble_folder folder(frame_length, first_averaged, repetitions);
+    kernel::require(std::isfinite(sample_rate) && sample_rate > 0,
+                    where,
+                    "sample_rate",
+                    "must be positive",
+                    sample_rate);
+    kernel::require(item_type == "fc32" || item_type == "sc16",
+                    where,
+                    "item_type",
+                    "must be 'fc32' or 'sc16'",
+                    "'" + item_type + "'");
+    if (item_type == "sc16")
+        return gnuradio::make_block_sptr<preamble_fold_impl<kernel::sc16>>(
+            folder, sample_rate, frame_offset);
+    return gnuradio::make_block_sptr<preamble_fold_impl<kernel::fc32>>(
+        folder, sample_rate, frame_offset);
+}
+
+template <class Sample>
+preamble_fold_impl<Sample>::preamble_fold_impl(const kernel::preamble_folder& folder,
+                                               double sample_rate,
+                                               std::uint64_t frame_offset)
+    : gr::block("preamble_fold",
+                gr::io_signature::make(1, 1, sizeof(Sample)),
+                gr::io_signature::make(1, 1, kernel::FFT_LENGTH * sizeof(kernel::fc32))),
+      d_folder(folder),
+      d_sample_rate(sample_rate),
+      d_first_window(frame_offset + folder.first_averaged())
+{
+    set_relative_rate(1, folder.frame_length());
+    set_tag_propagation_policy(TPP_DONT);
+}
+
+// One window is enough to work on; whatever else has arrived is taken along.
+template <class Sample>
+void preamble_fold_impl<Sample>::forecast(int, gr_vector_int& ninput_items_required)
+{
+    ninput_items_required[0] = d_folder.averaged_length();
+}
+
+template <class Sample>
+std::uint64_t preamble_fold_impl<Sample>::window_start() const
+{
+    return d_first_window + d_frame * d_folder.frame_length();
+}
+
+// Compares the time that passed since the tag before with the samples that came.
+template <class Sample>
+void preamble_fold_impl<Sample>::note_time(const received_time& time)
+{
+    if (d_last_time) {
+        const double seconds = static_cast<double>(static_cast<std::int64_t>(
+                                   time.seconds - d_last_time->seconds)) +
+                               (time.fraction - d_last_time->fraction);
+        const double received = static_cast<double>(time.item - d_last_time->item);
+        const double lost = std::round(seconds * d_sample_rate - received);
+        if (lost >= 1)
+            d_pending.push_back({ time.item, static_cast<std::uint64_t>(lost) });
+        else if (lost < 0)
+            d_logger->warn(
+                "rx_time goes back by {:g} samples: taken as a new time reference",
+                -lost);
+    }
+    d_last_time = time;
+}
+
+template <class Sample>
+void preamble_fold_impl<Sample>::find_gaps(int available)
+{
+    const std::uint64_t begin = std::max(d_tags_read_to, this->nitems_read(0));
+    const std::uint64_t end = this->nitems_read(0) + available;
+    if (end <= begin)
+        return;
+    std::vector<gr::tag_t> tags;
+    this->get_tags_in_range(tags, 0, begin, end, rx_time_key());
+    d_tags_read_to = end;
+    std::sort(tags.begin(), tags.end(), gr::tag_t::offset_compare);
+    for (const auto& tag : tags) {
+        const auto& value = tag.value;
+        if (pmt::is_tuple(value) && pmt::length(value) == 2 &&
+            pmt::is_integer(pmt::tuple_ref(value, 0)) +
+                pmt::is_uint64(pmt::tuple_ref(value, 0)) &&
+            pmt::is_real(pmt::tuple_ref(value, 1)))
+            note_time({ tag.offset,
+                        pmt::to_uint64(pmt::tuple_ref(value, 0)),
+                        pmt::to_double(pmt::tuple_ref(value, 1)) });
+        else
+            d_logger->warn(
+                "rx_time is not a tuple of whole and fractional seconds: ignored");
+    }
+}
+
+// Moves on over lost samples to the first frame of the grid that is whole again.
+template <class Sample>
+void preamble_fold_impl<Sample>::jump(const gap& gap)
+{
+    d_position += gap.lost;
+    if (d_position > window_start()) {
+        const std::uint64_t stride = d_folder.frame_length();
+        d_frame = (d_position - d_first_window + stride - 1) / stride;
+    }
+    d_announce = true;
+    d_samples_lost += gap.lost;
+    d_gaps++;
+}
+
+template <class Sample>
+int preamble_fold_impl<Sample>::general_work(int noutput_items,
+                                             gr_vector_int& ninput_items,
+                                             gr_vector_const_void_star& input_items,
+                                             gr_vector_void_star& output_items)
+{
+    const auto* in = static_cast<const Sample*>(input_items[0]);
+    auto* out = static_cast<kernel::fc32*>(output_items[0]);
+    const std::uint64_t available = ninput_items[0];
+    const std::uint64_t stride = d_folder.frame_length();
+    const std::uint64_t window = d_folder.averaged_length();
+    find_gaps(ninput_items[0]);
+
+    std::uint64_t consumed = 0;
+    int produced = 0;
+    const auto advance = [&](std::uint64_t samples) {
+        consumed += samples;
+        d_position += samples;
+    };
+    while (true) {
+        const std::uint64_t gap_at =
+            d_pending.empty() ? available : d_pending.front().item - this->nitems_read(0);
+        const std::uint64_t end = std::min(available, gap_at);
+
+        advance(std::min(end - consumed, window_start() - d_position));
+        const bool at_window = d_position == window_start();
+        const std::uint64_t whole = at_window && end - consumed >= window
+                                        ? 1 + (end - consumed - window) / stride
+                                        : 0;
+        const int frames = std::min<std::uint64_t>(whole, noutput_items - produced);
+        if (frames > 0) {
+            if (d_announce)
+                this->add_item_tag(0,
+                                   this->nitems_written(0) + produced,
+                                   snapshot_key(),
+                                   pmt::from_uint64(d_frame));
+            d_announce = false;
+            d_folder.fold(in + consumed, frames, out + produced * kernel::FFT_LENGTH);
+            advance((frames - 1) * stride + window);
+            produced += frames;
+            d_frame += frames;
+            d_snapshots += frames;
+        }
+        if (static_cast<std::uint64_t>(frames) < whole) // output is full
+            break;
+        advance(std::min(end - consumed, window_start() - d_position));
+        if (d_pending.empty() || gap_at > available)
+            break;
+        advance(end - consumed); // what is left of a frame that the gap cut
+        jump(d_pending.front());
+        d_pending.pop_front();
+    }
+    this->consume_each(consumed);
+    return produced;
+}
+
+template class preamble_fold_impl<kernel::fc32>;
+template class preamble_fold_impl<kernel::sc16>;
+
+} // namespace gr::wiforce

@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include "kernel/preamble_folder.h"
+#include <gnuradio/wiforce/preamble_fold.h>
+
+#include <deque>
+#include <optional>
+
+namespace gr::wiforce {
+
+// Sample is kernel::fc32 or kernel::sc16.
+template <class Sample>
+class preamble_fold_impl : public preamble_fold
+{
+public:
+    preamble_fold_impl(const kernel::preamble_folder& folder,
+                       double sample_rate,
+                       std::uint64_t frame_offset);
+
+    void forecast(int noutput_items, gr_vector_int& ninput_items_required) override;
+    int general_work(int noutput_items,
+                     gr_vector_int& ninput_items,
+                     gr_vector_const_void_star& input_items,
+                     gr_vector_void_star& output_items) override;
+
+    std::uint64_t snapshots() const override { return d_snapshots; }
+    std::uint64_t samples_lost() const override { return d_samples_lost; }
+    std::uint64_t gaps() const override { return d_gaps; }
+
+private:
+    struct received_time {
+        std::uint64_t item; // offset in the input stream
+        std::uint64_t seconds;
+        double fraction;
+    };
+    struct gap {
+        std::uint64_t item; // first item after the gap
+        std::uint64_t lost; // samples
+    };
+
+    void find_gaps(int available);
+    void note_time(const received_time& time);
+    void jump(const gap& gap);
+    std::uint64_t window_start() const; // of the next frame, on the grid
+
+    const kernel::preamble_folder d_folder;
+    const double d_sample_rate;
+    const std::uint64_t
+        d_first_window; // grid position of frame 0's first averaged sample
+
+    std::uint64_t d_position = 0; // of the next input item, lost samples included
+    std::uint64_t d_frame =
+        0; // next frame to fold; its window starts at or after d_position
+    bool d_announce = true; // the next output carries its index
+
+    std::uint64_t d_tags_read_to = 0; // input offset up to which tags were read
+    std::optional<received_time> d_last_time;
+    std::deque<gap> d_pending; // gaps ahead of d_position
+
+    std::uint64_t d_snapshots = 0;
+    std::uint64_t d_samples_lost = 0;
+    std::uint64_t d_gaps = 0;
+};
+
+} // namespace gr::wiforce
