@@ -141,9 +141,7 @@ class CurveModel(SensorModel):
         weights = LocationWeights(curves.location_mm)(location)
         correction = np.einsum("...j,pjk,...k->...p", weights, curves.coefficients_deg, basis)
         distance = np.stack([location, self.length_mm - location], axis=-1)
-        return correction + line.short_phase_deg(
-            distance, curves.frequency_hz, self.permittivity
-        )
+        return correction + line.short_phase_deg(distance, curves.frequency_hz, self.permittivity)
 
     def _model_std_deg(self, force, location, carrier):
         curves = self.carriers[carrier]

@@ -324,9 +324,7 @@ def sensor_to_dict(model):
 
 
 def _carrier_to_dict(carrier):
-    return {
-        key: _rounded(getattr(carrier, key)) for key in curves.Carrier.__dataclass_fields__
-    }
+    return {key: _rounded(getattr(carrier, key)) for key in curves.Carrier.__dataclass_fields__}
 
 
 def _rounded(value):

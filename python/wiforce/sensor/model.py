@@ -5,17 +5,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..angles import wrap_deg
 from ..errors import InputError
 from . import line
 
 # A carrier given within this fraction of a calibrated one is taken for it: 0.1 % changes 2 beta L
 # of an 80 mm line by 0.2 deg at 900 MHz.
 CARRIER_TOLERANCE = 1e-3
-
-
-def wrap_deg(angle):
-    """An angle in degrees brought into (-180, 180]."""
-    return -((180.0 - np.asarray(angle, float)) % 360.0 - 180.0)
 
 
 @dataclass(frozen=True)

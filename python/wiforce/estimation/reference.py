@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What an end's channel is compared with: the untouched sensor, or the group before."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..errors import InputError
+
+
+def subcarrier_weights(noise):
+    """Maximum-ratio weights w_k = 1 / sigma_k^2, scaled to sum to 1; shape (K,)."""
+    weights = 1 / np.asarray(noise, float)
+    return weights / weights.sum()
+
+
+class ConjugateDifference:
+    """V conj(V_ref) of every end, scaled so that the weighted subcarrier average is R.
+
+    R_i = sum_k w_k V_i conj(V_ref,i) / sum_k w_k |V_ref,i|^2. The paper (section 3.3) takes the
+    group before for V_ref; here that is a setting, and the untouched sensor the default.
+
+    Parameters
+    ----------
+    ends : int
+    bins : ndarray of int
+        Occupied FFT bins.
+    reference_groups : int
+        Groups that make the untouched reference; at least 1.
+    against : str
+        ``untouched`` or ``previous``.
+
+    Raises
+    ------
+    InputError
+        For another word or fewer than one reference group.
+    """
+
+    def __init__(self, ends, bins, reference_groups, against="untouched"):
+        if against not in ("untouched", "previous"):
+            raise InputError("against", "must be 'untouched' or 'previous'", against)
+        if reference_groups < 1:
+            raise InputError("reference_groups", "must be at least 1", reference_groups)
+        self.bins = np.asarray(bins)
+        self.reference_groups = reference_groups
+        self.previous_mode = against == "previous"
+        self._ends = ends
+        self._holding = not self.previous_mode
+        self._held = []
+        self.tare()
+
+    def tare(self):
+        """Takes the untouched reference anew from the groups that follow."""
+        self._sum = np.zeros((self._ends, len(self.bins)), complex)
+        self._gain = np.zeros(self._ends)
+        self._count = np.zeros(self._ends, int)
+
+    def process(self, state, vectors):
+        """Takes one group of vectors (2S, 64); gives the groups that are ready.
+
+        At the start groups are held back until the reference is complete, at most twice its
+        length, so that every group is compared with the whole of it.
+
+        Returns
+        -------
+        list of (GroupState, ndarray of complex, shape (2S, 64))
+        """
+        values = np.asarray(vectors)[:, self.bins]
+        if self.previous_mode:
+            return [self._against_previous(state, values)]
+        self._held.append((state, values, self._learn(state, values)))
+        complete = np.all(self._count >= self.reference_groups)
+        if self._holding and not complete and len(self._held) < 2 * self.reference_groups:
+            return []
+        return self.flush()
+
+    def flush(self):
+        """Gives the groups held back, against the reference as far as it has come."""
+        held, self._held, self._holding = self._held, [], False
+        count = np.maximum(self._count, 1)
+        reference, gain = self._sum / count[:, None], self._gain / count**2
+        return [self._difference(*item, reference, gain) for item in held]
+
+    def _learn(self, state, values):
+        learning = np.isfinite(state.gain) & (self._count < self.reference_groups)
+        self._sum[learning] += values[learning]
+        self._gain[learning] += state.gain[learning]
+        self._count[learning] += 1
+        return learning
+
+    def _against_previous(self, state, values):
+        there = np.isfinite(state.gain)
+        first = self._count == 0
+        reference = np.where(first[:, None], values, self._sum)
+        gain = np.where(first, state.gain, self._gain)
+        self._sum = np.where(there[:, None], values, self._sum)
+        self._gain = np.where(there, state.gain, self._gain)
+        self._count[there] = 1
+        return self._difference(state, values, first & there, reference, gain)
+
+    def _difference(self, state, values, in_reference, reference, reference_gain):
+        weights = subcarrier_weights(state.noise)
+        power = np.abs(reference) ** 2 @ weights
+        # Noise in the reference adds to its power and would make |R| come out small.
+        noise = np.where(np.isfinite(reference_gain), reference_gain, 0) * (weights @ state.noise)
+        power = np.where(self._count > 0, np.maximum(power - noise, 0.05 * power), 0.0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            products = values * reference.conj() / power[:, None]
+        vectors = np.zeros((self._ends, 64), complex)
+        vectors[:, self.bins] = np.where(power[:, None] > 0, products, 0)
+        state = replace(
+            state,
+            in_reference=in_reference,
+            reference_power=power,
+            reference_gain=reference_gain,
+        )
+        return state, vectors

@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The two switching waveforms of a tag, as a snapshot sees them.
+
+Clock 1 runs at fs with 25 % duty, high for phases within +-pi/4 of 0. Clock 2 runs at 2 fs with
+25 % duty: pulses pi/4 wide centred at +-pi/2 of clock 1's phase. A snapshot averages both over
+the time Ta of the folded samples.
+"""
+
+import numpy as np
+
+
+def harmonics(m, averaging_phase=0.0):
+    """Fourier coefficients of the two averaged waveforms at harmonic m of fs.
+
+    Parameters
+    ----------
+    m : array_like of int
+    averaging_phase : float
+        fs Ta, the part of a clock period that a snapshot averages over.
+
+    Returns
+    -------
+    ndarray, shape (..., 2)
+        c1[m] = 1/4 sinc(m/4) sinc(m fs Ta);
+        c2[m] = 1/4 sinc(m/8) cos(pi m/2) sinc(m fs Ta) for even m, 0 for odd m.
+    """
+    m = np.asarray(m)
+    smear = np.sinc(m * averaging_phase)
+    c1 = 0.25 * np.sinc(m / 4) * smear
+    c2 = np.where(m % 2 == 0, 0.25 * np.sinc(m / 8) * np.cos(np.pi * m / 2), 0.0) * smear
+    return np.stack([c1, c2], axis=-1)
+
+
+def _pulse_integral(phase, width, period):
+    """Integral from 0 of a train of unit pulses centred at multiples of ``period``."""
+    shifted = phase + period / 2
+    whole = np.floor(shifted / period)
+    return whole * width + np.clip(shifted - whole * period - (period - width) / 2, 0.0, width)
+
+
+def switch_averages(phase, half_window, clock2_delay=0.0, clock2_duty=0.25):
+    """Both switching waveforms averaged over a window of clock phase.
+
+    Parameters
+    ----------
+    phase : ndarray, shape (n,)
+        Clock 1's phase in radians at the window's centre.
+    half_window : float
+        Half the window, pi fs Ta, in radians; positive.
+    clock2_delay : float
+        Phase of clock 1, in radians, by which clock 2's pulses come late.
+    clock2_duty : float
+        Duty of clock 2: 0.25, or 0.75 for a clock 2 whose pulses overlap those of clock 1.
+
+    Returns
+    -------
+    ndarray, shape (n, 2)
+        Averages of s1 and s2, each in 0..1.
+    """
+
+    def average(centre, width, period):
+        upper = _pulse_integral(centre + half_window, width, period)
+        return (upper - _pulse_integral(centre - half_window, width, period)) / (2 * half_window)
+
+    s1 = average(phase, np.pi / 2, 2 * np.pi)
+    s2 = average(phase - np.pi / 2 - clock2_delay, np.pi * clock2_duty, np.pi)
+    return np.stack([s1, s2], axis=-1)

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Whether the line is touched, and the slow tare while it is not."""
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..angles import wrap_deg
+
+# Spread of phases that counts as the same state however good the SNR, in degrees.
+_STATE_SPREAD_DEG = 1.5
+# By how much (in squared standard deviations) another state must be better to be entered.
+_EVIDENCE = 12.0
+# Both ends moved alike when their difference is below this, and by more than this.
+_COMMON = 3.5
+_TARE_S = 1.0
+_TARE_DELAY_GROUPS = 2
+_SIGNIFICANT_DRIFT = 3.0
+
+
+@dataclass(frozen=True)
+class TouchDecision:
+    """One group of one sensor.
+
+    ``touch`` is None when it can't be told; ``drift_deg`` (2,) is what the tare takes off.
+    """
+
+    touch: int | None
+    moved: bool
+    drift_deg: np.ndarray
+
+
+class TouchDetector:
+    """Tells touched, untouched and moved groups by where the phase changes lie.
+
+    Untouched, both changes are zero up to a slow drift, which is tracked. Touched, they lie in the
+    image of the sensor's model. When the tag or an antenna moves, both ends turn alike.
+
+    Parameters
+    ----------
+    image_deg : ndarray, shape (n, 2)
+        Phase changes of touched lines against the untouched one, densely over force and location.
+    group_period_s : float
+    """
+
+    def __init__(self, image_deg, group_period_s):
+        self._image = np.asarray(image_deg, float)
+        self._recent = deque(maxlen=_TARE_DELAY_GROUPS)
+        self._untouched = deque(maxlen=max(8, round(_TARE_S / group_period_s)))
+        self._drift = np.zeros(2)
+        self._touch = 0
+
+    def tare(self):
+        """Forgets the drift: the phases that follow count from a new reference."""
+        self._recent.clear()
+        self._untouched.clear()
+        self._drift = np.zeros(2)
+        self._touch = 0
+
+    def update(self, time_s, phases_deg, std_deg, in_reference=False):
+        """Decides one group.
+
+        Parameters
+        ----------
+        time_s : float
+        phases_deg : ndarray, shape (2,)
+            arg R.
+        std_deg : ndarray, shape (2,)
+            Not finite when the tag is not there.
+        in_reference : bool
+            Part of the untouched reference.
+
+        Returns
+        -------
+        TouchDecision
+        """
+        if not np.all(np.isfinite(std_deg)):
+            return TouchDecision(None, False, self._drift.copy())
+        change = wrap_deg(phases_deg - self._drift)
+        moved = False
+        if in_reference:
+            self._touch = 0
+        else:
+            self._touch, moved = self._decide(change, np.hypot(std_deg, _STATE_SPREAD_DEG))
+        if moved:
+            self._shift(change)
+        if self._touch == 0:
+            self._follow(time_s, phases_deg)
+        else:
+            self._recent.clear()
+        return TouchDecision(self._touch, moved, self._drift.copy())
+
+    def _decide(self, change, spread):
+        untouched = np.sum((change / spread) ** 2)
+        touched = np.min(np.sum((wrap_deg(self._image - change) / spread) ** 2, axis=1))
+        if self._touch:
+            if untouched + _EVIDENCE < touched or untouched < 1:
+                return 0, False
+        elif untouched < _EVIDENCE or untouched < touched + _EVIDENCE / 4:
+            return 0, False
+        difference = wrap_deg(change[0] - change[1])
+        common = difference**2 / np.sum(spread**2)
+        moved = common < _COMMON**2 and touched > common + _EVIDENCE
+        return (0, True) if moved else (1, False)
+
+    def _shift(self, change):
+        self._drift = self._drift + change
+        self._recent.clear()
+        self._untouched.clear()
+
+    def _follow(self, time_s, phases_deg):
+        """Tare from groups that have proved untouched: those a little in the past."""
+        if len(self._recent) == self._recent.maxlen:
+            self._untouched.append(self._recent[0])
+            self._drift = self._extrapolate(time_s)
+        near = self._drift + wrap_deg(phases_deg - self._drift)
+        self._recent.append((time_s, near))
+
+    def _extrapolate(self, time_s):
+        times = np.array([t for t, _ in self._untouched])
+        phases = np.array([p for _, p in self._untouched])
+        mean = phases.mean(0)
+        if len(times) < 8:
+            return mean
+        elapsed = times - times.mean()
+        slope = elapsed @ (phases - mean) / (elapsed @ elapsed)
+        left = phases - mean - np.outer(elapsed, slope)
+        error = np.sqrt(np.sum(left**2, axis=0) / (len(times) - 2) / (elapsed @ elapsed))
+        significant = np.abs(slope) > _SIGNIFICANT_DRIFT * error
+        return mean + np.where(significant, slope * (time_s - times.mean()), 0.0)
