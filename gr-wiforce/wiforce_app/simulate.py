@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``gr-wiforce simulate``: a scene's capture and its truth."""
+
+import dataclasses
+
+import click
+
+from .progress import progress
+
+
+@click.command()
+@click.argument("scene", metavar="SCENE.yaml")
+@click.argument("name", metavar="NAME")
+@click.option(
+    "--datatype",
+    type=click.Choice(["ci16_le", "cf32_le"]),
+    default="ci16_le",
+    show_default=True,
+    help="Samples as a USRP sends them, or as floats.",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(0, 2**63 - 1),
+    help="Instead of the scene's own seed.",
+)
+def simulate(scene, name, datatype, seed):
+    """Write the capture of a scene as NAME.sigmf-data and NAME.sigmf-meta, and what was pressed
+    as NAME.truth.csv."""
+    from gnuradio.wiforce.scene import load_scene, simulator
+
+    scene = load_scene(scene)
+    if seed is not None:
+        simulation = dataclasses.replace(scene.simulation, seed=seed)
+        scene = dataclasses.replace(scene, simulation=simulation)
+    samples = simulator.frame_count(scene) * scene.sounding.frame_length
+    with progress("simulating", samples) as done:
+        paths = simulator.simulate(scene, name, datatype, done)
+    for path in paths:
+        click.echo(path)

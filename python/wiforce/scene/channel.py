@@ -1,0 +1,264 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The air of a scene at sample level: static and moving paths, tags, noise; and the ADC.
+
+Received samples are y = sum over paths of the transmit samples, delayed and scaled. A tag's path
+is scaled by r(t) = s_1 G_1 + s_2 G_2 + (1 - s_1 - s_2) G_off, with the switches s_i driven by the
+tag's own clock. The walk of a piece of signal is :meth:`AirChannel._piece`.
+"""
+
+import numpy as np
+
+from .paths import Fir, MovingPath, Ramp, mean_power, static_taps, tag_taps
+from .paths import MOVING_PATHS as _MOVING_PATHS
+from .presses import PressedSensor
+from .switching import PULSES, TagClock, switch_states
+
+PEAK = 10 ** (-3 / 20)  # of full scale: where a scene's transmit frame peaks at the ADC
+_NOISE_PEAK = 4.5  # standard deviations of a noise component that count as its peak
+_PIECE = 32768  # samples worked on at once: few calls, and still in the cache
+
+
+class AirChannel:
+    """What is on the air of a scene, as a stream of samples.
+
+    Transmit samples of unit mean preamble power give the scene's ``snr_db`` and clutter levels,
+    and a receive peak 3 dB below full scale (1.0).
+
+    Parameters
+    ----------
+    scene : Scene
+        Everything random in it follows from ``scene.simulation.seed``.
+
+    Attributes
+    ----------
+    sensors : dict
+        Name to :class:`TagOnAir`, for what can be changed while running.
+    """
+
+    def __init__(self, scene):
+        simulation, waveform = scene.simulation, scene.waveform()
+        seeds = np.random.SeedSequence(simulation.seed).spawn(4)
+        paths_rng, clocks_rng, movers_rng, noise_rng = map(np.random.default_rng, seeds)
+        self._rate = scene.radio.sample_rate_hz
+        self._ramp = Ramp(self._rate)
+        self._noise_rng = noise_rng
+        self._waveform = waveform
+
+        clock_hz = scene.sensors[0].clock_hz
+        self._tag_line = 0.25 * np.sinc(0.25) * np.sinc(clock_hz * waveform.averaging_s)
+        static = _scaled(
+            static_taps(paths_rng, self._rate), waveform, self._level(simulation.static_clutter_db)
+        )
+        movers = (
+            [
+                MovingPath(movers_rng, simulation.moving_clutter_hz, i == 0)
+                for i in range(_MOVING_PATHS)
+            ]
+            if simulation.moving_clutter_db is not None
+            else []
+        )
+        mover_level = self._level(simulation.moving_clutter_db) / np.sqrt(max(len(movers), 1))
+        mover_taps = [_scaled(mover.taps, waveform, mover_level) for mover in movers]
+        tags = [
+            TagOnAir(scene, sensor, tag, clocks_rng, self._ramp)
+            for sensor, tag in zip(scene.sensors, simulation.tags, strict=True)
+        ]
+        tag_fades = [
+            _scaled(
+                tag_taps(paths_rng, waveform, simulation.tag_coherence_hz),
+                waveform,
+                10 ** (tag.level_db / 20),
+            )
+            for tag in simulation.tags
+        ]
+        self.sensors = {tag.name: tag for tag in tags}
+
+        self._set_noise(simulation.snr_db)
+        self.scale = PEAK / self._peak(static, mover_taps, tag_fades)
+        self._static = Fir(self.scale * static)
+        self._movers = [
+            (Fir(self.scale * taps), mover) for taps, mover in zip(mover_taps, movers, strict=True)
+        ]
+        self._tags = [
+            (Fir(self.scale * taps), tag) for taps, tag in zip(tag_fades, tags, strict=True)
+        ]
+        firs = [self._static, *(fir for fir, _ in self._movers + self._tags)]
+        self._memory = max(fir.memory for fir in firs)
+        self._scratch = np.empty((2, _PIECE), np.complex64)
+        self.restart(0)
+
+    def restart(self, first_sample):
+        """Begin anew at a sample: the air holds nothing that was sent before."""
+        self._next = int(first_sample)
+        self._history = np.zeros(self._memory, np.complex64)
+
+    def set_snr_db(self, snr_db):
+        """Change the noise to another ``snr_db`` (scene's definition); signals stay."""
+        self._set_noise(float(snr_db))
+
+    @property
+    def noise_std(self):
+        """Standard deviation of the noise in a received sample (complex, full scale 1)."""
+        return self._noise * self.scale
+
+    def touch_state(self, time_s):
+        """Name of each sensor to its ``TouchState`` at the given times (s since sample 0)."""
+        time_s = np.asarray(time_s, float)
+        return {name: tag.pressed.state(time_s) for name, tag in self.sensors.items()}
+
+    def process(self, samples, first_sample):
+        """The received samples while these are sent.
+
+        Parameters
+        ----------
+        samples : array_like of complex, shape (n,)
+            Transmit samples.
+        first_sample : int
+            Index of the first, counted from time 0 of the scene; each call goes on where the
+            last one ended (see :meth:`restart`).
+
+        Returns
+        -------
+        ndarray of complex64, shape (n,)
+            Full scale is 1 per component; not clipped.
+        """
+        if first_sample != self._next:
+            raise ValueError(f"first_sample: must go on at {self._next}, got {first_sample}")
+        samples = np.ascontiguousarray(samples, np.complex64)
+        received = np.empty(len(samples), np.complex64)
+        for start in range(0, len(samples), _PIECE):
+            part = slice(start, min(start + _PIECE, len(samples)))
+            self._piece(samples[part], first_sample + start, received[part])
+        self._next += len(samples)
+        return received
+
+    def _piece(self, samples, first, received):
+        count = len(samples)
+        sent = np.concatenate([self._history, samples])
+        self._history = sent[count:].copy()
+        if sent.any():
+            path, scratch = self._scratch[:, :count]
+            self._static.apply(sent, count, received, scratch)
+            for fir, mover in self._movers:
+                fir.apply(sent, count, path, scratch)
+                gains = mover.gain(self._ramp.knots(first, count))
+                path *= self._ramp.draw(gains, first, count)
+                received += path
+            for fir, tag in self._tags:
+                fir.apply(sent, count, path, scratch)
+                path *= tag.reflection(first, count)
+                received += path
+        else:
+            received[:] = 0
+        self._add_noise(received)
+
+    def _add_noise(self, received):
+        noise = self._scratch[0].view(np.float32)[: 2 * len(received)]
+        self._noise_rng.standard_normal(dtype=np.float32, out=noise)
+        noise *= np.float32(self.noise_std / np.sqrt(2))
+        received.view(np.float32)[:] += noise
+
+    def _level(self, level_db):
+        """Amplitude of what is ``level_db`` above |c1[1] G1|; 0 for None."""
+        return 0.0 if level_db is None else self._tag_line * 10 ** (level_db / 20)
+
+    def _set_noise(self, snr_db):
+        """sigma of a sample from snr_db = |c1[1] G1|^2 / sigma_H^2."""
+        variance_h = self._tag_line**2 / 10 ** (snr_db / 10)
+        self._noise = np.sqrt(variance_h / self._waveform.channel_noise_gain)
+
+    def _peak(self, static, movers, tags):
+        """Largest magnitude to expect when the scene's own frame is sent, noise included."""
+        frame = np.tile(self._waveform.frame(), 2)
+        total = sum(np.abs(np.convolve(frame, taps)) for taps in _padded([static, *movers, *tags]))
+        return total.max() + _NOISE_PEAK * self._noise / np.sqrt(2)
+
+
+class TagOnAir:
+    """A tag in the air: its clock, its switches, the sensor that they show.
+
+    Attributes
+    ----------
+    name : str
+    clock : TagClock
+    pressed : PressedSensor
+    on : bool
+        False takes the tag off the air.
+    """
+
+    def __init__(self, scene, sensor, tag, rng, ramp):
+        self.name, self.on = sensor.name, True
+        self._rate, self._ramp = scene.radio.sample_rate_hz, ramp
+        simulation = scene.simulation
+        last_ppm = tag.clock_offset_ppm + tag.clock_drift_ppm_per_s * simulation.duration_s
+        phase = rng.random()
+        if tag.clock_phase_deg is not None:
+            phase = tag.clock_phase_deg / 360
+        self.clock = TagClock(
+            sensor.clock_hz,
+            tag.clock_offset_ppm,
+            tag.clock_drift_ppm_per_s,
+            max(sensor.clock_tolerance_ppm, abs(tag.clock_offset_ppm), abs(last_ppm)),
+            phase,
+        )
+        self._pulses, self._delay_s = PULSES[tag.clock2_duty], tag.clock2_delay_s
+        self._off = np.array(sensor.off_reflection)
+        self._turn = np.exp(2j * np.pi * rng.random())
+        self.pressed = PressedSensor(
+            scene.load_model(tag.truth_model),
+            [press for press in simulation.presses if press.sensor == sensor.name],
+            [move for move in simulation.moves if move.sensor == sensor.name],
+            scene.radio.center_frequency_hz,
+        )
+
+    def reflection(self, first, count):
+        """r / rho of the samples; complex64, shape (count,)."""
+        if not self.on:
+            return np.zeros(count, np.complex64)
+        states = switch_states(self.clock, self._pulses, self._delay_s, first, count, self._rate)
+        times = self._ramp.knots(first, count)
+        ends = self.pressed.reflections(times)
+        path = self._turn * self.pressed.motion(times)
+        parts = [
+            state * self._over_time((ends[:, i] - self._off[i]) * path, first, count)
+            for i, state in enumerate(states)
+        ]
+        if self._off.any():
+            parts.append(self._over_time(self._off.mean() * path, first, count))
+        return sum(parts)
+
+    def _over_time(self, values, first, count):
+        """A constant as it is, values at the knots drawn over the samples."""
+        values = np.atleast_1d(np.asarray(values, np.complex64))
+        return values[0] if len(values) == 1 else self._ramp.draw(values, first, count)
+
+
+class Adc:
+    """An analogue-to-digital converter: rounds, clips, and left-justifies its codes in 16 bits.
+
+    Parameters
+    ----------
+    bits : int or None
+        None rounds to 16 bits.
+    """
+
+    def __init__(self, bits):
+        self.bits = bits or 16
+        self._half = 2 ** (self.bits - 1)
+
+    def codes(self, samples):
+        """Codes of complex samples (full scale 1 per component); int16, shape (2 n,), I Q I Q."""
+        parts = np.ascontiguousarray(samples, np.complex64).view(np.float32) * self._half
+        np.rint(parts, out=parts)
+        np.clip(parts, -self._half, self._half - 1, out=parts)
+        return parts.astype(np.int16) << (16 - self.bits)
+
+
+def _scaled(taps, waveform, amplitude):
+    """Taps brought to an rms amplitude over the occupied subcarriers."""
+    return taps * (amplitude / np.sqrt(mean_power(taps, waveform)))
+
+
+def _padded(filters):
+    length = max(len(taps) for taps in filters)
+    return [np.pad(taps, (0, length - len(taps))) for taps in filters]
