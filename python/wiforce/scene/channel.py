@@ -8,8 +8,8 @@ tag's own clock. The walk of a piece of signal is :meth:`AirChannel._piece`.
 
 import numpy as np
 
-from .paths import Fir, MovingPath, Ramp, mean_power, static_taps, tag_taps
 from .paths import MOVING_PATHS as _MOVING_PATHS
+from .paths import Fir, MovingPath, Ramp, mean_power, static_taps, tag_taps
 from .presses import PressedSensor
 from .switching import PULSES, TagClock, switch_states
 

@@ -3,13 +3,14 @@
 
 import csv
 import os
-from contextlib import contextmanager, suppress
+import tempfile
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import InputError
-from .channel import AirChannel, Adc
+from .channel import Adc, AirChannel
 
 TRUTH_COLUMNS = (
     "time_s", "sensor", "touch", "force_n", "location_mm", "phase1_deg", "phase2_deg",
@@ -139,13 +140,9 @@ def _write_metadata(scene, datatype, data, path):
 
 @contextmanager
 def _all_or_nothing(paths):
-    """Temporary names beside ``paths``; renamed in order at the end, removed on failure."""
-    temporary = [path.with_name(f".{path.name}.{os.getpid()}.part") for path in paths]
-    try:
+    """Paths in a temporary folder beside ``paths``; moved there in order when all went well."""
+    with tempfile.TemporaryDirectory(prefix=".simulate-", dir=paths[0].parent) as folder:
+        temporary = [Path(folder) / path.name for path in paths]
         yield temporary
         for source, target in zip(temporary, paths, strict=True):
             os.replace(source, target)
-    finally:
-        for path in temporary:
-            with suppress(OSError):
-                path.unlink()
