@@ -12,9 +12,11 @@ _BLOCKS = {
     "preamble_fold": "wiforce_python",
     "ofdm_channel_estimator": "wiforce_python",
     "phase_group_doppler": "wiforce_python",
+    "recording_source": "wiforce_python",
     # Python blocks
     "sounding_source": "sounding_source",
     "end_separation": "end_separation",
+    "tone_weights": "end_separation",
     "conjugate_difference": "conjugate_difference",
     "subcarrier_average": "subcarrier_average",
     "force_inversion": "force_inversion",

@@ -6,8 +6,7 @@ RX_TIME = "rx_time"
 SNAPSHOT = "snapshot"
 GROUP = "group"
 MISSING = "missing"
-CLOCK = "clock"
-NOISE = "noise"
+STATE = "state"
 
 # Message ports
 INCOMPLETE = "incomplete"

@@ -98,7 +98,7 @@ class Waveform:
         return factors
 
     def frame(self):
-        """One frame of transmit samples, unit mean power over the preamble; shape (frame_length,)."""
+        """Transmit samples, unit mean power over the preamble; shape (frame_length,)."""
         samples = np.zeros(self.frame_length, complex)
         samples[:PREAMBLE_LENGTH] = self.preamble
         return samples

@@ -10,8 +10,7 @@ constexpr char RX_TIME[] = "rx_time";
 constexpr char SNAPSHOT[] = "snapshot";
 constexpr char GROUP[] = "group";
 constexpr char MISSING[] = "missing";
-constexpr char CLOCK[] = "clock";
-constexpr char NOISE[] = "noise";
+constexpr char STATE[] = "state";
 
 // Message ports
 constexpr char INCOMPLETE[] = "incomplete";

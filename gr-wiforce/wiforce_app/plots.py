@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Pictures of readings."""
+
+from pathlib import Path
+
+import numpy as np
+from gnuradio.wiforce.errors import InputError
+
+_SUFFIXES = (".png", ".pdf", ".svg")
+
+
+def check_picture(path):
+    """Refuses a picture's path before any work is done for it.
+
+    Raises
+    ------
+    InputError
+        For an unknown suffix or a folder that is not there.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in _SUFFIXES:
+        raise InputError(path, f"picture must end in {', '.join(_SUFFIXES)}")
+    if not path.parent.is_dir():
+        raise InputError(path, "folder does not exist")
+
+
+def figure(rows, title, height_in=2.1):
+    """Figure of stacked panels over time, drawn without a display."""
+    from matplotlib.figure import Figure
+
+    canvas = Figure(figsize=(9, 1.0 + height_in * rows), layout="constrained")
+    axes = canvas.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
+    canvas.suptitle(title, fontsize=11)
+    for axis in axes:
+        axis.grid(alpha=0.3)
+    axes[-1].set_xlabel("time (s)")
+    return canvas, axes
+
+
+def plot_readings(readings, path, title="", truth=None):
+    """Force, location, phases and SNR over time, one colour per sensor.
+
+    Parameters
+    ----------
+    readings : sequence of Reading
+    path : str or Path
+        PNG, PDF or SVG.
+    title : str
+    truth : sequence of dict, optional
+        Rows of a truth file, drawn as grey lines behind the readings.
+    """
+    canvas, axes = figure(4, title)
+    names = list(dict.fromkeys(reading.sensor for reading in readings))
+    for i, name in enumerate(names):
+        own = [reading for reading in readings if reading.sensor == name]
+        _plot_sensor(axes, own, f"C{2 * i}", name if len(names) > 1 else "reading")
+        if truth is not None:
+            _plot_truth(axes, [row for row in truth if row["sensor"] == name], i == 0)
+    labels = ("force (N)", "location\n(mm from port 1)", "phases psi 1, 2\n(deg)", "SNR (dB)")
+    for axis, label in zip(axes, labels, strict=True):
+        axis.set_ylabel(label)
+    axes[0].set_ylim(bottom=0)
+    axes[2].set_ylim(-185, 185)
+    axes[2].set_yticks([-180, -90, 0, 90, 180])
+    axes[0].legend(loc="upper right", fontsize=8)
+    canvas.savefig(path, dpi=110)
+
+
+def _column(readings, name):
+    values = [getattr(reading, name) for reading in readings]
+    return np.array([np.nan if v is None else v for v in values], float)
+
+
+def _plot_sensor(axes, readings, color, label):
+    time = _column(readings, "time_s")
+    for axis, value, std in (
+        (axes[0], "force_n", "force_std_n"),
+        (axes[1], "location_mm", "location_std_mm"),
+    ):
+        axis.errorbar(
+            time,
+            _column(readings, value),
+            2 * _column(readings, std),
+            fmt=".",
+            ms=4,
+            lw=0.7,
+            color=color,
+            label=f"{label} (bars: 2 std)",
+        )
+        flagged = np.array([bool(set(r.flags) - {"reference"}) for r in readings])
+        axis.plot(time[flagged], _column(readings, value)[flagged], "x", ms=6, color="C3")
+    axes[2].plot(time, _column(readings, "phase1_deg"), ".", ms=3, color=color, label="psi 1")
+    axes[2].plot(time, _column(readings, "phase2_deg"), "+", ms=4, color=color, label="psi 2")
+    axes[2].legend(loc="upper right", fontsize=8)
+    axes[3].plot(time, _column(readings, "snr_db"), ".", ms=3, color=color)
+
+
+def _plot_truth(axes, rows, labelled):
+    time = np.array([row["time_s"] for row in rows])
+    touched = np.array([row["touch"] == 1 for row in rows])
+    for axis, name in ((axes[0], "force_n"), (axes[1], "location_mm")):
+        values = [np.nan if row[name] is None else row[name] for row in rows]
+        values = np.where(touched, np.array(values, float), np.nan)
+        axis.plot(time, values, color="0.6", lw=2.5, zorder=0, label="truth" if labelled else None)

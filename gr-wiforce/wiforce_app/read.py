@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``gr-wiforce read``: a capture to readings, through the GNU Radio chain."""
+
+import click
+from gnuradio.wiforce.capture import open_capture
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.readings import open_writer
+from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.scene.plan import plan
+
+from .progress import progress
+
+
+@click.command()
+@click.argument("capture", type=click.Path())
+@click.option("--scene", "scene_path", required=True, type=click.Path(), help="Scene file.")
+@click.option("-o", "--output", type=click.Path(), help="OUT.csv or OUT.jsonl; CSV on stdout.")
+@click.option("--plot", "plot_path", type=click.Path(), help="Picture of the readings, PNG.")
+@click.option("--datatype", help="Raw samples of this type: ci16_le or cf32_le.")
+@click.option("--frame-offset", type=click.IntRange(0), default=0, help="Samples before a frame.")
+@click.option("--tracked", is_flag=True, help="Follow each press over time.")
+def read(capture, scene_path, output, plot_path, datatype, frame_offset, tracked):
+    """Read a CAPTURE (SigMF pair, or raw samples with --datatype) to readings."""
+    scene = load_scene(scene_path)
+    recording = open_capture(capture, datatype)
+    recording.check_against(scene)
+    settings = plan(scene)
+    warn_of_leftover(recording, scene, settings, frame_offset)
+    if plot_path is not None:
+        from .plots import check_picture
+
+        check_picture(plot_path)
+    writer = open_writer(output)
+    kept = []
+    rows = int(recording.span / scene.group_samples) * len(scene.sensors)
+    with progress("reading", rows) as step:
+
+        def on_reading(reading):
+            writer.write(reading)
+            if plot_path is not None:
+                kept.append(reading)
+            step(1)
+
+        try:
+            read_capture(recording, scene, on_reading, frame_offset, tracked)
+        finally:
+            writer.close()
+    if plot_path is not None:
+        from .plots import plot_readings
+
+        plot_readings(kept, plot_path, title=str(capture))
+
+
+def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False):
+    """Runs the flowgraph over a whole recording.
+
+    Parameters
+    ----------
+    recording : Capture
+    scene : Scene
+    on_reading : callable
+        Takes every Reading, in order.
+    frame_offset : int
+        Samples before the first frame.
+    tracked : bool
+    """
+    from gnuradio import gr, wiforce
+
+    waveform = scene.waveform()
+    flowgraph = gr.top_block("gr-wiforce read", catch_exceptions=False)
+    source = wiforce.recording_source(
+        path=str(recording.path),
+        datatype=recording.datatype,
+        segments=[(s.file_sample, s.global_index, s.length) for s in recording.segments],
+        frame_length=waveform.frame_length,
+        first_averaged=waveform.first_averaged,
+        repetitions=waveform.repetitions,
+        frame_offset=frame_offset,
+    )
+    reader = wiforce.reader(scene, input_type="folded", tracked=tracked, on_reading=on_reading)
+    flowgraph.connect(source, reader)
+    flowgraph.run()
+
+
+def warn_of_leftover(recording, scene, settings, frame_offset):
+    """Says what of a capture cannot be read; refuses one that holds no reading at all.
+
+    Raises
+    ------
+    InputError
+        When the capture does not hold the untouched reference and one more group.
+    """
+    frame = scene.sounding.frame_length
+    groups = (recording.span - frame_offset) // scene.group_samples
+    needed = settings.reference_groups + 1
+    if groups < needed:
+        rule = f"must hold {needed} phase groups (reference_s and one more)"
+        raise InputError(recording.path, rule, max(0, groups))
+    last = recording.segments[-1]
+    left = (last.global_index + last.length - recording.segments[0].global_index) - frame_offset
+    if left % frame:
+        click.echo(
+            f"gr-wiforce: warning: {recording.path}: ends inside a frame, "
+            f"{left % frame} samples are left over; whole phase groups are read",
+            err=True,
+        )

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Block: phase changes of the ends to readings of force and location."""
+
+import numpy as np
+import pmt
+
+from . import names
+from .errors import InputError
+from .group_block import GroupBlock, state_of
+from .readout import Readout
+from .sensor import load_sensor
+
+
+class force_inversion(GroupBlock):
+    """Readings from the ratios R of each group.
+
+    Input: vectors 2S from ``subcarrier_average``, tagged ``state``.
+    Message port ``readings`` (out): a dict per group and sensor, keys as the columns of a readings
+    file, what is unknown left out. Message port ``tare`` (in): forget the slow tare.
+
+    Parameters
+    ----------
+    models : sequence of str or SensorModel
+        Shipped sensor or path, one per sensor.
+    center_frequency : float
+        Carrier in Hz.
+    group_period : float
+        Seconds.
+    sensor_names : sequence of str, optional
+        ``sensor1``, ``sensor2``, ... when not given.
+    off_reflections : sequence, optional
+        G_off / rho per sensor: complex, or two of them when the switches differ.
+    tracked : bool
+        Follow each press over time instead of inverting each group by itself.
+    on_reading : callable, optional
+        Called with every :class:`Reading` in the block's thread. For programs that must not lose
+        the last readings of a finite stream, as message ports do.
+
+    Raises
+    ------
+    InputError
+        (A ValueError) naming parameter, rule and value.
+    """
+
+    def __init__(
+        self,
+        models=("wiforce-900mhz",),
+        center_frequency=900e6,
+        group_period=0.036,
+        sensor_names=None,
+        off_reflections=None,
+        tracked=False,
+        on_reading=None,
+    ):
+        if not models:
+            raise InputError("models", "must name at least one sensor", models)
+        if not group_period > 0:
+            raise InputError("group_period", "must be positive", group_period)
+        labels = sensor_names or [f"sensor{i + 1}" for i in range(len(models))]
+        offs = off_reflections or [0.0] * len(models)
+        if not len(labels) == len(offs) == len(models):
+            raise InputError("sensor_names, off_reflections", f"must have {len(models)} entries")
+        loaded = [load_sensor(m) if isinstance(m, str) else m for m in models]
+        sensors = list(zip(labels, loaded, offs, strict=True))
+        self.readout = Readout(sensors, center_frequency, group_period, tracked)
+        self._on_reading = on_reading
+        GroupBlock.__init__(self, "force_inversion", 2 * len(models), 0)
+        self.message_port_register_out(pmt.intern(names.READINGS))
+        self.message_port_register_in(pmt.intern(names.TARE))
+        self.set_msg_handler(pmt.intern(names.TARE), lambda _: self.readout.tare())
+
+    def take(self, tags, item):
+        self._publish(self.readout.process(state_of(tags), np.asarray(item, complex)))
+        return []
+
+    def stop(self):
+        self._publish(self.readout.flush())
+        return True
+
+    def _publish(self, readings):
+        for reading in readings:
+            if self._on_reading is not None:
+                self._on_reading(reading)
+            known = {key: value for key, value in reading.row().items() if value is not None}
+            self.message_port_pub(pmt.intern(names.READINGS), pmt.to_pmt(known))

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the Python blocks of the chain share: one item per phase group, its state as a tag."""
+
+from collections import deque
+
+import numpy as np
+import pmt
+from gnuradio import gr
+
+from . import names, state_tag
+
+_STATE = pmt.intern(names.STATE)
+
+
+class GroupBlock(gr.basic_block):
+    """Hands each group with its tags to ``take``, and puts out what that gives when it gives it.
+
+    Subclasses implement ``take(tags, item)``, with ``tags`` a dict of the item's tags by name and
+    ``item`` a complex64 vector, and return a list of (GroupState, vector).
+
+    Parameters
+    ----------
+    name : str
+    inputs, outputs : int
+        Lengths of the vectors; 0 outputs for a sink.
+    """
+
+    def __init__(self, name, inputs, outputs):
+        out_sig = [(np.complex64, outputs)] if outputs else None
+        gr.basic_block.__init__(self, name, in_sig=[(np.complex64, inputs)], out_sig=out_sig)
+        self.set_tag_propagation_policy(gr.TPP_DONT)
+        self._ready = deque()
+        self._sends = bool(outputs)
+
+    def take(self, tags, item):
+        raise NotImplementedError
+
+    def forecast(self, noutput_items, ninputs):
+        return [0 if self._ready else 1] * ninputs
+
+    def general_work(self, input_items, output_items):
+        items = input_items[0]
+        room = len(output_items[0]) if self._sends else len(items)
+        produced = self._put_out(output_items, 0, room)
+        first = self.nitems_read(0)
+        consumed = 0
+        # One group at a time, so that a group that is not ready to be taken stays in the stream.
+        while consumed < len(items) and produced < room:
+            tags = {
+                pmt.symbol_to_string(tag.key): tag.value
+                for tag in self.get_tags_in_range(0, first + consumed, first + consumed + 1)
+            }
+            results = self.take(tags, items[consumed])
+            if results is None:
+                break
+            consumed += 1
+            self._ready.extend(results)
+            produced = self._put_out(output_items, produced, room) if self._sends else 0
+        self.consume(0, consumed)
+        return produced
+
+    def _put_out(self, output_items, produced, room):
+        while self._ready and produced < room:
+            state, vector = self._ready.popleft()
+            output_items[0][produced] = vector
+            offset = self.nitems_written(0) + produced
+            self.add_item_tag(0, offset, _STATE, state_tag.to_pmt(state))
+            produced += 1
+        return produced
+
+
+def state_of(tags):
+    """The GroupState among an item's tags.
+
+    Raises
+    ------
+    RuntimeError
+        When the item has none: the block is not connected behind its chain.
+    """
+    if names.STATE not in tags:
+        raise RuntimeError(f"group without a {names.STATE!r} tag: connect behind end_separation")
+    return state_tag.from_pmt(tags[names.STATE])

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Hierarchical block: received samples to readings, wired from a scene."""
+
+import numpy as np
+import pmt
+from gnuradio import gr
+
+from . import names
+from .conjugate_difference import conjugate_difference
+from .end_separation import end_separation
+from .errors import InputError
+from .force_inversion import force_inversion
+from .scene.plan import plan as plan_of
+from .scene.schema import Scene, load_scene
+from .subcarrier_average import subcarrier_average
+from .wiforce_python import ofdm_channel_estimator, phase_group_doppler, preamble_fold
+
+_ITEM_SIZES = {
+    "fc32": gr.sizeof_gr_complex,
+    "sc16": 2 * gr.sizeof_short,
+    "folded": 64 * gr.sizeof_gr_complex,
+}
+
+
+class reader(gr.hier_block2):
+    """Reads force and location from received samples.
+
+    Message port ``readings`` (out): a dict per group and sensor (see ``force_inversion``).
+    Message port ``tare`` (in): take the untouched reference anew.
+
+    The inner blocks are attributes (``fold``, ``doppler``, ``estimator``, ``separation``,
+    ``difference``, ``average``, ``inversion``) for who wants to tap their streams.
+
+    Parameters
+    ----------
+    scene : str, dict or Scene
+        Scene file, or the scene itself.
+    input_type : str
+        ``fc32`` or ``sc16`` samples, or ``folded`` vectors from a ``recording_source``.
+    frame_offset : int
+        Samples before the first frame of the stream.
+    tracked : bool
+        Follow each press over time instead of inverting each group by itself.
+    on_reading : callable, optional
+        Called with every :class:`readings.Reading`.
+
+    Raises
+    ------
+    InputError
+        (A ValueError) naming parameter, file and key, rule and value.
+    """
+
+    def __init__(self, scene, input_type="fc32", frame_offset=0, tracked=False, on_reading=None):
+        if input_type not in _ITEM_SIZES:
+            rule = f"must be one of {', '.join(_ITEM_SIZES)}"
+            raise InputError("input_type", rule, input_type)
+        self.scene = scene if isinstance(scene, Scene) else load_scene(scene)
+        self.plan = plan_of(self.scene)
+        gr.hier_block2.__init__(
+            self,
+            "reader",
+            gr.io_signature(1, 1, _ITEM_SIZES[input_type]),
+            gr.io_signature(0, 0, 0),
+        )
+        self.message_port_register_hier_out(names.READINGS)
+        self.message_port_register_hier_in(names.TARE)
+        self._make_blocks(input_type, frame_offset, tracked, on_reading)
+        chain = [self.doppler, self.estimator, self.separation, self.difference]
+        chain += [self.average, self.inversion]
+        if self.fold is not None:
+            chain.insert(0, self.fold)
+        self.connect(self, *chain)
+        self.msg_connect(self.doppler, names.INCOMPLETE, self.separation, names.INCOMPLETE)
+        self.msg_connect(self.inversion, names.READINGS, self, names.READINGS)
+        self.msg_connect(self, names.TARE, self.difference, names.TARE)
+        self.msg_connect(self, names.TARE, self.inversion, names.TARE)
+
+    def _make_blocks(self, input_type, frame_offset, tracked, on_reading):
+        scene, settings = self.scene, self.plan
+        waveform, table = settings.waveform, settings.table
+        sensors = len(scene.sensors)
+        self.fold = None
+        if input_type != "folded":
+            self.fold = preamble_fold(
+                frame_length=waveform.frame_length,
+                first_averaged=waveform.first_averaged,
+                repetitions=waveform.repetitions,
+                sample_rate=waveform.sample_rate_hz,
+                frame_offset=frame_offset,
+                item_type=input_type,
+            )
+        self.doppler = phase_group_doppler(
+            weights=table.weights.astype(np.complex64), group_length=settings.group_length
+        )
+        self.estimator = ofdm_channel_estimator(
+            factors=waveform.equalizer().astype(np.complex64), rows=len(table.tones)
+        )
+        self.separation = end_separation(
+            clocks_hz=[clock.clock_hz for clock in settings.clocks],
+            group_length=settings.group_length,
+            waveform=waveform.name,
+            frame_length=waveform.frame_length,
+            sample_rate=waveform.sample_rate_hz,
+            clutter_hz=settings.clutter_hz,
+            harmonics=settings.harmonics,
+            tolerance_ppm=[clock.tolerance_ppm for clock in settings.clocks],
+            estimator=settings.estimator,
+        )
+        self.difference = conjugate_difference(
+            sensors=sensors,
+            reference_groups=settings.reference_groups,
+            against="previous" if settings.estimator == "paper" else "untouched",
+            waveform=waveform.name,
+        )
+        self.average = subcarrier_average(
+            sensors=sensors, smoothing_groups=settings.smoothing_groups, waveform=waveform.name
+        )
+        self.inversion = force_inversion(
+            models=[sensor.load_model(scene) for sensor in scene.sensors],
+            center_frequency=scene.radio.center_frequency_hz,
+            group_period=settings.group_period_s,
+            sensor_names=[sensor.name for sensor in scene.sensors],
+            off_reflections=[np.asarray(sensor.off_reflection) for sensor in scene.sensors],
+            tracked=tracked,
+            on_reading=on_reading,
+        )
+
+    def tare(self):
+        """Takes the untouched reference anew from the groups that follow."""
+        message = pmt.PMT_T
+        self.difference.to_basic_block()._post(pmt.intern(names.TARE), message)
+        self.inversion.to_basic_block()._post(pmt.intern(names.TARE), message)

@@ -1,0 +1,214 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""From the ratios R of a group to readings: off state, touch, tare, sensor model, flags."""
+
+import math
+
+import numpy as np
+
+from .estimation.off_state import corrected_phase_deg
+from .estimation.touch import TouchDetector
+from .readings import Reading
+
+# |R| below this part of its neighbours' says that the press changed inside the group.
+_DIP = 0.97
+_WEAK_PHASE_DEG = 3.0
+_WEAK_FORCE_N = 1.5
+# Longest hole in the stream that is filled with rows flagged "gap".
+_LONGEST_GAP_S = 3600.0
+
+
+class _SensorReadout:
+    """One sensor's part: decides touch, then inverts; knows its groups one by one."""
+
+    def __init__(self, name, model, frequency_hz, off_reflection, group_period_s, tracked):
+        self.name = name
+        self._model = model
+        self._frequency_hz = frequency_hz
+        self._off = np.asarray(off_reflection, complex)
+        self._untouched = np.array(model.untouched_deg(frequency_hz))
+        self._touch = TouchDetector(self._image(), group_period_s)
+        self._tracker = model.tracker(group_period_s, frequency_hz) if tracked else None
+
+    def tare(self):
+        self._touch.tare()
+
+    def _image(self):
+        """Changes of arg R that a touch can make; shape (n, 2)."""
+        top = 1.3 * self._model.force_span_n[1]
+        forces = np.geomspace(max(self._model.onset_force_n, 0.05), top, 30)
+        locations = np.arange(0.0, self._model.length_mm + 0.5)
+        grid = np.stack(np.meshgrid(forces, locations), -1).reshape(-1, 2)
+        phases = self._model.phases_deg(grid[:, 0], grid[:, 1], self._frequency_hz)
+        reflections = np.exp(1j * np.radians(phases))
+        untouched = np.exp(1j * np.radians(self._untouched))
+        return np.degrees(np.angle((reflections - self._off) / (untouched - self._off)))
+
+    def read(self, time_s, ratios, state, ends, clock):
+        """Everything about a group but what its neighbours tell.
+
+        Returns
+        -------
+        dict
+            Fields of :class:`Reading`, flags as a list.
+        """
+        std = state.std_deg[ends]
+        in_reference = bool(np.any(state.in_reference[ends]))
+        flags = ["reference"] if in_reference else []
+        if state.missing:
+            flags.append("gap")
+        there = clock.locked and bool(np.all(np.isfinite(std))) and bool(np.all(np.abs(ratios) > 0))
+        if clock.overlapping:
+            flags.append("inconsistent")
+            there = False
+        fields = {"time_s": time_s, "sensor": self.name, "flags": flags}
+        if not there:
+            return fields
+        decision = self._touch.update(time_s, np.degrees(np.angle(ratios)), std, in_reference)
+        if decision.moved:
+            flags.append("moved")
+        level = ratios * np.exp(-1j * np.radians(decision.drift_deg))
+        phases, slope = corrected_phase_deg(level, self._untouched, self._off)
+        std = std * slope
+        fields |= {
+            "touch": decision.touch,
+            "phase1_deg": float(phases[0]),
+            "phase2_deg": float(phases[1]),
+            "snr_db": float(np.min(state.snr_db[ends])),
+        }
+        if np.max(std) > _WEAK_PHASE_DEG:
+            flags.append("weak")
+        if decision.touch == 1 or self._tracker is not None:
+            self._invert(fields, phases, std, decision.touch == 1)
+        return fields
+
+    def _invert(self, fields, phases, std, touched):
+        if self._tracker is not None:
+            values = self._tracker.update(phases, std, touched)
+            if not touched:
+                return
+        else:
+            result = self._model.invert(phases[None], std, frequency_hz=self._frequency_hz)
+            values = (
+                result.force_n[0],
+                result.force_std_n[0],
+                result.location_mm[0],
+                result.location_std_mm[0],
+                result.flags[0],
+            )
+        names = ("force_n", "force_std_n", "location_mm", "location_std_mm")
+        numbers = [float(v) if math.isfinite(v) else None for v in values[:4]]
+        fields |= dict(zip(names, numbers, strict=True))
+        flags = fields["flags"]
+        flags.extend(flag for flag in values[4] if flag not in flags)
+        force_std = fields["force_std_n"]
+        if "weak" not in flags and (force_std is None or force_std > _WEAK_FORCE_N):
+            flags.append("weak")
+
+
+class Readout:
+    """Readings of all sensors of a scene, group by group.
+
+    A reading leaves one group late: whether the press changed inside a group shows against its
+    neighbours.
+
+    Parameters
+    ----------
+    sensors : sequence of (name, SensorModel, off_reflection)
+        In the order of the ends, two per sensor; ``off_reflection`` is G_off / rho per switch.
+    frequency_hz : float
+        Carrier.
+    group_period_s : float
+    tracked : bool
+        Follow every press over time (location constant, force a random walk) instead of inverting
+        each group by itself.
+    """
+
+    def __init__(self, sensors, frequency_hz, group_period_s, tracked=False):
+        self._period = group_period_s
+        self._sensors = [
+            _SensorReadout(name, model, frequency_hz, off, group_period_s, tracked)
+            for name, model, off in sensors
+        ]
+        self._names = [name for name, _, _ in sensors]
+        self._waiting = None
+        self._before = None
+        self.groups = 0
+
+    def tare(self):
+        """Forgets the slow tare: the phases that follow count from a new reference."""
+        for sensor in self._sensors:
+            sensor.tare()
+
+    def process(self, state, ratios):
+        """Takes the ratios R (2S,) of one group; gives the readings that are ready, in order."""
+        ready = self._fill(state.group) if self._waiting else []
+        time_s = (state.group + 0.5) * self._period
+        fields = []
+        for i, sensor in enumerate(self._sensors):
+            ends = slice(2 * i, 2 * i + 2)
+            fields.append(sensor.read(time_s, ratios[ends], state, ends, state.clocks[i]))
+        arrived = _Held(state.group, fields, np.abs(ratios), state.std_deg)
+        ready = self._release(arrived) + ready
+        self._before, self._waiting = self._waiting, arrived
+        self.groups += 1
+        return ready
+
+    def flush(self):
+        """Gives the last group's readings."""
+        ready = self._release(None)
+        self._before, self._waiting = None, None
+        return ready
+
+    def _fill(self, group):
+        """Rows for groups of which nothing was received."""
+        first = self._waiting.group + 1
+        if group - first > _LONGEST_GAP_S / self._period:
+            return []
+        return [
+            Reading((absent + 0.5) * self._period, name, flags=("gap",))
+            for absent in range(first, group)
+            for name in self._names
+        ]
+
+    def _release(self, after):
+        held = self._waiting
+        if held is None:
+            return []
+        readings = []
+        for i, fields in enumerate(held.fields):
+            neighbours = [
+                other
+                for other in (self._before, after)
+                if other is not None and abs(other.group - held.group) == 1
+            ]
+            if "touch" in fields and _changed_inside(i, held, neighbours):
+                fields["flags"].append("transition")
+            readings.append(Reading(**{**fields, "flags": tuple(fields["flags"])}))
+        return readings
+
+
+class _Held:
+    """A group that waits for its neighbour."""
+
+    __slots__ = ("group", "fields", "levels", "std_deg")
+
+    def __init__(self, group, fields, levels, std_deg):
+        self.group = group
+        self.fields = fields
+        self.levels = levels
+        self.std_deg = std_deg
+
+
+def _changed_inside(sensor, held, neighbours):
+    """Whether the press changed inside a group: |R| dips, or touch begins or ends beside it."""
+    ends = slice(2 * sensor, 2 * sensor + 2)
+    known = [n for n in neighbours if n.fields[sensor].get("touch") is not None]
+    if not known:
+        return False
+    touch = held.fields[sensor]["touch"]
+    if touch == 1 and any(n.fields[sensor]["touch"] != touch for n in known):
+        return True
+    levels = np.min([n.levels[ends] for n in known], axis=0)
+    noise = np.radians(held.std_deg[ends]) * levels
+    dip = levels - held.levels[ends]
+    return bool(np.any((held.levels[ends] < _DIP * levels) & (dip > 3.5 * noise)))
