@@ -17,6 +17,7 @@ _BLOCKS = {
     "sounding_source": "sounding_source",
     "end_separation": "end_separation",
     "tone_weights": "end_separation",
+    "tone_derotation": "end_separation",
     "conjugate_difference": "conjugate_difference",
     "subcarrier_average": "subcarrier_average",
     "force_inversion": "force_inversion",

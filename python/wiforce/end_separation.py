@@ -12,6 +12,14 @@ from .estimation.weights import design_weights
 from .group_block import GroupBlock
 from .waveform import sounding_waveform
 
+_SEPARATORS = {"harmonic": EndSeparator, "paper": PaperSeparator}
+
+
+def _design(clocks_hz, group_length, frame_length, sample_rate, clutter_hz, harmonics):
+    return design_weights(
+        clocks_hz, group_length, frame_length / sample_rate, clutter_hz, harmonics
+    )
+
 
 def tone_weights(
     clocks_hz,
@@ -27,9 +35,26 @@ def tone_weights(
     -------
     ndarray of complex64, shape (M, group_length)
     """
-    period = frame_length / sample_rate
-    table = design_weights(clocks_hz, group_length, period, clutter_hz, harmonics)
-    return table.weights.astype(np.complex64)
+    settings = (clocks_hz, group_length, frame_length, sample_rate, clutter_hz, harmonics)
+    return _design(*settings).weights.astype(np.complex64)
+
+
+def tone_derotation(
+    clocks_hz,
+    group_length=625,
+    frame_length=720,
+    sample_rate=12.5e6,
+    clutter_hz=0.0,
+    harmonics=8,
+):
+    """Factors for ``ofdm_channel_estimator`` that stop each tone's turning within a symbol.
+
+    Returns
+    -------
+    ndarray of complex64, shape (M, 64)
+    """
+    settings = (clocks_hz, group_length, frame_length, sample_rate, clutter_hz, harmonics)
+    return _design(*settings).derotation(sample_rate).astype(np.complex64)
 
 
 class end_separation(GroupBlock):
@@ -60,6 +85,8 @@ class end_separation(GroupBlock):
         How far each tag's clock may be off.
     estimator : str
         ``harmonic``, or ``paper``: lines +1 and +4 alone, clock not tracked (paper, section 3.3).
+    derotated : bool
+        Whether the channel estimator was given ``tone_derotation(...)`` of the same settings.
 
     Raises
     ------
@@ -78,19 +105,19 @@ class end_separation(GroupBlock):
         harmonics=8,
         tolerance_ppm=100.0,
         estimator="harmonic",
+        derotated=True,
     ):
         sounding = sounding_waveform(waveform, frame_length, sample_rate)
-        table = design_weights(
-            clocks_hz, group_length, sounding.snapshot_period_s, clutter_hz, harmonics
-        )
+        table = _design(clocks_hz, group_length, frame_length, sample_rate, clutter_hz, harmonics)
         tolerances = np.broadcast_to(np.asarray(tolerance_ppm, float), len(clocks_hz))
         clocks = [TagClock(f, float(ppm)) for f, ppm in zip(clocks_hz, tolerances, strict=True)]
-        if estimator == "harmonic":
-            self.separator = EndSeparator(table, clocks, sounding.averaging_s, sounding.bins)
-        elif estimator == "paper":
-            self.separator = PaperSeparator(table, clocks, sounding.averaging_s, sounding.bins)
-        else:
-            raise InputError("estimator", "must be 'harmonic' or 'paper'", estimator)
+        if estimator not in _SEPARATORS:
+            raise InputError("estimator", f"must be one of {', '.join(_SEPARATORS)}", estimator)
+        self.separator = _SEPARATORS[estimator](
+            table, clocks, sounding.averaging_s, sounding.bins, sample_rate if derotated else None
+        )
+        self._table = table
+        self._rotation = table.derotation(sample_rate) if derotated else 1.0
         self._equalizer = sounding.equalizer()
         self._rows = len(table.tones)
         self._incomplete = {}
@@ -102,19 +129,23 @@ class end_separation(GroupBlock):
         meta = pmt.to_python(pmt.car(message))
         mask = np.asarray(meta[names.MASK], bool)
         folded = np.array(pmt.c32vector_elements(pmt.cdr(message)), complex)
-        snapshots = np.fft.fft(folded.reshape(len(mask), 64), axis=1) * self._equalizer
-        self._incomplete[int(meta[names.GROUP])] = (mask, snapshots)
+        self._incomplete[int(meta[names.GROUP])] = (mask, folded.reshape(len(mask), 64))
 
     def take(self, tags, item):
         group = pmt.to_uint64(tags[names.GROUP])
-        tones = item.reshape(self._rows, 64)
         if names.MISSING not in tags:
-            return self._flat(self.separator.process(group, tones))
+            return self._flat(self.separator.process(group, item.reshape(self._rows, 64)))
         if group not in self._incomplete:
             # Its snapshots are on their way by message: the item waits in the stream.
             return None
-        mask, snapshots = self._incomplete.pop(group)
-        return self._flat(self.separator.process(group, tones, mask, snapshots))
+        mask, folded = self._incomplete.pop(group)
+        missing = int(len(mask) - mask.sum())
+        partial = self._table.for_present(mask)
+        tones = np.zeros((self._rows, 64), complex)
+        if partial is not None:
+            tones = partial.weights @ folded[mask]
+            tones = np.fft.fft(tones * self._rotation, axis=1) * self._equalizer
+        return self._flat(self.separator.process(group, tones, missing, partial))
 
     @staticmethod
     def _flat(results):

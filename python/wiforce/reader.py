@@ -93,7 +93,9 @@ class reader(gr.hier_block2):
             weights=table.weights.astype(np.complex64), group_length=settings.group_length
         )
         self.estimator = ofdm_channel_estimator(
-            factors=waveform.equalizer().astype(np.complex64), rows=len(table.tones)
+            factors=waveform.equalizer().astype(np.complex64),
+            rows=len(table.tones),
+            rotation=table.derotation(waveform.sample_rate_hz).astype(np.complex64),
         )
         self.separation = end_separation(
             clocks_hz=[clock.clock_hz for clock in settings.clocks],

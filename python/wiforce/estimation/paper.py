@@ -20,9 +20,11 @@ class PaperSeparator:
     clocks : sequence of TagClock
     averaging_s : float
     bins : ndarray of int
+    sample_rate_hz : float, optional
+        Has no effect on phases.
     """
 
-    def __init__(self, table, clocks, averaging_s, bins):
+    def __init__(self, table, clocks, averaging_s, bins, sample_rate_hz=None):
         self.table = table
         self.bins = np.asarray(bins)
         self.ends = 2 * len(clocks)
@@ -37,7 +39,7 @@ class PaperSeparator:
                 return row
         raise ValueError(f"line {harmonic} of tag {tag} is not in the table")
 
-    def process(self, group, tones, mask=None, snapshots=None):
+    def process(self, group, tones, missing=0, partial=None):
         """One group's vectors at once; snapshots that are missing count as zeros."""
         tones = np.asarray(tones)[:, self.bins].astype(complex)
         vectors = np.zeros((self.ends, 64), complex)
@@ -45,7 +47,6 @@ class PaperSeparator:
         for end, row in enumerate(self._rows):
             turns = self.table.tones[row].frequency_hz * center_s
             vectors[end, self.bins] = tones[row] * np.exp(-2j * np.pi * (turns % 1.0))
-        missing = 0 if mask is None else int(len(mask) - mask.sum())
         usable = bool(np.all(np.isfinite(tones)) and np.any(tones))
         gain = np.sum(np.abs(self.table.weights[self._rows]) ** 2, axis=1)
         gain = gain if usable else np.full(self.ends, np.inf)

@@ -86,10 +86,15 @@ class EndSeparator:
         Ta of the waveform.
     bins : ndarray of int
         Occupied FFT bins; the others are ignored and come out as zeros.
+    sample_rate_hz : float, optional
+        Given when the tones come derotated (``ToneTable.derotation``).
     """
 
-    def __init__(self, table, clocks, averaging_s, bins):
+    def __init__(self, table, clocks, averaging_s, bins, sample_rate_hz=None):
         self.table = table
+        self._line_gain = np.ones((len(table.tones), 1))
+        if sample_rate_hz is not None:
+            self._line_gain /= table.symbol_gain(sample_rate_hz)[:, None]
         self.bins = np.asarray(bins)
         self.group_period_s = table.group_length * table.snapshot_period_s
         self._tags = [_Tag(table, i, clock, averaging_s) for i, clock in enumerate(clocks)]
@@ -108,7 +113,7 @@ class EndSeparator:
         """Number of ends, 2 per tag."""
         return 2 * len(self._tags)
 
-    def process(self, group, tones, mask=None, snapshots=None):
+    def process(self, group, tones, missing=0, partial=None):
         """Takes one group; gives the groups that are ready, in order.
 
         Parameters
@@ -116,17 +121,18 @@ class EndSeparator:
         group : int
             Group index on the grid of the run.
         tones : ndarray of complex, shape (M, 64)
-        mask : ndarray of bool, shape (N,), optional
-            Snapshots present, of an incomplete group.
-        snapshots : ndarray of complex, shape (N, 64), optional
-            The channel snapshots of an incomplete group, needed with ``mask``.
+        missing : int
+            Snapshots absent.
+        partial : PartialWeights, optional
+            Weights with which the tones of an incomplete group were made; without them such a
+            group cannot be used.
 
         Returns
         -------
         list of (GroupState, ndarray of complex, shape (2S, 64))
             Empty while groups are held back for acquisition.
         """
-        item = self._prepare(group, tones, mask, snapshots)
+        item = self._prepare(group, tones, missing, partial)
         if self._started:
             return [self._separate(item)]
         self._held.append(item)
@@ -143,28 +149,15 @@ class EndSeparator:
         self._start(held)
         return [self._separate(item, fresh=False) for item in held]
 
-    def _prepare(self, group, tones, mask, snapshots):
-        weights, whitener, missing = self.table.weights, self.table.whitener, 0
-        times = self.table.times_s
-        if mask is not None and not mask.all():
-            missing = int(len(mask) - mask.sum())
-            weights, whitener = self.table.for_present(mask)
-            times = times[mask]
-            if weights is not None:
-                tones = weights @ snapshots[mask]
+    def _prepare(self, group, tones, missing, partial):
+        table, times = self.table, self.table.times_s
+        if partial is not None:
+            table, times = partial, times[partial.mask]
         tones = np.asarray(tones)[:, self.bins].astype(complex)
-        usable = weights is not None and bool(np.all(np.isfinite(tones)))
-        usable = usable and bool(np.any(tones))
-        return _Group(
-            group,
-            (group + 0.5) * self.group_period_s,
-            tones,
-            weights,
-            whitener,
-            times,
-            missing,
-            usable,
-        )
+        usable = bool(np.all(np.isfinite(tones)) and np.any(tones))
+        usable = usable and (partial is not None or not missing)
+        center_s = (group + 0.5) * self.group_period_s
+        return _Group(group, center_s, tones, table.weights, table.whitener, times, missing, usable)
 
     def _start(self, held):
         """Acquires every tag over the held groups, twice: the noise is known only after once."""
@@ -249,7 +242,7 @@ class EndSeparator:
         if not locked:
             return ends, gain, np.mean(np.abs(white) ** 2, axis=0)
         waveforms = np.hstack([tag.waveforms(item.times_s, item.center_s) for tag in locked])
-        mixing = item.whitener @ (item.weights @ waveforms)
+        mixing = item.whitener @ (self._line_gain * (item.weights @ waveforms))
         rows = np.concatenate([[2 * tag.index, 2 * tag.index + 1] for tag in locked])
         gram = np.linalg.pinv(mixing.conj().T @ mixing, rcond=1e-9, hermitian=True)
         solution = gram @ (mixing.conj().T @ white)

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import InputError
+from ..waveform import FFT_LENGTH
 
 # Sequences beyond 2NW that hold the leakage of clutter inside the band below -160 dB.
 _EXTRA_SEQUENCES = 10
@@ -19,6 +20,9 @@ _EXTRA_SEQUENCES = 10
 _SAME_TONE = 0.3
 # A tone nearer to the clutter band than this part of the resolution cannot be told from it.
 _CLUTTER_MARGIN = 0.75
+# Noise of a tone, relative to that of a whole group, above which it is not worth having.
+_WORST_GAIN = 30
+_WORST_PARTIAL_GAIN = 100
 
 
 @dataclass(frozen=True)
@@ -26,11 +30,12 @@ class Tone:
     """A line of the group's spectrum.
 
     ``owners`` lists (tag index, harmonic) of every tag line that falls on it; an aliased line
-    keeps its harmonic number.
+    keeps its harmonic number. ``line_hz`` is the frequency on the air, before aliasing.
     """
 
     frequency_hz: float
     owners: tuple
+    line_hz: float
 
 
 @dataclass(frozen=True)
@@ -70,6 +75,25 @@ class ToneTable:
         """Matrix that makes the tones' noise white: inverse Cholesky factor of W W^H."""
         return _whitener(self.weights)
 
+    def derotation(self, sample_rate_hz):
+        """Factors that stop each line's turning within a symbol, for the tones before the FFT.
+
+        A line at f turns by 2 pi f / sample_rate from one folded sample to the next and would
+        leak into the neighbouring subcarriers.
+
+        Returns
+        -------
+        ndarray of complex, shape (M, 64)
+        """
+        offset_s = (np.arange(FFT_LENGTH) - (FFT_LENGTH - 1) / 2) / sample_rate_hz
+        lines = np.array([tone.line_hz for tone in self.tones])
+        return np.exp(-2j * np.pi * np.outer(lines, offset_s))
+
+    def symbol_gain(self, sample_rate_hz):
+        """What a symbol's average would take off each line, were it not derotated; shape (M,)."""
+        lines = np.array([tone.line_hz for tone in self.tones])
+        return np.sinc(lines * FFT_LENGTH / sample_rate_hz)
+
     def for_present(self, mask):
         """Weights of a group in which only some snapshots are present.
 
@@ -79,19 +103,37 @@ class ToneTable:
 
         Returns
         -------
-        weights : ndarray of complex, shape (M, count)
-            Exact least-squares weights over the snapshots present.
-        whitener : ndarray of complex, shape (M, M)
-            None for both when the snapshots present do not determine the tones.
+        PartialWeights or None
+            None when the snapshots present do not determine the tones.
         """
         present = self.basis[mask]
         if present.shape[0] <= present.shape[1]:
-            return None, None
+            return None
         weights = _tone_rows(present, len(self.tones))
         noise_gain = np.sum(np.abs(weights) ** 2, axis=1) * self.group_length
-        if noise_gain.max() > 100:
-            return None, None
-        return weights, _whitener(weights)
+        if noise_gain.max() > _WORST_PARTIAL_GAIN:
+            return None
+        return PartialWeights(mask, weights, _whitener(weights))
+
+
+@dataclass(frozen=True)
+class PartialWeights:
+    """Exact least-squares weights over the snapshots present.
+
+    Attributes
+    ----------
+    mask : ndarray of bool, shape (N,)
+    weights : ndarray of complex, shape (M, count of present)
+    whitener : ndarray of complex, shape (M, M)
+    """
+
+    mask: np.ndarray
+    weights: np.ndarray
+    whitener: np.ndarray
+
+    @property
+    def missing(self):
+        return int(len(self.mask) - self.mask.sum())
 
 
 def _whitener(weights):
@@ -146,18 +188,25 @@ def tag_lines(clocks_hz, snapshot_period_s, group_length, harmonics=8, clutter_h
             sign = 1 if frequency >= 0 else -1
             near_nyquist = rate / 2 - abs(frequency) < _CLUTTER_MARGIN * resolution
             if abs(frequency) > clutter_hz + _CLUTTER_MARGIN * resolution and not near_nyquist:
-                lines.append((abs(frequency), (tag, sign * m)))
+                lines.append((abs(frequency), (tag, sign * m), sign * m * clock_hz))
     merged = []
-    for frequency, owner in sorted(lines):
-        if merged and frequency - merged[-1][0] < _SAME_TONE * resolution:
-            merged[-1][1].append(owner)
+    for frequency, owner, line_hz in sorted(lines):
+        if merged and frequency - merged[-1].frequency_hz < _SAME_TONE * resolution:
+            merged[-1] = _shared(merged[-1], owner, line_hz)
         else:
-            merged.append((frequency, [owner]))
-    positive = [Tone(frequency, tuple(owners)) for frequency, owners in merged]
+            merged.append(Tone(frequency, (owner,), line_hz))
+    positive = merged
     negative = [
-        Tone(-tone.frequency_hz, tuple((tag, -m) for tag, m in tone.owners)) for tone in positive
+        Tone(-tone.frequency_hz, tuple((tag, -m) for tag, m in tone.owners), -tone.line_hz)
+        for tone in positive
     ]
     return tuple(negative[::-1] + positive)
+
+
+def _shared(tone, owner, line_hz):
+    """A tone on which one more line falls; the slower line, the stronger, gives its frequency."""
+    slower = min(tone.line_hz, line_hz, key=abs)
+    return Tone(tone.frequency_hz, (*tone.owners, owner), slower)
 
 
 def design_weights(clocks_hz, group_length, snapshot_period_s, clutter_hz=0.0, harmonics=8):
@@ -209,7 +258,7 @@ def design_weights(clocks_hz, group_length, snapshot_period_s, clutter_hz=0.0, h
     weights = (weights + weights[::-1].conj()) / 2
     weights = weights.astype(np.complex64).astype(complex)
     noise_gain = np.sum(np.abs(weights) ** 2, axis=1) * group_length
-    if noise_gain.max() > 30:
+    if noise_gain.max() > _WORST_GAIN:
         rule = f"is too short to tell the lines from clutter of {clutter_hz:g} Hz"
         raise InputError("phase_group.snapshots", rule, group_length)
     return ToneTable(tones, weights, basis, snapshot_period_s)
