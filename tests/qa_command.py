@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The command: subcommands found, one line per failure, exit status."""
+
+import os
+import pty
+import subprocess
+import sys
+
+import click
+import pytest
+from gnuradio.wiforce.errors import InputError
+from wiforce_app import main as app
+
+
+def run(*arguments, **options):
+    return subprocess.run(
+        ["gr-wiforce", *map(str, arguments)], capture_output=True, text=True, timeout=60, **options
+    )
+
+
+@pytest.fixture
+def raising(monkeypatch):
+    """Makes the command's `fail` subcommand raise what the test wants."""
+
+    def install(error):
+        @click.command()
+        def fail():
+            raise error
+
+        monkeypatch.setattr(app.command, "get_command", lambda ctx, name: fail)
+
+    return install
+
+
+def test_help_lists_the_subcommands_that_exist():
+    done = run("--help")
+    assert done.returncode == 0 and "simulate" in done.stdout and done.stderr == ""
+
+
+def test_version_is_the_builds():
+    from gnuradio.wiforce._config import VERSION
+
+    assert run("--version").stdout == f"gr-wiforce {VERSION}\n"
+
+
+@pytest.mark.parametrize(
+    "arguments, told",
+    [
+        (["nonsense"], "No such command 'nonsense'"),
+        (["--nonsense"], "No such option"),
+        (["simulate"], "simulate: Missing argument 'SCENE.yaml'"),
+        (["simulate", "a", "b", "c"], "unexpected extra argument"),
+        (["simulate", "a", "b", "--seed", "x"], "'x' is not a valid integer"),
+        (["simulate", "a", "b", "--datatype", "ci8"], "'ci8' is not one of"),
+        (["simulate", "none.yaml", "x"], "none.yaml: cannot be read"),
+        (["simulate", "no\nne.yaml", "x"], "no ne.yaml: cannot be read"),
+    ],
+)
+def test_bad_usage_gives_one_line_and_status_2(arguments, told):
+    done = run(*arguments)
+    assert done.returncode == 2 and done.stdout == ""
+    assert done.stderr.startswith("gr-wiforce: ") and told in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "error, status, line",
+    [
+        (InputError("x.yaml: a.b", "must be 1", 2), 2, "gr-wiforce: x.yaml: a.b: must be 1, got 2"),
+        (InputError("x\x1b[1m\n", "is bad"), 2, "gr-wiforce: x [1m : is bad"),
+        (RuntimeError("deep\ntrouble"), 1, "gr-wiforce: RuntimeError: deep trouble"),
+        (KeyboardInterrupt(), 130, "gr-wiforce: interrupted"),
+    ],
+)
+def test_every_failure_is_one_line_with_its_status(raising, capsys, error, status, line):
+    raising(error)
+    assert app.main(["fail"]) == status
+    assert capsys.readouterr().err.strip() == line
+
+
+def test_debug_shows_where_an_unexpected_error_came_from(raising, capsys):
+    raising(RuntimeError("trouble"))
+    assert app.main(["--debug", "fail"]) == 1
+    assert "Traceback" in capsys.readouterr().err
+
+
+def test_a_reader_that_closes_the_pipe_early_sees_no_traceback():
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run(
+        ["gr-wiforce", "--help"], stdout=writing, stderr=subprocess.PIPE, text=True, timeout=60
+    )
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (1, "")
+
+
+def test_progress_is_silent_in_a_pipe_and_drawn_on_a_terminal():
+    script = (
+        "from wiforce_app.progress import progress\n"
+        "with progress('working', 4) as done: done(2); done(2)\n"
+    )
+    piped = subprocess.run([sys.executable, "-c", script], capture_output=True, timeout=60)
+    assert (piped.stdout, piped.stderr) == (b"", b"")
+    terminal, end = pty.openpty()
+    subprocess.run([sys.executable, "-c", script], stderr=end, timeout=60, check=True)
+    os.close(end)
+    drawn = os.read(terminal, 10_000)
+    os.close(terminal)
+    assert b"working" in drawn and b"100%" in drawn
