@@ -6,6 +6,7 @@ import signal
 import sys
 
 import pytest
+from software_usrp import software_usrp  # noqa: F401
 
 TIMEOUT_S = 120
 

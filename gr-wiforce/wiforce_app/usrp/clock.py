@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The device's one clock: ticks since power-on, and the time that the host has set on it."""
+
+from .wire import TICK_RATE
+
+
+class DeviceClock:
+    """Ticks at 100 MHz and the settable device time, with a pulse per second.
+
+    Everything inside the device is scheduled in `ticks`, which only ever grow; only what the
+    host sees or asks for is in device time, ``ticks + offset``.
+
+    Attributes
+    ----------
+    ticks : int
+        Ticks since power-on.
+    offset : int
+        Device time minus ticks.
+    last_pulse : int
+        Device time at the last pulse per second (every whole second since power-on).
+    """
+
+    def __init__(self):
+        self.ticks = 0
+        self.offset = 0
+        self.last_pulse = 0
+        self._low = 0
+        self._immediate = False
+        self._at_pulse = None
+
+    @property
+    def time(self):
+        """Device time in ticks."""
+        return self.ticks + self.offset
+
+    def to_ticks(self, time):
+        """Ticks since power-on of a device time."""
+        return time - self.offset
+
+    def to_time(self, ticks):
+        """Device time of a tick since power-on."""
+        return ticks + self.offset
+
+    def advance(self, ticks):
+        """Move on to `ticks`; a time that waits for the pulse per second is set on passing it."""
+        pulse = ticks // TICK_RATE * TICK_RATE
+        if pulse > self.ticks:
+            if self._at_pulse is not None:
+                self.offset = self._at_pulse - pulse
+                self._at_pulse = None
+            self.last_pulse = pulse + self.offset
+        self.ticks = ticks
+
+    def poke(self, register, value):
+        """Write register 0..5 of the time block: 0 high word (latches), 1 low, 3 immediate."""
+        if register == 1:
+            self._low = value
+        elif register == 3:
+            self._immediate = bool(value & 1)
+        elif register == 0:
+            time = value << 32 | self._low
+            if self._immediate:
+                self.offset = time - self.ticks
+                self._at_pulse = None
+            else:
+                self._at_pulse = time

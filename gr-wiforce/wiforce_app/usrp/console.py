@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Live control of a running device: one line in, one line of JSON out, by stdin or ZMQ."""
+
+import json
+import os
+
+from gnuradio.wiforce.errors import InputError
+
+from .faults import parse_fault
+
+USAGE = {
+    "press": "press SENSOR FORCE_N LOCATION_MM [RISE_S]",
+    "release": "release SENSOR [FALL_S]",
+    "fault": "fault TIME KIND [ARGUMENTS]",
+    "status": "status",
+    "stop": "stop",
+}
+
+
+class Console:
+    """Understands the lines of the live control.
+
+    Parameters
+    ----------
+    device : Device
+    """
+
+    def __init__(self, device):
+        self._device = device
+
+    def answer(self, line):
+        """Do what a line says; JSON with ``ok``, and ``error`` or what was asked for."""
+        try:
+            return json.dumps({"ok": True, **self._do(line)})
+        except InputError as error:
+            return json.dumps({"ok": False, "error": str(error)})
+
+    def _do(self, line):
+        name, *arguments = line.split() or [""]
+        if name not in USAGE:
+            raise InputError("control", f"must be one of: {'; '.join(USAGE.values())}", line)
+        return getattr(self, f"_{name}")(arguments) or {}
+
+    def _press(self, arguments):
+        sensor, *numbers = self._take("press", arguments, 3, 4)
+        force_n, location_mm, *rise_s = _numbers("press", numbers)
+        self._device.air.press(sensor, force_n, location_mm, *rise_s)
+
+    def _release(self, arguments):
+        sensor, *numbers = self._take("release", arguments, 1, 2)
+        self._device.air.release(sensor, *_numbers("release", numbers))
+
+    def _fault(self, arguments):
+        self._device.add_fault(parse_fault(" ".join(arguments), "fault"))
+
+    def _status(self, arguments):
+        self._take("status", arguments, 0, 0)
+        return self._device.status()
+
+    def _stop(self, arguments):
+        self._take("stop", arguments, 0, 0)
+        self._device.stop()
+
+    def _take(self, name, arguments, least, most):
+        if not least <= len(arguments) <= most:
+            raise InputError("control", f"must read: {USAGE[name]}", " ".join(arguments))
+        return arguments
+
+
+def _numbers(name, texts):
+    try:
+        return [float(text) for text in texts]
+    except ValueError:
+        raise InputError("control", f"must read: {USAGE[name]}", " ".join(texts)) from None
+
+
+class LineControl:
+    """Lines on a file descriptor, answers on a stream."""
+
+    def __init__(self, console, device, descriptor, out):
+        self._console, self._device, self._descriptor, self._out = console, device, descriptor, out
+        self._rest = b""
+        device.watch(descriptor, self._read)
+
+    def _read(self):
+        data = os.read(self._descriptor, 65536)
+        if not data:
+            self._device.unwatch(self._descriptor)
+            return
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        for line in lines:
+            if line.strip():
+                print(self._console.answer(line.decode("utf-8", "replace")), file=self._out)
+        self._out.flush()
+
+
+class ZmqControl:
+    """The same lines as requests to a ZMQ REP socket on loopback.
+
+    Raises
+    ------
+    InputError
+        When pyzmq is missing, or the endpoint is not ``tcp://127.x.y.z:PORT`` or is taken.
+    """
+
+    def __init__(self, console, device, endpoint):
+        try:
+            import zmq
+        except ImportError as error:
+            raise InputError("--control", "needs pyzmq (python3-zmq)", endpoint) from error
+        if not endpoint.startswith("tcp://127."):
+            raise InputError("--control", "must read tcp://127.0.0.1:PORT", endpoint)
+        self._zmq, self._console = zmq, console
+        self._context = zmq.Context()
+        self._socket = self._context.socket(zmq.REP)
+        try:
+            self._socket.bind(endpoint)
+        except zmq.ZMQError as error:
+            self.close()
+            raise InputError("--control", f"cannot be bound ({error})", endpoint) from error
+        device.watch(self._socket.fileno(), self._read)
+        # Its descriptor only shows changes: a request may be there before the first one.
+        self._read()
+
+    def close(self):
+        """Give the endpoint back."""
+        self._socket.close(linger=0)
+        self._context.term()
+
+    def _read(self):
+        while self._socket.getsockopt(self._zmq.EVENTS) & self._zmq.POLLIN:
+            line = self._socket.recv().decode("utf-8", "replace")
+            self._socket.send_string(self._console.answer(line))

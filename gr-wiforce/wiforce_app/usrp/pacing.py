@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How fast device time may go: never ahead of the wall clock, and never past a slow host."""
+
+import os
+import socket
+import struct
+import time
+
+from .wire import TICK_RATE
+
+_BACKLOG_LIMIT = 60_000
+_DEBT_LIMIT_S = 0.02
+_HOLD_LIMIT_S = 0.3
+_TX_PAUSE_S = 0.003
+_TX_UNDERFLOW_S = 0.25
+
+
+class WallClock:
+    """Ticks that device time may have reached by now.
+
+    Time lost while the device was held back is not caught up: the host would see it rush.
+    """
+
+    def __init__(self, speed=1.0, now=time.monotonic):
+        self._ticks_per_second = TICK_RATE * speed
+        self._now = now
+        self._anchor_s = now()
+        self._anchor_ticks = 0
+
+    def allowance(self, ticks):
+        """Ticks by which a device at `ticks` may go on."""
+        elapsed = self._now() - self._anchor_s
+        due = self._anchor_ticks + int(elapsed * self._ticks_per_second) - ticks
+        limit = int(_DEBT_LIMIT_S * self._ticks_per_second)
+        if due > limit:
+            self._anchor_ticks -= due - limit
+            due = limit
+        return max(due, 0)
+
+    def seconds_for(self, ticks):
+        """Wall time that `ticks` take."""
+        return ticks / self._ticks_per_second
+
+
+class HostBacklog:
+    """Bytes that wait unread in a host's receive socket, from /proc/net/udp."""
+
+    def __init__(self):
+        self._file = os.open("/proc/net/udp", os.O_RDONLY)
+
+    def close(self):
+        os.close(self._file)
+
+    def read(self, peer):
+        """Bytes queued for `peer` (address, port); None when no such socket is open."""
+        address = struct.unpack("=I", socket.inet_aton(peer[0]))[0]
+        keys = [f": {a:08X}:{peer[1]:04X} ".encode() for a in (address, 0)]
+        table = self._table()
+        for key in keys:
+            at = table.find(key)
+            if at >= 0:
+                fields = table[at + 2 : table.find(b"\n", at)].split()
+                return int(fields[3].partition(b":")[2], 16)
+        return None
+
+    def _table(self):
+        chunks, offset = [], 0
+        while chunk := os.pread(self._file, 65536, offset):
+            chunks.append(chunk)
+            offset += len(chunk)
+        return b"".join(chunks)
+
+
+class Throttle:
+    """Lossless pacing: holds device time while the host has not kept up, but not for ever."""
+
+    def __init__(self, backlog, now=time.monotonic):
+        self._backlog = backlog
+        self._now = now
+        self._last_backlog = {}
+        self._changed_s = {}
+        self._tx_arrival_s = 0.0
+
+    def tx_arrived(self):
+        """Transmit packets have come in."""
+        self._tx_arrival_s = self._now()
+
+    def receiver_ready(self, peer):
+        """Whether more may be sent to `peer`; None when nobody listens there any more."""
+        queued = self._backlog.read(peer)
+        if queued is None:
+            return None
+        now = self._now()
+        if queued != self._last_backlog.get(peer):
+            self._last_backlog[peer] = queued
+            self._changed_s[peer] = now
+        return queued <= _BACKLOG_LIMIT or now - self._changed_s[peer] > _HOLD_LIMIT_S
+
+    def transmit_until(self, covered, start, end):
+        """How far a step from `start` to `end` may go when samples reach to `covered`."""
+        if covered >= end:
+            return end
+        waited = self._now() - self._tx_arrival_s
+        if waited > _TX_UNDERFLOW_S:
+            return end
+        return covered if waited > _TX_PAUSE_S else start

@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The device's UDP sockets, bound to one loopback address and nothing else."""
+
+import errno
+import ipaddress
+import socket
+import struct
+
+from gnuradio.wiforce.errors import InputError
+
+from .wire import ALL_PORTS
+
+_SOL_UDP, _UDP_SEGMENT = 17, 103
+_MAX_SEGMENTS = 60
+_MAX_BYTES = 65_000
+_SO_RCVBUFFORCE = 33
+_RECEIVE_BUFFER = 8 << 20
+_MAX_DATAGRAM = 65_536
+
+
+def check_loopback(address):
+    """The address as given, when it is an IPv4 loopback address.
+
+    Raises
+    ------
+    InputError
+        When it is another.
+    """
+    try:
+        if ipaddress.IPv4Address(address).is_loopback:
+            return address
+    except ValueError:
+        pass
+    raise InputError("--bind", "must be a loopback address, 127.0.0.0/8", address)
+
+
+class Sockets:
+    """One socket per port of the device.
+
+    Parameters
+    ----------
+    address : str
+        Loopback IPv4 address.
+
+    Raises
+    ------
+    InputError
+        For another address, or when one of the ports is taken there.
+    """
+
+    def __init__(self, address):
+        self._sockets = {}
+        self._segmentation = True
+        check_loopback(address)
+        try:
+            for port in ALL_PORTS:
+                self._sockets[port] = _bound(address, port)
+        except OSError as error:
+            self.close()
+            if error.errno == errno.EADDRINUSE:
+                rule = f"port {port} is taken there; is another device running?"
+            else:
+                rule = f"port {port} cannot be bound ({error.strerror})"
+            raise InputError("--bind", rule, address) from error
+
+    def close(self):
+        """Give all ports back."""
+        for sock in self._sockets.values():
+            sock.close()
+        self._sockets = {}
+
+    def items(self):
+        """Pairs of port and socket."""
+        return self._sockets.items()
+
+    def drain(self, port, limit=4096):
+        """All datagrams that wait on a port, as (bytes, peer)."""
+        receive = self._sockets[port].recvfrom
+        received = []
+        try:
+            while len(received) < limit:
+                received.append(receive(_MAX_DATAGRAM))
+        except BlockingIOError:
+            pass
+        except ConnectionError:
+            pass  # a peer that has gone
+        return received
+
+    def send(self, port, datagram, peer):
+        """Send one datagram; a full or absent receiver loses it, as on a wire."""
+        try:
+            self._sockets[port].sendto(datagram, peer)
+        except (BlockingIOError, ConnectionError):
+            pass
+
+    def send_segments(self, port, data, size, peer):
+        """Send `data` as datagrams of `size` bytes each."""
+        step = size * max(1, min(_MAX_SEGMENTS, _MAX_BYTES // size))
+        view = memoryview(data)
+        for start in range(0, len(view), step):
+            chunk = view[start : start + step]
+            if not self._send_many(port, chunk, size, peer):
+                for offset in range(0, len(chunk), size):
+                    self.send(port, chunk[offset : offset + size], peer)
+
+    def _send_many(self, port, chunk, size, peer):
+        """One system call for many datagrams; False when the kernel (before 4.18) can't."""
+        if not self._segmentation or len(chunk) <= size:
+            return False
+        control = [(_SOL_UDP, _UDP_SEGMENT, struct.pack("=H", size))]
+        try:
+            self._sockets[port].sendmsg([chunk], control, 0, peer)
+        except (BlockingIOError, ConnectionError):
+            return True
+        except OSError:
+            self._segmentation = False
+            return False
+        return True
+
+
+def _bound(address, port):
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        sock.setblocking(False)
+        try:
+            # A host may send a whole window at once; only root may ask for this much.
+            sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _RECEIVE_BUFFER)
+        except PermissionError:
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
+        sock.bind((address, port))
+    except OSError:
+        sock.close()
+        raise
+    return sock

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A software USRP for any test: a process of its own on a loopback address of its own."""
+
+import json
+import random
+import subprocess
+import sys
+
+import pytest
+
+_TRIES = 30
+_STOP_S = 10
+
+
+class SoftwareUsrp:
+    """A running ``gr-wiforce emulate``.
+
+    Attributes
+    ----------
+    address : str
+    args : str
+        UHD device arguments that name it.
+    """
+
+    def __init__(self, *arguments, speed=1.0, faults=()):
+        command = [sys.executable, "-m", "wiforce_app.main", "emulate", *map(str, arguments)]
+        command += ["--speed", str(speed)]
+        for fault in faults:
+            command += ["--fault", fault]
+        for _ in range(_TRIES):
+            self.address = f"127.0.{random.randrange(1, 255)}.{random.randrange(1, 255)}"
+            self.process = subprocess.Popen(
+                [*command, "--bind", self.address],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+            if self.process.stdout.readline().startswith("listening"):
+                break
+            _, reason = self.process.communicate(timeout=_STOP_S)
+            if "is taken" not in reason:
+                raise RuntimeError(reason)
+        self.args = f"addr={self.address}"
+
+    def command(self, line):
+        """The answer to one line of live control, as a dict."""
+        self.process.stdin.write(line + "\n")
+        self.process.stdin.flush()
+        return json.loads(self.process.stdout.readline())
+
+    def stop(self):
+        """Ask it to end; (exit status, what it said on standard error)."""
+        if self.process.poll() is None:
+            self.process.terminate()
+        try:
+            _, said = self.process.communicate(timeout=_STOP_S)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            raise
+        return self.process.returncode, said
+
+
+@pytest.fixture
+def software_usrp():
+    """Starts devices: ``software_usrp(SCENE or "--air", "cable", ..., speed=1, faults=())``."""
+    running = []
+
+    def start(*arguments, **options):
+        running.append(SoftwareUsrp(*arguments, **options))
+        return running[-1]
+
+    yield start
+    for device in running:
+        if device.process.returncode is None:
+            device.stop()

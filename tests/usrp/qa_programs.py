@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""UHD's own programs, unmodified, against the software N210."""
+
+import re
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+EXAMPLES = Path("/usr/libexec/uhd/examples")
+
+
+def run(program, *arguments, timeout=60):
+    """Output of a program that must exit 0."""
+    path = EXAMPLES / program
+    command = [str(path) if path.exists() else program, *map(str, arguments)]
+    done = subprocess.run(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=timeout
+    )
+    assert done.returncode == 0, done.stdout
+    return done.stdout
+
+
+def counts(output):
+    """Figures of benchmark_rate's summary by name."""
+    return {name: int(value) for name, value in re.findall(r"Num (.+?): +(\d+)", output)}
+
+
+@pytest.mark.parametrize("board, name", [("SBX", "SBX"), ("WBX", "WBX"), ("CBX", "CBX")])
+def test_the_device_is_found_and_probed_as_an_n210(software_usrp, board, name):
+    device = software_usrp("--air", "cable", "--daughterboard", board)
+    found = run("uhd_find_devices", f"--args={device.args}")
+    assert f"addr: {device.address}" in found and "type: usrp2" in found
+    probe = run("uhd_usrp_probe", f"--args={device.args}")
+    assert "Mboard: N210r4" in probe
+    assert re.search(rf"RX Dboard: A\n.*ID: {name} ", probe), probe
+
+
+def test_bursts_underflows_late_commands_and_broken_chains_are_reported(software_usrp):
+    device = software_usrp("--air", "cable", speed=10)
+    output = run("test_messages", "--args", device.args, "--test-chain", "--ntests", 40)
+    results = re.findall(r"->\s+(\d+) successes,\s+(\d+) failures", output)
+    assert sum(int(good) for good, _ in results) == 40, output
+    assert all(bad == "0" for _, bad in results), output
+
+
+def test_timed_commands_act_on_their_tick(software_usrp):
+    device = software_usrp("--air", "cable")
+    output = run("test_timed_commands", "--args", device.args)
+    differences = re.findall(r"(?:time delta|time and first packet): +(-?[\d.]+) us", output)
+    assert len(differences) == 2 and all(float(us) == 0 for us in differences), output
+
+
+def test_a_reply_in_time_is_transmitted_in_time(software_usrp):
+    # A slower clock gives the program 17 ms by the wall for the 5 ms it must answer in.
+    device = software_usrp("--air", "cable", speed=0.3)
+    arguments = ["--args", device.args, "--nruns", 50, "--rate", 5e6, "--rtt", 0.005]
+    output = run("latency_test", *arguments)
+    assert "ACKs received:    50/50" in output, output
+
+
+def test_timed_samples_arrive_complete(software_usrp):
+    device = software_usrp("--air", "cable")
+    output = run("rx_timed_samples", "--args", device.args, "--nsamps", 20000, "--secs", 0.5)
+    packets = [int(n) for n in re.findall(r"Received packet: (\d+) samples", output)]
+    assert sum(packets) == 20000, output
+
+
+def test_what_is_transmitted_is_received(software_usrp, tmp_path):
+    device = software_usrp("--air", "cable")
+    path = tmp_path / "samples.dat"
+    common = ["--tx-args", device.args, "--rx-args", device.args, "--file", path]
+    rates = ["--tx-rate", 5e6, "--rx-rate", 5e6, "--tx-freq", 900e6, "--rx-freq", 900e6]
+    wave = ["--wave-type", "SINE", "--wave-freq", 100e3, "--ampl", 0.3]
+    amount = ["--nsamps", 200000, "--settling", 0.7]
+    run("txrx_loopback_to_file", *common, *rates, *wave, *amount)
+    x = np.fromfile(path, "<i2").astype(float).view(complex)
+    assert len(x) == 200000
+    # A single line of amplitude 0.3 at 100 kHz; the program's wave table has 8192 steps.
+    step = np.exp(2j * np.pi * 100e3 / 5e6)
+    assert np.abs(np.abs(x) - 0.3 * 32767).max() < 2
+    assert np.abs(x[1:] - x[:-1] * step).max() < 0.3 * 32767 * 2 * np.pi / 8192 * 2 + 2
+
+
+@pytest.mark.parametrize("frame", [1472, 8000])
+def test_both_ways_at_full_rate_nothing_is_dropped_late_or_out_of_order(software_usrp, frame):
+    device = software_usrp("--air", "cable")
+    arguments = f"{device.args},recv_frame_size={frame},send_frame_size={frame}"
+    rates = ["--rx_rate", 12.5e6, "--tx_rate", 12.5e6, "--duration", 3]
+    limits = [f"--{kind}-threshold=0" for kind in ("overrun", "underrun", "drop", "seq")]
+    summary = counts(run("benchmark_rate", "--args", arguments, *rates, *limits))
+    moved = {"received samples", "transmitted samples"}
+    assert all(summary[name] > 5e6 for name in moved), summary
+    assert not any(value for name, value in summary.items() if name not in moved), summary
+    status = device.command("status")
+    assert status["tx_sequence_errors"] == status["malformed"] == status["foreign"] == 0
