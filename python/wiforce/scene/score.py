@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Readings against the truth of a simulated capture."""
 
+import csv
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,6 +50,19 @@ class Score:
         return np.sqrt(np.mean(self.phase_error_deg**2, axis=0))
 
 
+def read_truth(path):
+    """Rows of a simulated capture's truth file, numbers parsed, empty cells as None."""
+    with open(path, encoding="utf-8", newline="") as stream:
+        return [
+            {key: value if key == "sensor" else _number(value) for key, value in row.items()}
+            for row in csv.DictReader(stream)
+        ]
+
+
+def _number(cell):
+    return float(cell) if cell else None
+
+
 def score(readings, truth, sensor):
     """Scores one sensor's readings.
 
@@ -56,7 +70,7 @@ def score(readings, truth, sensor):
     ----------
     readings : sequence of Reading
     truth : sequence of dict
-        Rows of a truth file, numbers parsed (see ``simulator.read_truth``).
+        Rows of a truth file, numbers parsed (see :func:`read_truth`).
     sensor : str
 
     Returns
