@@ -109,5 +109,7 @@ def _show(readings, truth):
         else:
             known = (row["force_n"], row["location_mm"] if row["touch"] else float("nan"))
             line += f"   {reading.force_n:5.2f} +-{reading.force_std_n:4.2f} {known[0]:6.2f}"
-            line += f"   {reading.location_mm:6.2f} +-{reading.location_std_mm:4.2f} {known[1]:6.2f}"
+            line += (
+                f"   {reading.location_mm:6.2f} +-{reading.location_std_mm:4.2f} {known[1]:6.2f}"
+            )
         click.echo(f"{line}  {' '.join(reading.flags)}")
