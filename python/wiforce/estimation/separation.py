@@ -26,6 +26,9 @@ _NOISE_MEMORY_S = 2.0
 _LOST_S = 0.5
 # Smallest noise, relative to the mean tone, that counts as noise rather than rounding.
 _NOISE_FLOOR = 1e-14
+# Residual of a group over the usual noise: from here it counts, from here it is no noise at all.
+_NOTABLE = 1.25
+_UNUSUAL = 3.0
 # A mixing matrix that amplifies noise above this cannot separate its ends.
 _WORST_GAIN = 100.0
 
@@ -202,14 +205,27 @@ class EndSeparator:
         if fresh and item.usable:
             self._follow(item)
         ends, gain, residual = self._solve(item)
-        if fresh and item.usable and not item.missing:
+        misfit = self._misfit(residual, item)
+        if fresh and item.usable and not item.missing and misfit < _UNUSUAL:
             self._learn_noise(residual, item)
+        gain = gain * max(1.0, misfit)
         vectors = np.zeros((self.ends, 64), complex)
         vectors[:, self.bins] = ends
         clocks = tuple(self._clock_state(tag, item) for tag in self._tags)
         noise = np.ones(len(self.bins)) if self._noise is None else self._noise
         snr = self._snr_db(ends, gain, noise)
         return GroupState(item.group, item.missing, clocks, noise.copy(), gain, snr), vectors
+
+    def _misfit(self, residual, item):
+        """What the model leaves of a group over what noise would; 1 when all is well.
+
+        A press that changes inside the group, on this sensor or another, does not fit the model
+        and disturbs every end by about as much.
+        """
+        if self._noise is None or not item.usable:
+            return 1.0
+        ratio = float(np.mean(residual / self._noise))
+        return ratio if ratio > _NOTABLE else 1.0
 
     def _clock_state(self, tag, item):
         seen = tag.tracker is not None and tag.last_seen_s >= item.center_s - 1e-9
