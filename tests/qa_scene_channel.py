@@ -1,0 +1,395 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The air at sample level: tag spectrum, levels, clocks, streaming. All checks are plain numpy."""
+
+import numpy as np
+import pytest
+from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.scene.channel import PEAK, Adc, AirChannel
+from gnuradio.wiforce.scene.paths import Fir, MovingPath, delay_taps, response, tag_taps
+from gnuradio.wiforce.scene.switching import PULSES, TagClock, switch_states
+from gnuradio.wiforce.waveform import sounding_waveform
+
+TA = 256 / 12.5e6
+T = 720 / 12.5e6
+QUIET = {"static_clutter_db": None, "snr_db": 120, "duration_s": 10}
+
+
+def scene(sensors=({},), **simulation):
+    return load_scene(
+        {
+            "sensors": [
+                {"name": f"s{i}", "model": "line-900mhz"} | sensor
+                for i, sensor in enumerate(sensors)
+            ],
+            "environment": {"moving_clutter_hz": simulation.pop("moving_hz", 0)},
+            "simulation": QUIET | simulation,
+        }
+    )
+
+
+def snapshots(channel, scene, count, first=0):
+    """H[n, k] of a run of frames in units of the tag, written from the signal model."""
+    frame = scene.waveform().frame()
+    received = channel.process(np.tile(frame, count), first * len(frame))
+    folded = received.reshape(count, -1)[:, 64:320].reshape(count, 4, 64).mean(axis=1)
+    k = np.r_[-31:0, 1:32]
+    reference = np.exp(1j * np.pi * k**2 / 64) * 64 / np.sqrt(62)
+    return np.fft.fft(folded.astype(complex))[:, k] / reference / channel.scale
+
+
+def harmonics(m, clock_hz=1000.0):
+    """c1[m], c2[m] of the signal model."""
+    hold = np.sinc(m * clock_hz * TA)
+    c2 = 0.25 * np.sinc(m / 8) * np.cos(np.pi * m / 2) * hold if m % 2 == 0 else 0.0
+    return 0.25 * np.sinc(m / 4) * hold, c2
+
+
+def line(h, m, clock):
+    """Harmonic m of the tag in each subcarrier, its clock's true phase taken out."""
+    times = np.arange(len(h)) * T + 191.5 / 12.5e6
+    return (h * np.exp(-2j * np.pi * m * clock.cycles(times))[:, None]).mean(axis=0)
+
+
+@pytest.fixture(scope="module")
+def untouched_run():
+    """Scene, clock and H of 1.8 s: 1800 whole periods of a clock that is off and drifts."""
+    one = scene(clock_offset_ppm=40, clock_drift_ppm_per_s=0.5)
+    channel = AirChannel(one)
+    return one, channel.sensors["s0"].clock, snapshots(channel, one, 31250)
+
+
+@pytest.mark.parametrize("m", [0, 1, -1, 2, -2, 3, 4, -4, 5, 6, -6, 7])
+def test_tag_spectrum_agrees_with_the_analytic_harmonics_to_a_tenth_of_a_db(untouched_run, m):
+    one, clock, h = untouched_run
+    psi = np.deg2rad(one.load_model("line-900mhz").untouched_deg())
+
+    def wanted(m):
+        c1, c2 = harmonics(m)
+        return c1 * np.exp(1j * psi[0]) + c2 * np.exp(1j * psi[1])
+
+    # A tone that turns within the symbol leaks a per cent into its neighbours: averaged out.
+    path = line(h, 1, clock) / wanted(1)
+    seen = np.mean(line(h, m, clock) / path) / wanted(m)
+    assert abs(20 * np.log10(abs(seen))) < 0.1
+    assert abs(np.angle(seen, deg=True)) < 0.5
+
+
+def test_a_press_turns_each_end_by_what_the_sensor_model_says():
+    press = {"start_s": 0.5, "rise_s": 0, "hold_s": 9, "force_n": 4.0, "location_mm": 33.0}
+    one = scene(presses=[press])
+    channel = AirChannel(one)
+    before = snapshots(channel, one, 8125)
+    snapshots(channel, one, 1875, first=8125)
+    after = snapshots(channel, one, 8125, first=10000)
+    clock = channel.sensors["s0"].clock
+    times = np.arange(8125) * T + 191.5 / 12.5e6
+
+    def ends(h, first):
+        cycles = clock.cycles(times + first * T)[:, None]
+        p1 = (h * np.exp(-2j * np.pi * cycles)).mean(axis=0)
+        p4 = (h * np.exp(-8j * np.pi * cycles)).mean(axis=0)
+        end1 = p1 / harmonics(1)[0]
+        return end1, (p4 - harmonics(4)[0] * end1) / harmonics(4)[1]
+
+    model = one.load_model("line-900mhz")
+    wanted = np.subtract(model.phases_deg(4.0, 33.0), model.untouched_deg())
+    for end in (0, 1):
+        turn = np.angle(ends(after, 10000)[end] / ends(before, 0)[end], deg=True)
+        difference = (turn - wanted[end] + 180) % 360 - 180
+        assert np.abs(difference).max() < 0.1  # leakage of other lines: 468 periods, rectangular
+
+
+def test_off_state_is_seen_while_neither_switch_is_on():
+    off = [0.3, -0.1]
+    one = scene([{"off_reflection": off}])
+    channel = AirChannel(one)
+    tag = channel.sensors["s0"]
+    r = tag.reflection(0, 12500)
+    s1, s2 = switch_states(tag.clock, PULSES["pulses"], 0.0, 0, 12500, 12.5e6)
+    psi = np.deg2rad(one.load_model("line-900mhz").untouched_deg())
+    g1, g2 = np.exp(1j * psi)
+    wanted = s1 * g1 + s2 * g2 + (1 - s1 - s2) * complex(*off)
+    turn = r[np.argmax(s1)] / wanted[np.argmax(s1)]  # the air path's phase
+    assert abs(abs(turn) - 1) < 1e-6
+    np.testing.assert_allclose(r, wanted * turn, atol=1e-6)
+
+
+@pytest.mark.parametrize("snr_db", [-15, 10])
+@pytest.mark.parametrize("waveform", ["repeated", "wifi"])
+def test_snr_db_is_tag_line_against_noise_in_the_channel(snr_db, waveform):
+    one = load_scene(
+        {
+            "sounding": {"waveform": waveform},
+            "sensors": [{"name": "a", "model": "line-900mhz"}],
+            "simulation": {"snr_db": snr_db, "static_clutter_db": None},
+        }
+    )
+    channel = AirChannel(one)
+    channel.sensors["a"].on = False
+    received = channel.process(np.tile(one.waveform().frame(), 2000), 0).reshape(2000, -1)
+    first, count, k_count = (64, 4, 62) if waveform == "repeated" else (192, 2, 52)
+    folded = received[:, first : first + 64 * count].reshape(-1, count, 64).mean(axis=1)
+    spectrum = np.fft.fft(folded.astype(complex))[:, 1:27]
+    noise_h = np.mean(np.abs(spectrum) ** 2) * k_count / 64**2 / channel.scale**2
+    c1 = 0.25 * np.sinc(0.25) * np.sinc(1000 * count * 64 / 12.5e6)
+    assert 10 * np.log10(c1**2 / noise_h) == pytest.approx(snr_db, abs=0.1)
+
+
+@pytest.mark.parametrize("level_db", [0, 60, 80])
+def test_static_clutter_db_is_the_rms_power_of_all_that_stands_still(level_db):
+    one = scene(static_clutter_db=level_db)
+    channel = AirChannel(one)
+    channel.sensors["s0"].on = False
+    h = snapshots(channel, one, 50)
+    power = np.mean(np.abs(h[1:]) ** 2)
+    assert 10 * np.log10(power / harmonics(1)[0] ** 2) == pytest.approx(level_db, abs=0.02)
+    assert np.ptp(20 * np.log10(np.abs(h[1]))) > 1  # frequency-selective
+
+
+def test_moving_clutter_db_is_the_rms_power_of_all_that_moves_within_its_doppler_band():
+    one = scene(moving_clutter_db=30, moving_hz=60)
+    channel = AirChannel(one)
+    channel.sensors["s0"].on = False
+    frames = 26041  # 1.5 s
+    h = snapshots(channel, one, frames)[:, ::10]
+    power = np.mean(np.abs(h) ** 2)
+    assert 10 * np.log10(power / harmonics(1)[0] ** 2) == pytest.approx(30, abs=1.0)
+    window = np.kaiser(frames, 20)
+    spectrum = np.mean(np.abs(np.fft.fft(h * window[:, None], axis=0)) ** 2, axis=1)
+    doppler = np.abs(np.fft.fftfreq(frames, T))
+    assert spectrum[doppler > 63].sum() < 1e-5 * spectrum.sum()
+    assert spectrum[doppler > 5].sum() > 0.5 * spectrum.sum()
+    assert np.abs(h.mean(axis=0)).max() < 0.7 * np.sqrt(power)  # it does move
+
+
+def test_level_db_of_a_tag_is_its_strength_against_the_scenes():
+    both = scene([{"clock_hz": 1000}, {"clock_hz": 1400}], tags=[{"sensor": "s1", "level_db": -3}])
+    channel = AirChannel(both)
+    h = snapshots(channel, both, 31250)
+    strong = np.abs(line(h, 1, channel.sensors["s0"].clock)) / harmonics(1)[0]
+    weak = np.abs(line(h, 1, channel.sensors["s1"].clock)) / harmonics(1, 1400.0)[0]
+    assert 20 * np.log10(strong.mean()) == pytest.approx(0, abs=0.05)
+    assert 20 * np.log10(weak.mean()) == pytest.approx(-3, abs=0.05)
+
+
+BUSY = dict(
+    static_clutter_db=50,
+    moving_clutter_db=30,
+    moving_hz=60,
+    snr_db=10,
+    tag_coherence_hz=2e6,
+    presses=[{"start_s": 0.5, "rise_s": 0.001, "hold_s": 0.3, "force_n": 4, "location_mm": 33}],
+)
+
+
+@pytest.mark.parametrize("sizes", [[1, 2, 3, 1000, 7], [32768, 1, 32769], [364], [720, 99]])
+def test_chunk_size_changes_nothing_on_the_air(sizes):
+    one = scene(**BUSY)
+    rng = np.random.default_rng(5)
+    sent = (rng.standard_normal(80000) + 1j * rng.standard_normal(80000)).astype(np.complex64)
+    start = 6_240_000  # just before the press
+    whole, pieces = AirChannel(one), AirChannel(one)
+    whole.restart(start)
+    pieces.restart(start)
+    wanted = whole.process(sent, start)
+    got, done = [], 0
+    while done < len(sent):
+        size = sizes[len(got) % len(sizes)]
+        got.append(pieces.process(sent[done : done + size], start + done))
+        done += size
+    # float32 sums of the same terms; knots and noise are the same.
+    np.testing.assert_allclose(np.concatenate(got), wanted, atol=3e-6)
+
+
+def test_samples_out_of_order_are_refused_and_restart_forgets_the_past():
+    one = scene(static_clutter_db=60)
+    channel = AirChannel(one)
+    channel.process(np.ones(100), 0)
+    with pytest.raises(ValueError, match="must go on at 100, got 99"):
+        channel.process(np.ones(100), 99)
+    channel.restart(1000)
+    assert np.abs(channel.process(np.zeros(10), 1000)).max() < 1e-4
+
+
+def test_dead_air_holds_white_noise_only():
+    one = scene(snr_db=0)
+    channel = AirChannel(one)
+    noise = channel.process(np.zeros(400_000), 0)
+    assert np.mean(np.abs(noise) ** 2) == pytest.approx(channel.noise_std**2, rel=0.01)
+    assert abs(np.mean(noise**2)) < 0.01 * channel.noise_std**2  # circular
+    for lag in (1, 64, 720, 32768):
+        correlation = np.vdot(noise[:-lag], noise[lag:]) / np.vdot(noise, noise)
+        assert abs(correlation) < 5 / np.sqrt(len(noise))
+
+
+def test_same_seed_same_air_other_seed_other_air():
+    frames = np.tile(sounding_waveform().frame(), 20)
+    first, again = (AirChannel(scene(**BUSY, seed=3)).process(frames, 0) for _ in range(2))
+    other = AirChannel(scene(**BUSY, seed=4)).process(frames, 0)
+    assert np.array_equal(first, again)
+    assert np.abs(first - other).max() > 0.1
+
+
+def test_snr_changes_the_noise_and_leaves_the_paths():
+    frames = np.tile(sounding_waveform().frame(), 20)
+    loud, soft = (AirChannel(scene(static_clutter_db=60, snr_db=snr)) for snr in (20, 60))
+    a, b = loud.process(frames, 0) / loud.scale, soft.process(frames, 0) / soft.scale
+    assert np.abs(a - b).max() < 8 * loud.noise_std / loud.scale
+
+
+def test_the_received_frame_peaks_3_db_below_full_scale():
+    for static in (None, 40, 80):
+        one = scene(static_clutter_db=static, snr_db=10, moving_clutter_db=30, moving_hz=30)
+        received = AirChannel(one).process(np.tile(one.waveform().frame(), 500), 0)
+        assert 0.5 * PEAK < np.abs(received).max() < 1.1 * PEAK
+
+
+def test_what_is_set_while_running_is_heard_at_once():
+    one = scene(clock_drift_ppm_per_s=0)
+    channel = AirChannel(one)
+    tag, model = channel.sensors["s0"], one.load_model("line-900mhz")
+    untouched = channel.touch_state([0.1])["s0"]
+    assert not untouched.touch[0] and np.isnan(untouched.location_mm[0])
+    tag.pressed.hold(5.0, 50.0)
+    state = channel.touch_state([0.1])["s0"]
+    assert state.touch[0] and (state.force_n[0], state.location_mm[0]) == (5.0, 50.0)
+    np.testing.assert_allclose(state.phases_deg[0], model.phases_deg(5.0, 50.0))
+    tag.pressed.hold(0.1, 50.0)
+    assert not channel.touch_state([0.1])["s0"].touch[0]
+    tag.pressed.hold(None, None)
+    assert np.isnan(channel.touch_state([0.1])["s0"].location_mm[0])
+    tag.on = False
+    assert not tag.reflection(0, 1000).any()
+    noise = channel.noise_std
+    channel.set_snr_db(100)  # from 120
+    assert channel.noise_std == pytest.approx(10 * noise)
+
+
+def test_a_moved_tag_turns_both_ends_alike():
+    move = {"start_s": 1.0, "duration_s": 0.5, "distance_mm": 10.0}
+    tag = AirChannel(scene(moves=[move])).sensors["s0"]
+    turn = tag.pressed.motion(np.array([0.9, 1.25, 1.6]))
+    two_way = -720 * 0.010 * 900e6 / 299792458
+    np.testing.assert_allclose(np.angle(turn, deg=True), [0, two_way / 2, two_way], atol=1e-9)
+
+
+def test_force_follows_the_press_of_the_scene():
+    press = {
+        "start_s": 1.0, "rise_s": 0.1, "hold_s": 0.5, "force_n": 4, "end_force_n": 6,
+        "location_mm": 45,
+    }  # fmt: skip
+    later = press | {"start_s": 2.0, "rise_s": 0.0, "location_mm": 30}
+    channel = AirChannel(scene(presses=[later, press]))
+    times = [0.99, 1.05, 1.1, 1.35, 1.6, 1.65, 1.71, 2.0, 2.25, 2.49, 2.51]
+    state = channel.touch_state(times)["s0"]
+    forces = [0, 2, 4, 5, 6, 3, 0, 4, 5, 5.96, 0]
+    np.testing.assert_allclose(state.force_n, forces, atol=1e-9)
+    places = [np.nan, 45, 45, 45, 45, 45, np.nan, 30, 30, 30, np.nan]
+    np.testing.assert_array_equal(state.location_mm, places)
+    np.testing.assert_array_equal(state.touch, np.array(forces) >= 0.9)
+
+
+def test_clock_phase_is_that_of_the_signal_model_until_the_crystals_limit():
+    clock = TagClock(1000.0, 40.0, 0.5, 100.0, 0.3)
+    t = np.array([0.0, 1.0, 60.0])
+    wanted = 0.3 + 1000 * (t * (1 + 40e-6) + 0.5e-6 * t**2 / 2)
+    np.testing.assert_allclose(clock.cycles(t), wanted, rtol=0, atol=1e-9)
+
+
+def test_clock_wanders_for_days_within_its_tolerance_and_without_a_step():
+    clock = TagClock(1000.0, 40.0, 0.5, 100.0, 0.0)
+    t = np.linspace(0, 1200, 2_400_001)
+    rate_ppm = (np.diff(clock.cycles(t)) / np.diff(t) / 1000 - 1) * 1e6
+    assert np.abs(rate_ppm).max() < 100.01 and rate_ppm.max() > 99.9 and rate_ppm.min() < -99.9
+    assert np.abs(np.diff(rate_ppm)).max() < 5e-3  # rounding of 1e6 cycles
+    np.testing.assert_allclose(clock.offset_ppm(t[:-1] + 2.5e-4), rate_ppm, atol=5e-3)
+    days = 3 * 86400 + np.array([0, 1e-3])
+    assert abs(np.diff(clock.cycles(days))[0] - 1) < 2e-4
+
+
+def test_a_new_clock_offset_keeps_the_phase():
+    clock = TagClock(1000.0, 40.0, 0.0, 100.0, 0.0)
+    before = clock.cycles(5.0)
+    clock.retune(5.0, -120.0)
+    assert clock.cycles(5.0) == pytest.approx(before, abs=1e-12)
+    assert clock.cycles(6.0) == pytest.approx(before + 1000 * (1 - 120e-6), abs=1e-9)
+
+
+@pytest.mark.parametrize("shape", ["pulses", "overlapping"])
+def test_edges_inside_a_sample_count_by_their_exact_place(shape):
+    clock, delay = TagClock(1700.0, 80.0, 1.0, 100.0, 0.123), 3e-6
+    rate, first, count, fine = 1e6, 12_345, 3000, 400
+    got = switch_states(clock, PULSES[shape], delay, first, count, rate)
+    t = (first - 0.5 + (np.arange(count * fine) + 0.5) / fine) / rate
+    for i, lag in enumerate((0, delay)):
+        u = clock.cycles(t - lag) % 1
+        if i == 0:
+            on = np.abs(u - np.round(u)) < 1 / 8
+        else:
+            on = np.abs((2 * u) % 1 - 0.5) < 1 / 8
+            on = ~on if shape == "overlapping" else on
+        wanted = on.reshape(count, fine).mean(axis=1)
+        np.testing.assert_allclose(got[i], wanted, atol=1.5 / fine)
+        assert 0.1 < got[i].mean() < 0.9
+    if shape == "pulses":
+        assert (got[0] + got[1]).max() <= 1 + 1e-6  # never high together
+
+
+@pytest.mark.parametrize("delay", [2.0, 2.25, 3.7])
+def test_delay_between_samples_turns_the_phase_over_the_subcarriers(delay):
+    waveform = sounding_waveform()
+    k = waveform.subcarriers
+    inner = np.abs(k) < 13
+    h = response(delay_taps(delay, 8 if delay > 3 else 4), waveform)
+    wanted = np.exp(-2j * np.pi * k * delay / 64)
+    assert np.abs(h - wanted)[inner].max() < 0.06
+
+
+def test_fading_tag_path_has_unit_power_and_varies_over_the_band():
+    waveform = sounding_waveform()
+    powers = np.array(
+        [
+            np.abs(response(tag_taps(np.random.default_rng(i), waveform, 2e6), waveform)) ** 2
+            for i in range(300)
+        ]
+    )
+    np.testing.assert_allclose(powers.mean(axis=1), 1, rtol=1e-9)
+    # Rayleigh: 10 % of an exponential lies below 0.105; less where the band's mean is held at 1.
+    assert 0.04 < np.mean(powers < 0.105) < 0.1
+    np.testing.assert_allclose(np.abs(response(tag_taps(None, waveform, None), waveform)), 1)
+
+
+def test_moving_path_stays_within_its_doppler():
+    for seed in range(5):
+        path = MovingPath(np.random.default_rng(seed), 200.0, sweeps=seed % 2 == 0)
+        t = np.arange(0, 20, 1e-3)
+        gain = path.gain(t)
+        np.testing.assert_allclose(np.abs(gain), 1)
+        spectrum = np.abs(np.fft.fft(gain * np.kaiser(len(t), 20))) ** 2
+        outside = np.abs(np.fft.fftfreq(len(t), 1e-3)) > 200
+        assert spectrum[outside].sum() < 1e-6 * spectrum.sum()
+
+
+@pytest.mark.parametrize("kind", [np.float64, np.complex128])
+def test_fir_equals_plain_convolution(kind):
+    rng = np.random.default_rng(0)
+    taps = rng.standard_normal(6).astype(kind)
+    if kind is np.complex128:
+        taps = taps + 1j * rng.standard_normal(6)
+    sent = (rng.standard_normal(300) + 1j * rng.standard_normal(300)).astype(np.complex64)
+    out, scratch = np.empty((2, 250), np.complex64)
+    Fir(taps).apply(sent, 250, out, scratch)
+    np.testing.assert_allclose(out, np.convolve(sent, taps)[50:300], atol=3e-6)
+
+
+@pytest.mark.parametrize("bits", [2, 8, 14, 16, None])
+def test_adc_codes_are_rounded_clipped_and_left_justified(bits):
+    used = bits or 16
+    step = 2.0 ** -(used - 1)
+    values = np.array([0, step, -step, 0.4 * step, 2.0, -2.0, 0.5, -0.5])
+    codes = Adc(bits).codes(values[::2] + 1j * values[1::2])
+    left = 2 ** (16 - used)
+    full = 2 ** (used - 1)
+    wanted = [0, 1, -1, 0, full - 1, -full, full // 2, -(full // 2)]
+    assert codes.dtype == np.int16
+    np.testing.assert_array_equal(codes, np.array(wanted) * left)

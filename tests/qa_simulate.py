@@ -1,0 +1,206 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Simulated captures: files, truth, codes; and that a second simulator means the same levels."""
+
+import csv
+import json
+import subprocess
+
+import numpy as np
+import pytest
+import second_simulator
+import sigmf
+import yaml
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.scene import load_scene, simulator
+
+SHORT = {
+    "phase_group": {"snapshots": 125},
+    "sensors": [{"name": "arm", "model": "wiforce-900mhz"}],
+    "reference_s": 0.01,
+    "simulation": {
+        "truth_model": "line-900mhz",
+        "duration_s": 0.05,
+        "presses": [
+            {
+                "start_s": 0.0125,
+                "rise_s": 0.01,
+                "hold_s": 0.01,
+                "force_n": 4.0,
+                "end_force_n": 6.0,
+                "location_mm": 45.0,
+            }
+        ],
+    },
+}
+
+
+def short(**simulation):
+    return load_scene(SHORT | {"simulation": SHORT["simulation"] | simulation})
+
+
+def codes_of(path):
+    return np.fromfile(f"{path}.sigmf-data", "<i2")
+
+
+def rows_of(path):
+    with open(path, newline="", encoding="utf-8") as stream:
+        return list(csv.DictReader(stream))
+
+
+@pytest.mark.parametrize("name", ["capture", "odd name.v1.2", "Kräfte und 力", "-dash"])
+def test_capture_is_valid_sigmf_whatever_its_name(tmp_path, name):
+    simulator.simulate(short(), tmp_path / name)
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(
+        name + suffix for suffix in (".sigmf-data", ".sigmf-meta", ".truth.csv")
+    )
+    capture = sigmf.fromfile(str(tmp_path / (name + ".sigmf-meta")))
+    capture.validate()
+    info = capture.get_global_info()
+    assert (info["core:datatype"], info["core:sample_rate"]) == ("ci16_le", 12.5e6)
+    assert "core:dataset" not in info
+    assert capture.get_captures()[0]["core:frequency"] == 900e6
+    assert info["wiforce:seed"] == 1
+    assert load_scene(info["wiforce:scene"]) == short()
+    assert capture.sample_count == int(0.05 * 12.5e6 / 720) * 720  # whole frames
+
+
+def test_truth_has_a_row_per_group_and_sensor_at_the_groups_centre(tmp_path):
+    scene = load_scene(
+        SHORT
+        | {
+            "sensors": [
+                {"name": "arm", "model": "wiforce-900mhz"},
+                {"name": "leg, left", "model": "wiforce-900mhz", "clock_hz": 1400},
+            ],
+            "simulation": SHORT["simulation"]
+            | {"presses": [SHORT["simulation"]["presses"][0] | {"sensor": "arm"}]},
+        }
+    )
+    simulator.simulate(scene, tmp_path / "x")
+    rows = rows_of(tmp_path / "x.truth.csv")
+    assert list(rows[0]) == [
+        "time_s", "sensor", "touch", "force_n", "location_mm", "phase1_deg", "phase2_deg",
+    ]  # fmt: skip
+    groups = int(0.05 * 12.5e6) // (125 * 720)
+    assert [row["sensor"] for row in rows] == ["arm", "leg, left"] * groups
+    model = scene.load_model("line-900mhz")
+    for i, row in enumerate(rows[::2]):
+        time = (i + 0.5) * 125 * 720 / 12.5e6
+        assert float(row["time_s"]) == pytest.approx(time, abs=1e-9)
+        force = np.interp(time, [0.0125, 0.0225, 0.0325, 0.0425], [0, 4, 6, 0])
+        assert float(row["force_n"]) == pytest.approx(force, abs=1e-5)
+        assert row["touch"] == str(int(force >= model.onset_force_n))
+        assert row["location_mm"] == ("45" if 0.0125 <= time < 0.0425 else "")
+        wanted = model.phases_deg(force, 45.0)
+        assert float(row["phase1_deg"]) == pytest.approx(wanted[0], abs=1e-4)
+        assert float(row["phase2_deg"]) == pytest.approx(wanted[1], abs=1e-4)
+    assert {row["touch"] for row in rows[::2]} == {"0", "1"}
+    assert {row["touch"] for row in rows[1::2]} == {"0"}
+
+
+def test_same_seed_same_bytes_other_seed_other_bytes(tmp_path):
+    for name, seed in (("a", 3), ("b", 3), ("c", 4)):
+        simulator.simulate(short(seed=seed), tmp_path / name)
+    for suffix in (".sigmf-data", ".sigmf-meta", ".truth.csv"):
+        a, b, c = ((tmp_path / (name + suffix)).read_bytes() for name in "abc")
+        assert a == b
+        assert (a == c) == (suffix == ".truth.csv")
+
+
+@pytest.mark.parametrize("bits", [8, 14])
+def test_codes_use_the_adcs_bits_in_the_upper_end_and_peak_below_full_scale(tmp_path, bits):
+    simulator.simulate(short(adc_bits=bits), tmp_path / "x")
+    codes = codes_of(tmp_path / "x")
+    assert not np.any(codes % 2 ** (16 - bits))
+    assert np.any(codes % 2 ** (17 - bits))
+    peak_db = 20 * np.log10(np.abs(codes.astype(float).view(complex)).max() / 32768)
+    assert peak_db == pytest.approx(-3, abs=0.3)
+
+
+def test_float_capture_holds_the_same_codes_over_32768(tmp_path):
+    simulator.simulate(short(), tmp_path / "int")
+    simulator.simulate(short(), tmp_path / "float", datatype="cf32_le")
+    floats = np.fromfile(tmp_path / "float.sigmf-data", "<f4")
+    np.testing.assert_array_equal(floats * 32768, codes_of(tmp_path / "int"))
+    simulator.simulate(short(adc_bits=None), tmp_path / "ideal", datatype="cf32_le")
+    ideal = np.fromfile(tmp_path / "ideal.sigmf-data", "<f4")
+    assert 0 < np.abs(ideal - floats).max() <= 0.51 / 8192
+
+
+def test_progress_adds_up_to_the_samples_written(tmp_path):
+    steps = []
+    simulator.simulate(short(duration_s=0.2), tmp_path / "x", progress=steps.append)
+    assert len(steps) > 1 and sum(steps) == codes_of(tmp_path / "x").size // 2
+
+
+def test_a_failure_half_way_leaves_nothing(tmp_path):
+    def fail(_):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        simulator.simulate(short(), tmp_path / "x", progress=fail)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_is_not_there_and_an_unknown_datatype_are_refused(tmp_path):
+    with pytest.raises(InputError, match=r"none/x: cannot be written \(No such file"):
+        simulator.simulate(short(), tmp_path / "none" / "x")
+    with pytest.raises(InputError, match="datatype: must be ci16_le or cf32_le, got 'ci8'"):
+        simulator.simulate(short(), tmp_path / "x", datatype="ci8")
+
+
+def test_a_carrier_that_the_pressed_sensor_does_not_know_is_refused(tmp_path):
+    scene = load_scene(SHORT | {"radio": {"center_frequency_hz": 2.4e9}})
+    with pytest.raises(InputError, match="carrier"):
+        simulator.simulate(scene, tmp_path / "x")
+
+
+def test_command_writes_capture_and_truth_and_takes_a_seed(tmp_path):
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(SHORT))
+    command = ["gr-wiforce", "simulate", "scene.yaml", "x", "--seed", "5"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.split() == ["x.sigmf-data", "x.truth.csv", "x.sigmf-meta"]
+    assert json.loads((tmp_path / "x.sigmf-meta").read_text())["global"]["wiforce:seed"] == 5
+
+
+def test_shipped_scenes_are_valid_and_say_what_they_show():
+    from gnuradio.wiforce._config import DATA_DIR
+
+    paths = sorted((DATA_DIR / "scenes").glob("*.yaml"))
+    assert paths
+    for path in paths:
+        scene = load_scene(path)
+        assert path.read_text(encoding="utf-8").startswith("# ")
+        for sensor, tag in zip(scene.sensors, scene.simulation.tags, strict=True):
+            assert tag.truth_model != sensor.model, f"{path.name} presses the reader's own model"
+
+
+def levels_db(frames):
+    """Static clutter and noise against the tag's line in H, from received frames (n, 720)."""
+    k = np.r_[-31:0, 1:32]
+    folded = frames[:, 64:320].reshape(len(frames), 4, 64).mean(axis=1)
+    h = np.fft.fft(folded)[:, k] / (np.exp(1j * np.pi * k**2 / 64) * 64 / np.sqrt(62))
+    spectrum = np.mean(np.abs(np.fft.fft(h, axis=0) / len(h)) ** 2, axis=1)
+    hz = np.fft.fftfreq(len(h), 720 / 12.5e6)
+    tag = spectrum[np.abs(hz - 1000) < 15].sum()
+    quiet = (np.abs(hz) > 300) & (np.abs(np.abs(hz) / 1000 % 1 - 0.5) < 0.2)
+    noise = np.median(spectrum[quiet]) * len(h)
+    return 10 * np.log10([spectrum[0] / tag, tag / noise])
+
+
+def test_both_simulators_mean_the_same_by_static_clutter_and_snr(tmp_path):
+    case = second_simulator.Case(10, 50, duration_s=0.5)
+    blocks = list(second_simulator.simulate(case, np.random.default_rng(1)))
+    second = levels_db(np.concatenate(blocks))
+    scene = load_scene(
+        {
+            "sensors": [{"name": "arm", "model": "line-900mhz"}],
+            "simulation": {"static_clutter_db": 50, "duration_s": 0.5, "adc_bits": 16},
+        }
+    )
+    simulator.simulate(scene, tmp_path / "x")
+    samples = codes_of(tmp_path / "x").astype(float).view(complex).reshape(-1, 720)
+    first = levels_db(samples[: len(blocks) * 625])
+    np.testing.assert_allclose(first, second, atol=0.3)
+    np.testing.assert_allclose(first, [50, 10], atol=0.3)
