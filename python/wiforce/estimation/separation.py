@@ -26,8 +26,8 @@ _NOISE_MEMORY_S = 2.0
 _LOST_S = 0.5
 # Smallest noise, relative to the mean tone, that counts as noise rather than rounding.
 _NOISE_FLOOR = 1e-14
-# Residual of a group over the usual noise: from here it counts, from here it is no noise at all.
-_NOTABLE = 1.25
+# Residual of a group over the usual noise: below it is chance; above, noise has not become so.
+_NOTABLE = 1.15
 _UNUSUAL = 3.0
 # A mixing matrix that amplifies noise above this cannot separate its ends.
 _WORST_GAIN = 100.0
@@ -206,9 +206,10 @@ class EndSeparator:
             self._follow(item)
         ends, gain, residual = self._solve(item)
         misfit = self._misfit(residual, item)
-        if fresh and item.usable and not item.missing and misfit < _UNUSUAL:
-            self._learn_noise(residual, item)
-        gain = gain * max(1.0, misfit)
+        if fresh and item.usable and not item.missing:
+            self._learn_noise(residual / max(1.0, misfit / _UNUSUAL), item)
+        # What does not fit is alike on all subcarriers, as noise is not.
+        gain = gain * (1 + len(self.bins) * max(0.0, misfit - _NOTABLE))
         vectors = np.zeros((self.ends, 64), complex)
         vectors[:, self.bins] = ends
         clocks = tuple(self._clock_state(tag, item) for tag in self._tags)
@@ -224,8 +225,7 @@ class EndSeparator:
         """
         if self._noise is None or not item.usable:
             return 1.0
-        ratio = float(np.mean(residual / self._noise))
-        return ratio if ratio > _NOTABLE else 1.0
+        return float(np.mean(residual / self._noise))
 
     def _clock_state(self, tag, item):
         seen = tag.tracker is not None and tag.last_seen_s >= item.center_s - 1e-9
