@@ -11,6 +11,8 @@ from .readings import Reading
 
 # |R| below this part of its neighbours' says that the press changed inside the group.
 _DIP = 0.97
+# Standard deviation over a neighbour's from which another sensor's change shows in a group.
+_DISTURBED = 1.5
 _WEAK_PHASE_DEG = 3.0
 _WEAK_FORCE_N = 1.5
 # Longest hole in the stream that is filled with rows flagged "gap".
@@ -174,14 +176,19 @@ class Readout:
         held = self._waiting
         if held is None:
             return []
+        neighbours = [
+            other
+            for other in (self._before, after)
+            if other is not None and abs(other.group - held.group) == 1
+        ]
+        sensors = range(len(held.fields))
+        changed = [_changed_inside(i, held, neighbours) for i in sensors]
+        if any(changed):
+            # One sensor's change disturbs what is read of the others.
+            changed = [c or _disturbed(i, held, neighbours) for i, c in enumerate(changed)]
         readings = []
-        for i, fields in enumerate(held.fields):
-            neighbours = [
-                other
-                for other in (self._before, after)
-                if other is not None and abs(other.group - held.group) == 1
-            ]
-            if "touch" in fields and _changed_inside(i, held, neighbours):
+        for fields, doubtful in zip(held.fields, changed, strict=True):
+            if doubtful and "touch" in fields:
                 fields["flags"].append("transition")
             readings.append(Reading(**{**fields, "flags": tuple(fields["flags"])}))
         return readings
@@ -203,12 +210,18 @@ def _changed_inside(sensor, held, neighbours):
     """Whether the press changed inside a group: |R| dips, or touch begins or ends beside it."""
     ends = slice(2 * sensor, 2 * sensor + 2)
     known = [n for n in neighbours if n.fields[sensor].get("touch") is not None]
-    if not known:
+    touch = held.fields[sensor].get("touch")
+    if touch is None or not known:
         return False
-    touch = held.fields[sensor]["touch"]
     if touch == 1 and any(n.fields[sensor]["touch"] != touch for n in known):
         return True
     levels = np.min([n.levels[ends] for n in known], axis=0)
     noise = np.radians(held.std_deg[ends]) * levels
     dip = levels - held.levels[ends]
     return bool(np.any((held.levels[ends] < _DIP * levels) & (dip > 3.5 * noise)))
+
+
+def _disturbed(sensor, held, neighbours):
+    """Whether a group is much less certain than one of its neighbours."""
+    ends = slice(2 * sensor, 2 * sensor + 2)
+    return any(np.any(held.std_deg[ends] > _DISTURBED * n.std_deg[ends]) for n in neighbours)
