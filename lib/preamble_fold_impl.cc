@@ -11,16 +11,21 @@
 namespace gr::wiforce {
 
 namespace {
-const pmt::pmt_t& rx_time_key()
+
+const pmt::pmt_t rx_time_key = pmt::mp(names::RX_TIME);
+const pmt::pmt_t snapshot_key = pmt::mp(names::SNAPSHOT);
+
+// tuple(uint64 seconds, double fraction), as gr-uhd makes it.
+bool is_time(const pmt::pmt_t& value)
 {
-    static const pmt::pmt_t key = pmt::mp(names::RX_TIME);
-    return key;
+    if (!pmt::is_tuple(value) || pmt::length(value) != 2)
+        return false;
+    const pmt::pmt_t seconds = pmt::tuple_ref(value, 0);
+    return (pmt::is_uint64(seconds) ||
+            (pmt::is_integer(seconds) && pmt::to_long(seconds) >= 0)) &&
+           pmt::is_real(pmt::tuple_ref(value, 1));
 }
-const pmt::pmt_t& snapshot_key()
-{
-    static const pmt::pmt_t key = pmt::mp(names::SNAPSHOT);
-    return key;
-}
+
 } // namespace
 
 preamble_fold::sptr preamble_fold::make(int frame_length,
@@ -105,18 +110,14 @@ void preamble_fold_impl<Sample>::find_gaps(int available)
     if (end <= begin)
         return;
     std::vector<gr::tag_t> tags;
-    this->get_tags_in_range(tags, 0, begin, end, rx_time_key());
+    this->get_tags_in_range(tags, 0, begin, end, rx_time_key);
     d_tags_read_to = end;
     std::sort(tags.begin(), tags.end(), gr::tag_t::offset_compare);
     for (const auto& tag : tags) {
-        const auto& value = tag.value;
-        if (pmt::is_tuple(value) && pmt::length(value) == 2 &&
-            pmt::is_integer(pmt::tuple_ref(value, 0)) +
-                pmt::is_uint64(pmt::tuple_ref(value, 0)) &&
-            pmt::is_real(pmt::tuple_ref(value, 1)))
+        if (is_time(tag.value))
             note_time({ tag.offset,
-                        pmt::to_uint64(pmt::tuple_ref(value, 0)),
-                        pmt::to_double(pmt::tuple_ref(value, 1)) });
+                        pmt::to_uint64(pmt::tuple_ref(tag.value, 0)),
+                        pmt::to_double(pmt::tuple_ref(tag.value, 1)) });
         else
             d_logger->warn(
                 "rx_time is not a tuple of whole and fractional seconds: ignored");
@@ -171,7 +172,7 @@ int preamble_fold_impl<Sample>::general_work(int noutput_items,
             if (d_announce)
                 this->add_item_tag(0,
                                    this->nitems_written(0) + produced,
-                                   snapshot_key(),
+                                   snapshot_key,
                                    pmt::from_uint64(d_frame));
             d_announce = false;
             d_folder.fold(in + consumed, frames, out + produced * kernel::FFT_LENGTH);

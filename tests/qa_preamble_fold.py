@@ -4,9 +4,7 @@
 import numpy as np
 import pmt
 import pytest
-from gnuradio import blocks, gr
-
-from gnuradio import wiforce
+from gnuradio import blocks, gr, wiforce
 
 
 def rx_time(offset, seconds):
@@ -22,13 +20,15 @@ def run_fold(samples, tags=(), chunk=None, **parameters):
         # vector_source has no complex int16: pairs of shorts have its layout.
         pairs = np.asarray(samples, np.int16).reshape(-1)
         source = blocks.vector_source_s(pairs.tolist(), False, 2, list(tags))
+        packets = blocks.copy(2 * gr.sizeof_short)
     else:
         source = blocks.vector_source_c(np.asarray(samples).tolist(), False, 1, list(tags))
+        packets = blocks.copy(gr.sizeof_gr_complex)
+    if chunk:
+        packets.set_max_noutput_items(chunk)
     sink = blocks.vector_sink_c(64)
     flowgraph = gr.top_block()
-    if chunk:
-        source.set_max_noutput_items(chunk)
-    flowgraph.connect(source, fold, sink)
+    flowgraph.connect(source, packets, fold, sink)
     flowgraph.run()
     indices = {t.offset: pmt.to_uint64(t.value) for t in sink.tags() if str(t.key) == "snapshot"}
     return np.array(sink.data()).reshape(-1, 64), indices, fold
@@ -67,3 +67,96 @@ def test_folded_vectors_are_the_means_whatever_the_packet_size(layout, chunk):
     assert indices == {0: 0}
     assert fold.snapshots() == len(want)
     assert fold.gaps() == fold.samples_lost() == 0
+
+
+def test_sc16_folds_without_rounding():
+    rng = np.random.default_rng(2)
+    pairs = rng.integers(-32768, 32768, size=(5 * 720, 2))
+    folded, _, _ = run_fold(pairs, frame_length=720, item_type="sc16")
+    want = reference_fold(pairs[:, 0] + 1j * pairs[:, 1], 720) / 32768
+    np.testing.assert_array_equal(folded, want)  # multiples of 2^-17: exact in float
+
+
+def with_losses(samples, losses, rate, start=1000.25):
+    """The samples left after (first lost, number lost), with tags as gr-uhd sets them."""
+    keep = np.ones(len(samples), bool)
+    tags = [rx_time(0, start)]
+    for first, count in losses:
+        keep[first : first + count] = False
+    for first, count in losses:
+        # gr-uhd gives times to a fraction of a sample, not exactly.
+        seconds = start + (first + count + 0.3) / rate
+        tags.append(rx_time(int(keep[:first].sum()), seconds))
+    return samples[keep], tags, keep
+
+
+@pytest.mark.parametrize("chunk", [None, 100, 719])
+@pytest.mark.parametrize(
+    "losses",
+    [
+        [(720 * 3 + 100, 50)],  # inside an averaged part
+        [(720 * 3 + 330, 20)],  # in the guard: nothing is lost
+        [(720 * 3 + 600, 720)],  # one whole averaged part, in two guards
+        [(720 * 2 + 5, 720 * 4 + 77), (720 * 9, 1), (720 * 9 + 200, 2000)],
+        [(0 + 10, 5), (30, 800)],  # before the first snapshot
+    ],
+)
+def test_lost_samples_cost_their_snapshots_and_no_others(losses, chunk):
+    rate = 12.5e6
+    frames = 16
+    samples = noise(frames * 720, seed=3)
+    left, tags, keep = with_losses(samples, losses, rate)
+    whole = [f for f in range(frames) if keep[f * 720 + 64 : f * 720 + 320].all()]
+    folded, indices, fold = run_fold(left, tags, chunk=chunk, frame_length=720, sample_rate=rate)
+    np.testing.assert_allclose(folded, reference_fold(samples, 720)[whole], atol=1e-6)
+    # The index of every snapshot follows from the tags before it.
+    found, index = [], None
+    for n in range(len(folded)):
+        index = indices.get(n, None if index is None else index + 1)
+        found.append(index)
+    assert found == whole
+    assert fold.gaps() == len(losses)
+    assert fold.samples_lost() == sum(count for _, count in losses)
+
+
+def test_times_without_a_loss_change_nothing():
+    samples = noise(20 * 720)
+    tags = [rx_time(n, 5.5 + n / 12.5e6) for n in (0, 364, 728, 9000)]
+    folded, indices, fold = run_fold(samples, tags, frame_length=720)
+    assert len(folded) == 20
+    assert indices == {0: 0}
+    assert fold.gaps() == 0
+
+
+def test_other_tags_stay_behind():
+    samples = noise(10 * 720)
+    source = blocks.vector_source_c(samples.tolist(), False, 1, [rx_time(0, 1.0)])
+    fold, sink = wiforce.preamble_fold(frame_length=720), blocks.vector_sink_c(64)
+    flowgraph = gr.top_block()
+    flowgraph.connect(source, fold, sink)
+    flowgraph.run()
+    assert [(t.offset, str(t.key)) for t in sink.tags()] == [(0, "snapshot")]
+
+
+def test_a_time_that_is_no_time_is_ignored():
+    samples = noise(10 * 720)
+    bad = gr.tag_utils.python_to_tag((3000, pmt.intern("rx_time"), pmt.from_double(7), pmt.PMT_F))
+    folded, _, fold = run_fold(samples, [rx_time(0, 1.0), bad], frame_length=720)
+    assert len(folded) == 10
+    assert fold.gaps() == 0
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"frame_length": 319}, "frame_length must be >= .*320, got 319"),
+        ({"frame_length": 720, "first_averaged": -1}, "first_averaged must be >= 0, got -1"),
+        ({"frame_length": 720, "repetitions": 0}, "repetitions must be 1 to 65536, got 0"),
+        ({"frame_length": 720, "sample_rate": 0.0}, "sample_rate must be positive, got 0"),
+        ({"frame_length": 720, "sample_rate": float("nan")}, "sample_rate must be positive"),
+        ({"frame_length": 720, "item_type": "sc8"}, "item_type must be 'fc32' or 'sc16', got"),
+    ],
+)
+def test_bad_parameters_are_named(parameters, message):
+    with pytest.raises(ValueError, match=message):
+        wiforce.preamble_fold(**parameters)

@@ -2,33 +2,9 @@
 #include "preamble_folder.h"
 
 #include "require.h"
+#include "simd_kernels.h"
 
 namespace gr::wiforce::kernel {
-
-namespace {
-
-constexpr int WIDTH = 2 * FFT_LENGTH; // real and imaginary parts of one repetition
-
-template <class Component, class Sum>
-void fold_frames(const Component* averaged,
-                 std::size_t stride,
-                 std::size_t frames,
-                 int repetitions,
-                 float scale,
-                 float* folded)
-{
-    for (std::size_t frame = 0; frame < frames; frame++) {
-        const Component* in = averaged + frame * stride;
-        Sum sum[WIDTH] = {};
-        for (int r = 0; r < repetitions; r++)
-            for (int n = 0; n < WIDTH; n++)
-                sum[n] += in[r * WIDTH + n];
-        for (int n = 0; n < WIDTH; n++)
-            folded[frame * WIDTH + n] = scale * static_cast<float>(sum[n]);
-    }
-}
-
-} // namespace
 
 preamble_folder::preamble_folder(int frame_length, int first_averaged, int repetitions)
     : d_frame_length(frame_length),
@@ -53,23 +29,22 @@ preamble_folder::preamble_folder(int frame_length, int first_averaged, int repet
 
 void preamble_folder::fold(const fc32* averaged, std::size_t frames, fc32* folded) const
 {
-    fold_frames<float, float>(reinterpret_cast<const float*>(averaged),
-                              2 * d_frame_length,
-                              frames,
-                              d_repetitions,
-                              1.0f / d_repetitions,
-                              reinterpret_cast<float*>(folded));
+    fastest_kernels().fold_fc32(reinterpret_cast<const float*>(averaged),
+                                2 * d_frame_length,
+                                frames,
+                                d_repetitions,
+                                1.0f / d_repetitions,
+                                reinterpret_cast<float*>(folded));
 }
 
 void preamble_folder::fold(const sc16* averaged, std::size_t frames, fc32* folded) const
 {
-    fold_frames<std::int16_t, std::int32_t>(
-        reinterpret_cast<const std::int16_t*>(averaged),
-        2 * d_frame_length,
-        frames,
-        d_repetitions,
-        1.0f / (32768.0f * d_repetitions),
-        reinterpret_cast<float*>(folded));
+    fastest_kernels().fold_sc16(reinterpret_cast<const std::int16_t*>(averaged),
+                                2 * d_frame_length,
+                                frames,
+                                d_repetitions,
+                                1.0f / (32768.0f * d_repetitions),
+                                reinterpret_cast<float*>(folded));
 }
 
 } // namespace gr::wiforce::kernel

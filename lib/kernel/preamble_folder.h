@@ -1,16 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include <complex>
+#include "types.h"
+
 #include <cstddef>
-#include <cstdint>
 
 namespace gr::wiforce::kernel {
-
-constexpr int FFT_LENGTH = 64;
-
-using fc32 = std::complex<float>;
-using sc16 = std::complex<std::int16_t>;
 
 /*
  * Folds the repeated part of each sounding frame into its mean: 64 samples per frame.

@@ -4,11 +4,22 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <gnuradio/wiforce/ofdm_channel_estimator.h>
+#include <gnuradio/wiforce/phase_group_doppler.h>
 #include <gnuradio/wiforce/preamble_fold.h>
 
 namespace py = pybind11;
 using namespace py::literals;
 using namespace gr::wiforce;
+
+// Any array of numbers, row by row.
+using complex_array =
+    py::array_t<std::complex<double>, py::array::c_style | py::array::forcecast>;
+
+static std::vector<std::complex<double>> flat(const complex_array& values)
+{
+    return { values.data(), values.data() + values.size() };
+}
 
 static void bind_preamble_fold(py::module& m)
 {
@@ -36,9 +47,68 @@ static void bind_preamble_fold(py::module& m)
         .def("gaps", &preamble_fold::gaps, "Times that samples were lost.");
 }
 
+static void bind_ofdm_channel_estimator(py::module& m)
+{
+    py::class_<ofdm_channel_estimator,
+               gr::sync_block,
+               gr::block,
+               gr::basic_block,
+               std::shared_ptr<ofdm_channel_estimator>>(
+        m,
+        "ofdm_channel_estimator",
+        "Estimates the channel on each subcarrier: 64-point FFT, times factors.\n\n"
+        "Input and output: vectors of rows x 64 complex, bins in natural FFT order.")
+        .def(py::init([](const complex_array& factors, int rows) {
+                 return ofdm_channel_estimator::make(flat(factors), rows);
+             }),
+             "factors"_a,
+             "rows"_a = 1);
+}
+
+static void bind_phase_group_doppler(py::module& m)
+{
+    py::class_<phase_group_doppler,
+               gr::block,
+               gr::basic_block,
+               std::shared_ptr<phase_group_doppler>>(
+        m,
+        "phase_group_doppler",
+        "Doppler tones of each phase group: P[m, k] = sum_n weights[m, n] h[n, k].\n\n"
+        "Input: a vector of 64 complex per snapshot, its index in the tag `snapshot`. "
+        "Output: a\n"
+        "vector of M x 64 per group with the tag `group`; an incomplete one carries the "
+        "tag\n"
+        "`missing`, and its snapshots and mask go out on the port `incomplete` before "
+        "it.")
+        .def(py::init([](const complex_array& weights, int group_length) {
+                 if (group_length >= 1 && weights.ndim() == 2 &&
+                     weights.shape(1) != group_length)
+                     throw std::invalid_argument(
+                         "phase_group_doppler: weights must have group_length = " +
+                         std::to_string(group_length) + " columns, got " +
+                         std::to_string(weights.shape(1)));
+                 return phase_group_doppler::make(flat(weights), group_length);
+             }),
+             "weights"_a,
+             "group_length"_a)
+        .def_static(
+            "spectrum",
+            &phase_group_doppler::spectrum,
+            "group_length"_a,
+            "The Fourier transform over the group, scaled by 1/N_g; M = N_g rows in "
+            "natural FFT order.")
+        .def("rows", &phase_group_doppler::rows, "Rows per output item, M.")
+        .def("groups", &phase_group_doppler::groups, "Groups emitted.")
+        .def("incomplete_groups",
+             &phase_group_doppler::incomplete_groups,
+             "Groups emitted with snapshots missing.");
+}
+
 PYBIND11_MODULE(wiforce_python, m)
 {
     // The base classes' Python types.
     py::module::import("gnuradio.gr");
     bind_preamble_fold(m);
+    bind_ofdm_channel_estimator(m);
+    bind_phase_group_doppler(m);
 }

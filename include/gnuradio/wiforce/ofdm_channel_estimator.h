@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <gnuradio/sync_block.h>
+#include <gnuradio/wiforce/api.h>
+
+#include <complex>
+#include <vector>
+
+namespace gr::wiforce {
+
+/*!
+ * \brief Estimates the channel on each subcarrier from folded preambles.
+ * \ingroup wiforce
+ *
+ * Input and output: vectors of rows x 64 complex floats. Each row goes through a 64-point
+ * FFT and is multiplied by \p factors: H[k] = FFT(x)[k] factors[k], k in natural FFT
+ * order. Factors of zero leave unoccupied subcarriers at zero.
+ *
+ * Folding, tones and this are linear and commute: rows = 1 behind preamble_fold gives the
+ * channel of each snapshot, rows = M behind phase_group_doppler costs a fraction.
+ */
+class WIFORCE_API ofdm_channel_estimator : virtual public gr::sync_block
+{
+public:
+    using sptr = std::shared_ptr<ofdm_channel_estimator>;
+
+    /*!
+     * \param factors 64 factors, 1 / (X_k 64 / sqrt K) on occupied subcarriers, else 0
+     * \param rows rows per vector
+     * \throws std::invalid_argument naming parameter, rule and value
+     */
+    static sptr make(const std::vector<std::complex<double>>& factors, int rows = 1);
+};
+
+} // namespace gr::wiforce

@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "phase_group.h"
+
+#include "require.h"
+#include "simd_kernels.h"
+
+#include <algorithm>
+
+namespace gr::wiforce::kernel {
+
+phase_group::phase_group(int length) : d_length(length)
+{
+    require(length >= 1, "phase_group_doppler", "group_length", "must be >= 1", length);
+    d_snapshots.resize(static_cast<std::size_t>(length) * FFT_LENGTH);
+    d_mask.resize(length);
+}
+
+void phase_group::clear()
+{
+    d_decided = 0;
+    d_present = 0;
+}
+
+void phase_group::skip_to(int to)
+{
+    for (; d_decided < to; d_decided++) {
+        d_mask[d_decided] = 0;
+        if (d_present > 0)
+            std::copy_n(reference(), FFT_LENGTH, slot(d_decided));
+    }
+}
+
+void phase_group::add(int first_slot, const fc32* snapshots, int count)
+{
+    const auto& simd = fastest_kernels();
+    skip_to(first_slot);
+    std::copy_n(
+        snapshots, static_cast<std::size_t>(count) * FFT_LENGTH, slot(first_slot));
+    for (int end = first_slot + count; d_decided < end;) {
+        if (!simd.is_finite(reinterpret_cast<const float*>(slot(d_decided)))) {
+            skip_to(d_decided + 1);
+            continue;
+        }
+        if (d_present == 0) {
+            d_reference = d_decided;
+            for (int absent = 0; absent < d_decided; absent++)
+                std::copy_n(reference(), FFT_LENGTH, slot(absent));
+        }
+        d_mask[d_decided++] = 1;
+        d_present++;
+    }
+}
+
+void phase_group::finish() { skip_to(d_length); }
+
+void phase_group::copy_with_zeros(fc32* snapshots) const
+{
+    std::copy(d_snapshots.begin(), d_snapshots.end(), snapshots);
+    for (int n = 0; n < d_length; n++)
+        if (!d_mask[n])
+            std::fill_n(snapshots + n * FFT_LENGTH, FFT_LENGTH, fc32(0));
+}
+
+} // namespace gr::wiforce::kernel

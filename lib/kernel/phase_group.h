@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include "types.h"
+
+#include <cstdint>
+#include <vector>
+
+namespace gr::wiforce::kernel {
+
+/*
+ * The snapshots of one phase group, slot by slot, and which of them are there.
+ *
+ * A snapshot that was lost, or that holds a value which is not finite, is absent. Absent
+ * slots hold the group's first present snapshot, the reference: whoever works on
+ * differences from it (see tone_accumulator) needs no second look at the mask.
+ */
+class phase_group
+{
+public:
+    // Throws std::invalid_argument unless length >= 1.
+    explicit phase_group(int length);
+
+    void clear();
+
+    // Puts snapshots into the slots first_slot .. first_slot + count - 1; slots that were
+    // left out since the last call are absent. first_slot >= decided().
+    void add(int first_slot, const fc32* snapshots, int count);
+
+    // Declares the slots that are left absent.
+    void finish();
+
+    int length() const { return d_length; }
+    int decided() const
+    {
+        return d_decided;
+    } // slots that are known to be there or absent
+    int present() const { return d_present; }
+    int missing() const { return d_decided - d_present; }
+    const std::vector<std::uint8_t>& mask() const { return d_mask; } // 1 = present
+
+    // Valid once present() > 0.
+    const fc32* reference() const { return slot(d_reference); }
+    const fc32* slot(int n) const { return d_snapshots.data() + n * FFT_LENGTH; }
+
+    // All slots with absent ones as zeros, 64 * length values.
+    void copy_with_zeros(fc32* snapshots) const;
+
+private:
+    void skip_to(int slot);
+    fc32* slot(int n) { return d_snapshots.data() + n * FFT_LENGTH; }
+
+    const int d_length;
+    std::vector<fc32> d_snapshots;
+    std::vector<std::uint8_t> d_mask;
+    int d_decided = 0;
+    int d_present = 0;
+    int d_reference = 0;
+};
+
+} // namespace gr::wiforce::kernel

@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+namespace gr::wiforce::kernel {
+
+/*
+ * The inner loops, built once per instruction set from the same source (simd_loops.h) and
+ * chosen when the program runs. "Vectors" are 128 floats: the real and imaginary parts of
+ * 64 complex values.
+ */
+struct simd_kernels {
+    const char* name;
+
+    // folded[128 f + n] = scale sum_r in[stride f + 128 r + n]
+    void (*fold_fc32)(const float* in,
+                      std::size_t stride,
+                      std::size_t frames,
+                      int repetitions,
+                      float scale,
+                      float* folded);
+
+    // The same on integers: exact for up to 65536 repetitions.
+    void (*fold_sc16)(const std::int16_t* in,
+                      std::size_t stride,
+                      std::size_t frames,
+                      int repetitions,
+                      float scale,
+                      float* folded);
+
+    // sums[128 r + c] += sum_n weights[rows n + r] (snapshots[128 n + c] - reference[c])
+    // for r < rows; rows is a multiple of ROW_BLOCK.
+    void (*accumulate)(const float* snapshots,
+                       const float* reference,
+                       const float* weights,
+                       int count,
+                       int rows,
+                       float* sums);
+
+    // Whether all 128 floats are finite.
+    bool (*is_finite)(const float* vector);
+
+    static constexpr int ROW_BLOCK = 4;
+};
+
+// The best this processor runs.
+const simd_kernels& fastest_kernels();
+
+// All that this processor runs, the best last.
+std::vector<const simd_kernels*> usable_kernels();
+
+} // namespace gr::wiforce::kernel

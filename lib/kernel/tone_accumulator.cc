@@ -1,0 +1,169 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "tone_accumulator.h"
+
+#include "require.h"
+#include "simd_kernels.h"
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+
+namespace gr::wiforce::kernel {
+
+namespace {
+
+using row = const std::complex<double>*;
+
+// Far below the rounding of the float weights that are multiplied, far above that of the
+// double arithmetic which designed them.
+constexpr double SAME = 1e-9;
+
+double largest(row w, int length)
+{
+    double value = 0;
+    for (int n = 0; n < length; n++)
+        value = std::max(value, std::abs(w[n]));
+    return value;
+}
+
+bool is_real(row w, int length)
+{
+    const double limit = SAME * largest(w, length);
+    return std::all_of(
+        w, w + length, [&](auto v) { return std::abs(v.imag()) <= limit; });
+}
+
+bool are_conjugates(row a, row b, int length)
+{
+    const double limit = SAME * largest(a, length);
+    for (int n = 0; n < length; n++)
+        if (std::abs(a[n] - std::conj(b[n])) > limit)
+            return false;
+    return true;
+}
+
+} // namespace
+
+tone_accumulator::tone_accumulator(const std::vector<std::complex<double>>& weights,
+                                   int group_length)
+    : d_length(group_length), d_table(weights)
+{
+    const char* where = "phase_group_doppler";
+    require(group_length >= 1, where, "group_length", "must be >= 1", group_length);
+    require(!weights.empty() && weights.size() % group_length == 0,
+            where,
+            "weights",
+            "must hold one or more rows of group_length = " +
+                std::to_string(group_length),
+            std::to_string(weights.size()) + " values");
+    for (const auto& w : weights)
+        require(std::isfinite(w.real()) && std::isfinite(w.imag()),
+                where,
+                "weights",
+                "must be finite",
+                w);
+    lay_out_rows();
+    clear();
+}
+
+void tone_accumulator::lay_out_rows()
+{
+    const int tones = d_table.size() / d_length;
+    const auto table_row = [&](int m) {
+        return d_table.data() + std::size_t(m) * d_length;
+    };
+    std::vector<std::function<double(std::complex<double>)>> parts; // of a real row
+    std::vector<int> origins;
+    const auto add_row = [&](int m, bool imaginary) {
+        origins.push_back(m);
+        parts.push_back(imaginary ? [](std::complex<double> v) { return v.imag(); }
+                                  : [](std::complex<double> v) { return v.real(); });
+        return static_cast<int>(origins.size()) - 1;
+    };
+    for (int m = 0; m < tones; m++) {
+        int partner = 0;
+        while (partner < m && !are_conjugates(table_row(m), table_row(partner), d_length))
+            partner++;
+        if (partner < m)
+            d_tones.push_back({ d_tones[partner].real,
+                                d_tones[partner].imaginary,
+                                -d_tones[partner].sign });
+        else if (is_real(table_row(m), d_length))
+            d_tones.push_back({ add_row(m, false), -1, 1 });
+        else {
+            const int real = add_row(m, false);
+            d_tones.push_back({ real, add_row(m, true), 1 });
+        }
+        std::complex<double> sum = 0;
+        for (int n = 0; n < d_length; n++)
+            sum += table_row(m)[n];
+        d_weight_sums.push_back(sum);
+    }
+    d_real_rows = origins.size();
+    constexpr int block = simd_kernels::ROW_BLOCK;
+    d_padded_rows = (d_real_rows + block - 1) / block * block;
+    d_weights.assign(std::size_t(d_length) * d_padded_rows, 0.0f);
+    for (int r = 0; r < d_real_rows; r++)
+        for (int n = 0; n < d_length; n++)
+            d_weights[std::size_t(n) * d_padded_rows + r] =
+                static_cast<float>(parts[r](table_row(origins[r])[n]));
+    d_sums.resize(std::size_t(d_padded_rows) * WIDTH);
+}
+
+void tone_accumulator::clear()
+{
+    std::fill(d_sums.begin(), d_sums.end(), 0.0f);
+    d_taken = 0;
+}
+
+void tone_accumulator::advance(const phase_group& group)
+{
+    while (d_taken < d_length) {
+        const int count = std::min(BLOCK, d_length - d_taken);
+        if (d_taken + count > group.decided())
+            return;
+        // Until a first snapshot is there, nothing differs from it.
+        if (group.present() > 0)
+            fastest_kernels().accumulate(
+                reinterpret_cast<const float*>(group.slot(d_taken)),
+                reinterpret_cast<const float*>(group.reference()),
+                d_weights.data() + std::size_t(d_taken) * d_padded_rows,
+                count,
+                d_padded_rows,
+                d_sums.data());
+        d_taken += count;
+    }
+}
+
+std::complex<double> tone_accumulator::sum_of_weights(int m,
+                                                      const phase_group& group) const
+{
+    if (group.missing() == 0)
+        return d_weight_sums[m];
+    std::complex<double> sum = 0;
+    for (int n = 0; n < d_length; n++)
+        if (group.mask()[n])
+            sum += d_table[std::size_t(m) * d_length + n];
+    return sum;
+}
+
+void tone_accumulator::tones_of(const phase_group& group, fc32* tones) const
+{
+    for (int m = 0; m < this->tones(); m++) {
+        const tone& t = d_tones[m];
+        const std::complex<double> weight = sum_of_weights(m, group);
+        const fc32* h0 = group.reference();
+        const float* a = &d_sums[std::size_t(t.real) * WIDTH];
+        const float* b =
+            t.imaginary < 0 ? nullptr : &d_sums[std::size_t(t.imaginary) * WIDTH];
+        for (int k = 0; k < FFT_LENGTH; k++) {
+            // (a_re + j a_im) + j sign (b_re + j b_im)
+            std::complex<double> sum(a[2 * k], a[2 * k + 1]);
+            if (b)
+                sum += double(t.sign) * std::complex<double>(-b[2 * k + 1], b[2 * k]);
+            tones[m * FFT_LENGTH + k] = fc32(sum + weight * std::complex<double>(h0[k]));
+        }
+    }
+}
+
+} // namespace gr::wiforce::kernel

@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include "phase_group.h"
+#include "types.h"
+
+#include <vector>
+
+namespace gr::wiforce::kernel {
+
+/*
+ * Weighted sums over the snapshots of a phase group, one per row ("tone") of a weight
+ * table:
+ *
+ *   P[m, k] = sum_n w[m, n] h[n, k],  over the snapshots n that are there,
+ *
+ * computed as sum_n w[m, n] (h[n, k] - h0[k]) + (sum_n w[m, n]) h0[k], h0 the group's
+ * first snapshot. This is exact for any table. The second sum of weights is taken in
+ * double, so a static path leaves the tones by the table's own zero and not by the
+ * rounding of float.
+ *
+ * h is multiplied by real weights: Re w and Im w of a complex row. Rows that are complex
+ * conjugates of each other (tones +m and -m) share these sums, and a real row needs one.
+ *
+ * Sums are taken over blocks of slots that are fixed in the group: how the snapshots
+ * arrive does not change a bit of the result.
+ */
+class tone_accumulator
+{
+public:
+    // weights: rows x group_length, row by row. Throws std::invalid_argument unless
+    // group_length >= 1 and the table is finite and holds at least one whole row.
+    tone_accumulator(const std::vector<std::complex<double>>& weights, int group_length);
+
+    int tones() const { return static_cast<int>(d_tones.size()); }
+    int real_rows() const { return d_real_rows; } // sums taken over the snapshots
+
+    void clear();
+
+    // Takes up all blocks of slots that are decided and were not taken yet.
+    void advance(const phase_group& group);
+
+    // The tones of a finished group with at least one snapshot: tones() x 64 values.
+    void tones_of(const phase_group& group, fc32* tones) const;
+
+private:
+    static constexpr int BLOCK = 32; // snapshots: 16 kB, stays in the first cache
+
+    // P = sums[real] + j sign sums[imaginary]; a real row has imaginary < 0.
+    struct tone {
+        int real;
+        int imaginary;
+        float sign;
+    };
+
+    void lay_out_rows();
+    std::complex<double> sum_of_weights(int tone, const phase_group& group) const;
+
+    const int d_length;
+    const std::vector<std::complex<double>> d_table;
+    std::vector<tone> d_tones;
+    std::vector<std::complex<double>> d_weight_sums; // of whole groups
+    int d_real_rows = 0;
+    int d_padded_rows = 0;
+    std::vector<float> d_weights; // group_length x padded rows
+    std::vector<float> d_sums;    // padded rows x 128
+    int d_taken = 0;              // slots
+};
+
+} // namespace gr::wiforce::kernel

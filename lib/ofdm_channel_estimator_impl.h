@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include "kernel/channel_equalizer.h"
+#include <gnuradio/fft/fft.h>
+#include <gnuradio/wiforce/ofdm_channel_estimator.h>
+
+namespace gr::wiforce {
+
+class ofdm_channel_estimator_impl : public ofdm_channel_estimator
+{
+public:
+    ofdm_channel_estimator_impl(const kernel::channel_equalizer& equalizer, int rows);
+
+    int work(int noutput_items,
+             gr_vector_const_void_star& input_items,
+             gr_vector_void_star& output_items) override;
+
+private:
+    const kernel::channel_equalizer d_equalizer;
+    const int d_rows;
+    gr::fft::fft_complex_fwd d_fft;
+};
+
+} // namespace gr::wiforce

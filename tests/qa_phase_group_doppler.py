@@ -1,0 +1,230 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""phase_group_doppler against a plain matrix product in double precision."""
+
+import numpy as np
+import pmt
+import pytest
+from gnuradio import blocks, gr, wiforce
+from gnuradio.wiforce.waveform import sounding_waveform
+
+
+def snapshot_tag(offset, index):
+    return gr.tag_utils.python_to_tag(
+        (offset, pmt.intern("snapshot"), pmt.from_uint64(index), pmt.PMT_F)
+    )
+
+
+class Run:
+    """One run of a Doppler block: P (groups, M, 64), group indices, missing counts, PDUs."""
+
+    def __init__(self, snapshots, doppler, indices=None, chunk=None):
+        indices = np.arange(len(snapshots)) if indices is None else np.asarray(indices)
+        jumps = [n for n in range(len(indices)) if n == 0 or indices[n] != indices[n - 1] + 1]
+        tags = [snapshot_tag(n, int(indices[n])) for n in jumps]
+        items = np.asarray(snapshots, np.complex64)
+        source = blocks.vector_source_c(items.ravel().tolist(), False, 64, tags)
+        packets = blocks.copy(64 * gr.sizeof_gr_complex)
+        if chunk:
+            packets.set_max_noutput_items(chunk)
+        sink = blocks.vector_sink_c(64 * doppler.rows())
+        messages = blocks.message_debug()
+        flowgraph = gr.top_block()
+        flowgraph.connect(source, packets, doppler, sink)
+        flowgraph.msg_connect((doppler, "incomplete"), (messages, "store"))
+        flowgraph.run()
+        self.block = doppler
+        self.tones = np.array(sink.data()).reshape(-1, doppler.rows(), 64)
+        self.groups = self._tag_values(sink, "group")
+        self.missing = self._tag_values(sink, "missing")
+        self.pdus = []
+        for n in range(messages.num_messages()):
+            about, data = (f(messages.get_message(n)) for f in (pmt.car, pmt.cdr))
+            about = {k: pmt.dict_ref(about, pmt.intern(k), pmt.PMT_NIL) for k in ("group", "mask")}
+            self.pdus.append(
+                (
+                    pmt.to_uint64(about["group"]),
+                    np.array(pmt.u8vector_elements(about["mask"]), bool),
+                    np.array(pmt.c32vector_elements(data)).reshape(-1, 64),
+                )
+            )
+
+    @staticmethod
+    def _tag_values(sink, key):
+        return {t.offset: pmt.to_uint64(t.value) for t in sink.tags() if str(t.key) == key}
+
+
+def tones(snapshots, weights):
+    """sum_n w[m, n] h[n, k] of every whole group, in double precision."""
+    group_length = weights.shape[1]
+    whole = len(snapshots) // group_length * group_length
+    return weights @ np.asarray(snapshots[:whole], complex).reshape(-1, group_length, 64)
+
+
+def random_complex(*shape, seed=1):
+    rng = np.random.default_rng(seed)
+    return rng.normal(size=shape) + 1j * rng.normal(size=shape)
+
+
+def tone_weights(group_length, harmonics):
+    """Least-squares weights of tones beside a constant: rows sum to zero."""
+    n = np.arange(group_length)
+    tones = np.exp(2j * np.pi * np.outer(n, harmonics) * 0.0576)
+    return np.linalg.pinv(np.column_stack([tones, np.ones(group_length)]))[: len(harmonics)]
+
+
+TABLES = {
+    "any": random_complex(5, 50),
+    "one row": random_complex(1, 50),
+    "real rows": random_complex(3, 50).real + 0j,
+    "conjugate pairs": tone_weights(50, [1, 2, 3, 4, -1, -2, -3, -4]),
+    "pairs and singles": tone_weights(50, [0.5, 1, -1, 2.5, 4]),
+    "a row twice": np.repeat(random_complex(1, 50), 2, 0),
+}
+
+
+@pytest.mark.parametrize("chunk", [None, 1, 7, 50, 51])
+@pytest.mark.parametrize("table", TABLES)
+def test_tones_are_the_weighted_sums_whatever_the_table_and_packet_size(table, chunk):
+    snapshots, weights = random_complex(4 * 50 + 13, 64, seed=2), TABLES[table]
+    run = Run(snapshots, wiforce.phase_group_doppler(weights, 50), chunk=chunk)
+    want = tones(snapshots.astype(np.complex64), weights)
+    assert run.tones.shape == want.shape == (4, len(weights), 64)
+    np.testing.assert_allclose(run.tones, want, atol=1e-6 * np.abs(want).max())
+    assert run.groups == {0: 0, 1: 1, 2: 2, 3: 3}
+    assert run.missing == {} and run.pdus == []
+    assert (run.block.groups(), run.block.incomplete_groups()) == (4, 0)
+
+
+def test_packet_size_does_not_change_a_bit():
+    snapshots, weights = random_complex(3 * 625, 64), tone_weights(625, [1, -1, 4, -4])
+    runs = [
+        Run(snapshots, wiforce.phase_group_doppler(weights, 625), chunk=chunk).tones
+        for chunk in (None, 1, 33)
+    ]
+    np.testing.assert_array_equal(runs[0], runs[1])
+    np.testing.assert_array_equal(runs[0], runs[2])
+
+
+@pytest.mark.parametrize("clutter_db", [None, 60])
+def test_accuracy_holds_beside_static_clutter(clutter_db):
+    """Tones within 1e-5 of the largest without clutter; -90 dB of the tag beside +60 dB."""
+    group_length, harmonics = 625, [m for k in range(1, 9) for m in (k, -k)]
+    n = np.arange(2 * group_length)
+    tag = np.exp(2j * np.pi * 0.0576 * n)[:, None] * np.exp(1j * np.arange(64))
+    snapshots = tag + 1e-2 * random_complex(len(n), 64)
+    if clutter_db is not None:
+        snapshots = snapshots + 10 ** (clutter_db / 20) * np.exp(0.3j * np.arange(64))
+    items = snapshots.astype(np.complex64)  # the block's accuracy, not that of its input
+    weights = tone_weights(group_length, harmonics)
+    run = Run(items, wiforce.phase_group_doppler(weights, group_length))
+    want = tones(items, weights)
+    error = np.abs(run.tones - want).max() / np.abs(want).max()
+    assert error < (1e-5 if clutter_db is None else 10 ** (-90 / 20))
+
+
+def test_spectrum_is_the_fourier_transform_over_the_group():
+    snapshots = random_complex(3 * 90, 64)
+    run = Run(snapshots, wiforce.phase_group_doppler.spectrum(90))
+    want = np.fft.fft(snapshots.reshape(3, 90, 64), axis=1) / 90
+    assert run.tones.shape == want.shape
+    np.testing.assert_allclose(run.tones, want, atol=1e-6)
+
+
+def incomplete_run(doppler, group_length, absent, not_finite=(), count=None):
+    """A run without the absent snapshots; returns it, the snapshots with zeros, and the mask."""
+    count = count or 6 * group_length
+    snapshots = random_complex(count, 64, seed=5)
+    keep = np.ones(count, bool)
+    keep[list(absent)] = False
+    sent = snapshots.copy()
+    for n, value in zip(not_finite, [np.nan, np.inf, -np.inf * 1j] * len(not_finite), strict=False):
+        sent[n, 17] = value
+    run = Run(sent[keep], doppler, indices=np.flatnonzero(keep), chunk=40)
+    keep[list(not_finite)] = False
+    snapshots[~keep] = 0
+    return run, snapshots, keep
+
+
+@pytest.mark.parametrize("mode", ["tones", "spectrum"])
+def test_incomplete_groups_are_told_and_their_snapshots_given(mode):
+    length = 50
+    if mode == "tones":
+        weights = TABLES["pairs and singles"]
+        doppler = wiforce.phase_group_doppler(weights, length)
+    else:
+        weights = np.exp(-2j * np.pi * np.outer(np.arange(length), np.arange(length)) / length)
+        weights /= length
+        doppler = wiforce.phase_group_doppler.spectrum(length)
+    # Group 0: its first ones and one inside; group 2 from its middle to the end; group 3
+    # wholly; group 4: its start; group 5: values that are not finite, the first one too.
+    absent = [0, 1, 2, 30, *range(2 * 50 + 25, 4 * 50 + 10)]
+    run, snapshots, present = incomplete_run(doppler, length, absent, not_finite=(250, 260, 299))
+    want = tones(snapshots.astype(np.complex64), weights)
+    emitted = [0, 1, 2, 4, 5]
+    np.testing.assert_allclose(run.tones, want[emitted], atol=1e-6 * np.abs(want).max())
+    assert list(run.groups.values()) == emitted
+    counts = {0: 4, 2: 25, 4: 10, 5: 3}
+    assert {run.groups[offset]: n for offset, n in run.missing.items()} == counts
+    assert [group for group, _, _ in run.pdus] == list(counts)
+    for group, mask, items in run.pdus:
+        part = slice(group * length, (group + 1) * length)
+        np.testing.assert_array_equal(mask, present[part])
+        np.testing.assert_array_equal(items, snapshots[part].astype(np.complex64))
+    assert run.block.incomplete_groups() == 4
+
+
+def test_groups_follow_the_grid_when_the_first_snapshot_is_late():
+    snapshots = random_complex(120, 64)
+    weights = TABLES["any"]
+    run = Run(snapshots, wiforce.phase_group_doppler(weights, 50), indices=np.arange(130, 250))
+    assert run.groups == {0: 2, 1: 3, 2: 4}
+    assert run.missing == {0: 30}
+    np.testing.assert_allclose(run.tones[1:], tones(snapshots[20:], weights), atol=1e-4)
+
+
+def test_an_index_that_goes_back_starts_a_group_anew():
+    snapshots = random_complex(80, 64)
+    weights = TABLES["any"]
+    indices = [*range(0, 30), *range(20, 70)]
+    run = Run(snapshots, wiforce.phase_group_doppler(weights, 50), indices=indices)
+    assert list(run.groups.values()) == [0, 0]
+    assert run.missing == {0: 20, 1: 20}
+
+
+def test_channel_estimation_before_or_after_the_tones_is_the_same():
+    waveform = sounding_waveform()
+    snapshots = random_complex(4 * 125, 64)
+    weights = tone_weights(125, [1, -1, 2, -2, 4, -4])
+
+    def run(*chain):
+        source = blocks.vector_source_c(snapshots.ravel().tolist(), False, 64)
+        sink = blocks.vector_sink_c(64 * len(weights))
+        flowgraph = gr.top_block()
+        flowgraph.connect(source, *chain, sink)
+        flowgraph.run()
+        return np.array(sink.data())
+
+    doppler = [wiforce.phase_group_doppler(weights, 125) for _ in range(2)]
+    before = run(wiforce.ofdm_channel_estimator(waveform.equalizer()), doppler[0])
+    after = run(doppler[1], wiforce.ofdm_channel_estimator(waveform.equalizer(), len(weights)))
+    np.testing.assert_allclose(before, after, atol=1e-6 * np.abs(after).max())
+
+
+@pytest.mark.parametrize(
+    ("weights", "group_length", "message"),
+    [
+        (np.ones((2, 10)), 0, "group_length must"),
+        (np.ones((2, 10)), 5, "weights must have group_length = 5 columns, got 10"),
+        (np.ones(11), 10, "weights must hold one or more rows of group_length = 10, got 11"),
+        (np.ones(0), 10, "weights must hold one or more rows"),
+        (np.full((1, 10), np.inf), 10, "weights must be finite"),
+    ],
+)
+def test_bad_parameters_are_named(weights, group_length, message):
+    with pytest.raises(ValueError, match=message):
+        wiforce.phase_group_doppler(weights=weights, group_length=group_length)
+
+
+def test_a_spectrum_of_nothing_is_refused():
+    with pytest.raises(ValueError, match="group_length must be >= 1, got 0"):
+        wiforce.phase_group_doppler.spectrum(group_length=0)
