@@ -172,13 +172,13 @@ def _positive(meta, name, value):
 def _segments(meta, captures, total):
     captures = captures or [{"core:sample_start": 0}]
     starts = [capture.get("core:sample_start", 0) for capture in captures]
-    ends = [*starts[1:], total]
+    if any(later < earlier for earlier, later in zip(starts, starts[1:], strict=False)):
+        raise InputError(meta, "core:sample_start must rise from capture to capture", starts)
+    ends = [*starts[1:], max(total, starts[-1])]
     segments = []
     for capture, start, end in zip(captures, starts, ends, strict=True):
         if capture.get("core:header_bytes", 0):
             raise InputError(meta, "core:header_bytes must be 0", capture["core:header_bytes"])
-        if end < start:
-            raise InputError(meta, "core:sample_start must rise from capture to capture", end)
         index = capture.get("core:global_index", None)
         if index is None:
             index = (

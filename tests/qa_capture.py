@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Recordings: what an outside file may say, and what is refused before anything is read."""
+
+import json
+
+import pytest
+from gnuradio.wiforce.capture import Segment, open_capture
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.scene import load_scene
+
+
+def write(folder, samples=1000, datatype="ci16_le", captures=None, name="x", **changes):
+    """A SigMF pair with ``samples`` zeros."""
+    size = {"ci16_le": 4, "cf32_le": 8}.get(datatype, 4)
+    (folder / f"{name}.sigmf-data").write_bytes(bytes(samples * size))
+    captures = captures or [{"core:sample_start": 0, "core:frequency": 900e6}]
+    fields = {
+        "core:datatype": datatype,
+        "core:sample_rate": 12.5e6,
+        "core:version": "1.0.0",
+        **changes,
+    }
+    fields = {key: value for key, value in fields.items() if value is not None}
+    meta = {"global": fields, "captures": captures, "annotations": []}
+    (folder / f"{name}.sigmf-meta").write_text(json.dumps(meta))
+    return folder / name
+
+
+@pytest.mark.parametrize("suffix", ["", ".sigmf-meta", ".sigmf-data"])
+def test_a_capture_opens_by_any_of_its_names(tmp_path, suffix):
+    stem = write(tmp_path, name="Prüfung 1.5 N")
+    capture = open_capture(f"{stem}{suffix}")
+    assert capture.datatype == "ci16_le"
+    assert capture.sample_rate_hz == 12.5e6
+    assert capture.center_frequency_hz == 900e6
+    assert capture.segments == (Segment(0, 0, 1000),)
+
+
+def test_a_gap_keeps_its_place_on_the_sample_count(tmp_path):
+    captures = [
+        {"core:sample_start": 0, "core:global_index": 50},
+        {"core:sample_start": 400, "core:global_index": 950},
+    ]
+    capture = open_capture(write(tmp_path, captures=captures))
+    assert capture.segments == (Segment(0, 50, 400), Segment(400, 950, 600))
+    assert capture.samples == 1000 and capture.span == 1500
+
+
+def test_a_file_cut_short_keeps_the_segments_that_are_left(tmp_path):
+    captures = [{"core:sample_start": 0}, {"core:sample_start": 600}, {"core:sample_start": 5000}]
+    capture = open_capture(write(tmp_path, captures=captures))
+    assert capture.segments == (Segment(0, 0, 600), Segment(600, 600, 400))
+
+
+def test_raw_samples_need_only_their_type(tmp_path):
+    path = tmp_path / "raw.bin"
+    path.write_bytes(bytes(8 * 77 + 3))
+    assert open_capture(path, "cf32_le").segments == (Segment(0, 0, 77),)
+
+
+@pytest.mark.parametrize(
+    "changes, rule",
+    [
+        ({"datatype": "ci8"}, "core:datatype must be one of"),
+        ({"core:sample_rate": None}, "core:sample_rate must be a positive number"),
+        ({"core:sample_rate": -1.0}, "x.sigmf-meta"),
+        ({"core:num_channels": 2}, "core:num_channels must be 1"),
+        ({"samples": 0}, "is empty"),
+        ({"captures": [{"core:sample_start": 5}, {"core:sample_start": 1}]}, "x.sigmf-meta"),
+        (
+            {
+                "captures": [
+                    {"core:sample_start": 0, "core:global_index": 9},
+                    {"core:sample_start": 100, "core:global_index": 20},
+                ]
+            },
+            "core:global_index must not go back",
+        ),
+    ],
+)
+def test_what_cannot_be_read_right_is_refused_with_file_and_rule(tmp_path, changes, rule):
+    stem = write(tmp_path, **changes)
+    with pytest.raises(InputError) as refusal:
+        open_capture(stem)
+    assert rule in str(refusal.value) and "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{", '{"global": 3}', "null", '{"global": {}}', "\xff"])
+def test_metadata_that_is_not_sigmf_is_refused(tmp_path, text):
+    stem = write(tmp_path)
+    (tmp_path / "x.sigmf-meta").write_bytes(text.encode("latin-1"))
+    with pytest.raises(InputError, match="x.sigmf-meta"):
+        open_capture(stem)
+
+
+def test_missing_files_are_named(tmp_path):
+    with pytest.raises(InputError, match="none.sigmf-meta: no such file"):
+        open_capture(tmp_path / "none")
+    stem = write(tmp_path)
+    (tmp_path / "x.sigmf-data").unlink()
+    with pytest.raises(InputError, match="x.sigmf-data: no such file"):
+        open_capture(stem)
+
+
+def test_a_scene_of_another_rate_or_carrier_is_refused(tmp_path):
+    capture = open_capture(write(tmp_path))
+    scene = {"sensors": [{"name": "arm", "model": "wiforce-900mhz"}]}
+    capture.check_against(load_scene(scene))
+    for key, value, told in (
+        ("sample_rate_hz", 10e6, "sample rate must be the scene's 1e"),
+        ("center_frequency_hz", 2.4e9, "carrier must be the scene's 2.4e"),
+    ):
+        other = {"radio": {key: value}, "sensors": scene["sensors"]}
+        if key == "center_frequency_hz":
+            other["sensors"] = [{"name": "arm", "model": "wiforce-2400mhz"}]
+        with pytest.raises(InputError, match=told):
+            capture.check_against(load_scene(other))

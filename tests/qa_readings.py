@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Files of readings: what a script that parses them relies on."""
+
+import csv
+import json
+
+import pytest
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.readings import COLUMNS, Reading, open_writer
+
+TOUCHED = Reading(0.018, "arm", 1, 4.123456, 0.05, 45.0, 0.1, 91.5, -12.25, 9.876, ("gap", "weak"))
+UNTOLD = Reading(0.054, "arm", None, None, None, None, None, None, None, None, ("gap",))
+
+
+def test_columns_are_those_of_the_contract():
+    assert ",".join(COLUMNS) == (
+        "time_s,sensor,touch,force_n,force_std_n,location_mm,location_std_mm,"
+        "phase1_deg,phase2_deg,snr_db,flags"
+    )
+
+
+def test_csv_leaves_unknown_values_empty_and_is_readable_while_written(tmp_path):
+    path = tmp_path / "out.csv"
+    writer = open_writer(path)
+    writer.write(TOUCHED)
+    writer.write(UNTOLD)
+    with open(path, newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    writer.close()
+    assert rows[0]["force_n"] == "4.1235" and rows[0]["flags"] == "gap weak"
+    assert rows[0]["touch"] == "1" and rows[0]["snr_db"] == "9.88"
+    assert rows[1]["touch"] == "" and rows[1]["force_n"] == ""
+
+
+def test_json_lines_say_null_and_never_nan(tmp_path):
+    path = tmp_path / "out.jsonl"
+    writer = open_writer(path)
+    writer.write(Reading(0.018, "arm", 1, float("nan"), snr_db=float("-inf")))
+    writer.close()
+    row = json.loads(path.read_text())
+    assert tuple(row) == COLUMNS
+    assert row["force_n"] is None and row["snr_db"] is None and row["touch"] == 1
+
+
+@pytest.mark.parametrize("name", ["out.txt", "out", "missing/out.csv"])
+def test_an_output_that_cannot_be_is_refused_by_name(tmp_path, name):
+    with pytest.raises(InputError, match="out"):
+        open_writer(tmp_path / name)

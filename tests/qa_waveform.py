@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The sounding frame against its definition, written out."""
+
+import numpy as np
+import pytest
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.waveform import sounding_waveform
+
+
+def test_repeated_preamble_is_five_chirps_of_unit_power():
+    waveform = sounding_waveform()
+    n = np.arange(64)
+    symbol = np.zeros(64, complex)
+    for k in range(-31, 32):
+        if k != 0:
+            symbol += np.exp(1j * np.pi * k**2 / 64) * np.exp(2j * np.pi * k * n / 64)
+    frame = waveform.frame()
+    assert frame.shape == (720,) and not frame[320:].any()
+    np.testing.assert_allclose(frame[:320].reshape(5, 64), [symbol / np.sqrt(62)] * 5, atol=1e-12)
+    assert np.mean(np.abs(frame[:320]) ** 2) == pytest.approx(1)
+
+
+@pytest.mark.parametrize(
+    "name, first, repetitions, center, noise, subcarriers",
+    [("repeated", 64, 4, 191.5, 62 / 256, 62), ("wifi", 192, 2, 255.5, 52 / 128, 52)],
+)
+def test_time_reference_and_noise_are_those_of_the_averaged_samples(
+    name, first, repetitions, center, noise, subcarriers
+):
+    waveform = sounding_waveform(name)
+    assert (waveform.first_averaged, waveform.repetitions) == (first, repetitions)
+    assert waveform.center_sample == center
+    assert waveform.channel_noise_gain == noise
+    assert len(waveform.subcarriers) == subcarriers
+    assert waveform.averaging_s == pytest.approx(repetitions * 64 / 12.5e6)
+    assert waveform.snapshot_period_s == pytest.approx(57.6e-6)
+
+
+@pytest.mark.parametrize("name", ["repeated", "wifi"])
+def test_equalized_fold_is_the_channel(name):
+    waveform = sounding_waveform(name)
+    rng = np.random.default_rng(3)
+    # Echoes up to 31 samples late lie inside the part of the preamble that is dropped.
+    taps = rng.normal(size=32) + 1j * rng.normal(size=32)
+    received = np.convolve(waveform.frame(), taps)
+    used = received[waveform.first_averaged :][: 64 * waveform.repetitions]
+    folded = used.reshape(-1, 64).mean(axis=0)
+    estimate = np.fft.fft(folded) * waveform.equalizer()
+    expected = np.zeros(64, complex)
+    for k in waveform.subcarriers:
+        expected[k % 64] = np.sum(taps * np.exp(-2j * np.pi * k * np.arange(32) / 64))
+    np.testing.assert_allclose(estimate, expected, atol=1e-10)
+
+
+def test_wifi_preamble_has_the_standards_structure():
+    preamble = sounding_waveform("wifi").preamble
+    np.testing.assert_allclose(preamble[:144], preamble[16:160], atol=1e-12)
+    np.testing.assert_allclose(preamble[160:192], preamble[224:256], atol=1e-12)
+    np.testing.assert_allclose(preamble[192:256], preamble[256:320], atol=1e-12)
+    long = np.fft.fft(preamble[192:256]) / 64 * np.sqrt(52)
+    # IEEE 802.11-2020, table 17-8: L(-26), L(-1), L(1), L(26).
+    np.testing.assert_allclose(long[[-26, -1, 1, 26]].real, [1, 1, 1, 1], atol=1e-12)
+    np.testing.assert_allclose(long[[-24, 2, 25]].real, [-1, -1, 1], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "arguments, told",
+    [
+        (("repeated", 319), "frame_length: must be an integer >= 320, got 319"),
+        (("repeated", 720.5), "frame_length"),
+        (("repeated", 720, 0.0), "sample_rate_hz: must be positive"),
+        (("repeated", 720, float("nan")), "sample_rate_hz"),
+        (("chirp",), "waveform: must be 'repeated' or 'wifi', got 'chirp'"),
+    ],
+)
+def test_bad_parameters_name_rule_and_value(arguments, told):
+    with pytest.raises(InputError, match=told):
+        sounding_waveform(*arguments)
