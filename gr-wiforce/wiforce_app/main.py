@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The ``gr-wiforce`` command: finds its subcommands, and turns every failure into one line."""
 
-import importlib
-import importlib.util
 import os
 import sys
 import traceback
 
 import click
 from gnuradio.wiforce.errors import InputError
+
+from .lazy import LazyGroup
 
 PROGRAM = "gr-wiforce"
 COMMANDS = (
@@ -27,18 +27,6 @@ COMMANDS = (
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 
-class _Subcommands(click.Group):
-    """The modules of this package that hold a command, imported when asked for."""
-
-    def list_commands(self, ctx):
-        return [name for name in COMMANDS if importlib.util.find_spec(f"{__package__}.{name}")]
-
-    def get_command(self, ctx, name):
-        if name not in self.list_commands(ctx):
-            return None
-        return getattr(importlib.import_module(f"{__package__}.{name}"), name)
-
-
 def _print_version(ctx, _, asked):
     if asked and not ctx.resilient_parsing:
         from gnuradio.wiforce._config import VERSION
@@ -52,7 +40,9 @@ def _set_debug(ctx, _, asked):
 
 
 @click.command(
-    cls=_Subcommands,
+    cls=LazyGroup,
+    package=__package__,
+    names=COMMANDS,
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog="Exit status: 0 done; 2 bad usage or bad input, with one line that says what; "
     "1 anything else.",
