@@ -10,7 +10,7 @@ namespace gr::wiforce {
 class ofdm_channel_estimator_impl : public ofdm_channel_estimator
 {
 public:
-    ofdm_channel_estimator_impl(const kernel::channel_equalizer& equalizer, int rows);
+    explicit ofdm_channel_estimator_impl(const kernel::channel_equalizer& equalizer);
 
     int work(int noutput_items,
              gr_vector_const_void_star& input_items,
@@ -18,7 +18,6 @@ public:
 
 private:
     const kernel::channel_equalizer d_equalizer;
-    const int d_rows;
     gr::fft::fft_complex_fwd d_fft;
 };
 

@@ -8,10 +8,10 @@ from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.waveform import sounding_waveform
 
 
-def estimate(vectors, factors, rows=1, tags=()):
+def estimate(vectors, factors, rows=1, tags=(), **settings):
     width = 64 * rows
     source = blocks.vector_source_c(vectors.ravel().tolist(), False, width, list(tags))
-    estimator = wiforce.ofdm_channel_estimator(factors=factors, rows=rows)
+    estimator = wiforce.ofdm_channel_estimator(factors=factors, rows=rows, **settings)
     sink = blocks.vector_sink_c(width)
     flowgraph = gr.top_block()
     flowgraph.connect(source, estimator, sink)
@@ -45,6 +45,17 @@ def test_every_row_is_transformed_in_natural_order(rows):
     np.testing.assert_allclose(channel, want, atol=1e-6 * np.abs(want).max())
 
 
+def test_a_tone_that_turns_within_the_symbol_does_not_leak_into_its_neighbours():
+    waveform = sounding_waveform()
+    turns = np.array([-7000.0, 4000.0]) / waveform.sample_rate_hz
+    symbol = waveform.preamble[64:128]
+    turning = symbol * np.exp(2j * np.pi * np.outer(turns, np.arange(64)))
+    rotation = np.exp(-2j * np.pi * np.outer(turns, np.arange(64)))
+    channel, _ = estimate(turning[None], waveform.equalizer(), 2, rotation=rotation)
+    # float32 products of values near 1
+    np.testing.assert_allclose(channel[0][:, waveform.bins], 1, atol=1e-5)
+
+
 def test_tags_stay_with_their_items():
     tag = gr.tag_utils.python_to_tag((3, pmt.intern("group"), pmt.from_uint64(9), pmt.PMT_F))
     _, tags = estimate(np.ones((5, 64)), np.ones(64), tags=[tag])
@@ -52,13 +63,15 @@ def test_tags_stay_with_their_items():
 
 
 @pytest.mark.parametrize(
-    ("factors", "rows", "message"),
+    ("factors", "rows", "rotation", "message"),
     [
-        (np.ones(63), 1, "factors must hold 64 values, got 63 values"),
-        (np.full(64, np.nan), 1, "factors must be finite"),
-        (np.ones(64), 0, "rows must be >= 1, got 0"),
+        (np.ones(63), 1, [], "factors must hold 64 values, got 63 values"),
+        (np.full(64, np.nan), 1, [], "factors must be finite"),
+        (np.ones(64), 0, [], "rows must be >= 1, got 0"),
+        (np.ones(64), 2, np.ones(64), "rotation must hold 128 values, got 64 values"),
+        (np.ones(64), 1, np.full(64, np.inf), "rotation must be finite"),
     ],
 )
-def test_bad_parameters_are_named(factors, rows, message):
+def test_bad_parameters_are_named(factors, rows, rotation, message):
     with pytest.raises(ValueError, match=message):
-        wiforce.ofdm_channel_estimator(factors=factors, rows=rows)
+        wiforce.ofdm_channel_estimator(factors=factors, rows=rows, rotation=rotation)

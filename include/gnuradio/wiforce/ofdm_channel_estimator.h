@@ -28,9 +28,14 @@ public:
     /*!
      * \param factors 64 factors, 1 / (X_k 64 / sqrt K) on occupied subcarriers, else 0
      * \param rows rows per vector
+     * \param rotation rows x 64 values by which the samples are turned before the FFT,
+     *        or none: a tone at f turns by 2 pi f / sample_rate from one folded sample
+     *        to the next and would leak into neighbouring subcarriers
      * \throws std::invalid_argument naming parameter, rule and value
      */
-    static sptr make(const std::vector<std::complex<double>>& factors, int rows = 1);
+    static sptr make(const std::vector<std::complex<double>>& factors,
+                     int rows = 1,
+                     const std::vector<std::complex<double>>& rotation = {});
 };
 
 } // namespace gr::wiforce

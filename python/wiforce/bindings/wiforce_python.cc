@@ -57,12 +57,16 @@ static void bind_ofdm_channel_estimator(py::module& m)
         m,
         "ofdm_channel_estimator",
         "Estimates the channel on each subcarrier: 64-point FFT, times factors.\n\n"
+        "Each row's samples are first multiplied by its row of `rotation`, if given.\n"
         "Input and output: vectors of rows x 64 complex, bins in natural FFT order.")
-        .def(py::init([](const complex_array& factors, int rows) {
-                 return ofdm_channel_estimator::make(flat(factors), rows);
+        .def(py::init([](const complex_array& factors,
+                         int rows,
+                         const complex_array& rotation) {
+                 return ofdm_channel_estimator::make(flat(factors), rows, flat(rotation));
              }),
              "factors"_a,
-             "rows"_a = 1);
+             "rows"_a = 1,
+             "rotation"_a = complex_array(0));
 }
 
 static void bind_phase_group_doppler(py::module& m)
