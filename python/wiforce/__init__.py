@@ -6,8 +6,10 @@ Blocks are imported when they are first named, so that the numpy rooms (``estima
 """
 
 import importlib
+import sys
+import types
 
-_BLOCKS = {
+_HOMES = {
     # C++ blocks
     "preamble_fold": "wiforce_python",
     "ofdm_channel_estimator": "wiforce_python",
@@ -16,24 +18,45 @@ _BLOCKS = {
     # Python blocks
     "sounding_source": "sounding_source",
     "end_separation": "end_separation",
-    "tone_weights": "end_separation",
-    "tone_derotation": "end_separation",
     "conjugate_difference": "conjugate_difference",
     "subcarrier_average": "subcarrier_average",
     "force_inversion": "force_inversion",
     "reader": "reader",
     "backscatter_tag": "backscatter_tag",
+    # what their parameters are made with, and checked by
+    "tone_weights": "end_separation",
+    "tone_derotation": "end_separation",
+    "tone_count": "end_separation",
+    "load_scene": "scene",
+    "load_sensor": "sensor",
+    "open_writer": "readings",
+    "is_scene": "rules",
+    "is_sensor": "rules",
+    "is_tone_design": "rules",
 }
 
-__all__ = list(_BLOCKS)
+__all__ = list(_HOMES)
 
 
 def __getattr__(name):
-    if name not in _BLOCKS:
+    if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    module = importlib.import_module(f".{_BLOCKS[name]}", __name__)
+    module = importlib.import_module(f".{_HOMES[name]}", __name__)
     return getattr(module, name)
 
 
+class _Package(types.ModuleType):
+    """Lets the name of a block mean the block, not the file of that name it lives in."""
+
+    def __setattr__(self, name, value):
+        # What the import system does to a package when one of its files has been loaded.
+        if _HOMES.get(name) == name and isinstance(value, types.ModuleType):
+            value = getattr(value, name)
+        super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package
+
+
 def __dir__():
-    return sorted([*globals(), *_BLOCKS])
+    return sorted([*globals(), *_HOMES])

@@ -8,7 +8,7 @@ from . import names
 from .errors import InputError
 from .estimation.paper import PaperSeparator
 from .estimation.separation import EndSeparator, TagClock
-from .estimation.weights import design_weights
+from .estimation.weights import design_weights, tag_lines
 from .group_block import GroupBlock
 from .waveform import sounding_waveform
 
@@ -16,9 +16,12 @@ _SEPARATORS = {"harmonic": EndSeparator, "paper": PaperSeparator}
 
 
 def _design(clocks_hz, group_length, frame_length, sample_rate, clutter_hz, harmonics):
-    return design_weights(
-        clocks_hz, group_length, frame_length / sample_rate, clutter_hz, harmonics
-    )
+    period = _snapshot_period(frame_length, sample_rate)
+    return design_weights(clocks_hz, group_length, period, clutter_hz, harmonics)
+
+
+def _snapshot_period(frame_length, sample_rate):
+    return sounding_waveform("repeated", frame_length, sample_rate).snapshot_period_s
 
 
 def tone_weights(
@@ -37,6 +40,19 @@ def tone_weights(
     """
     settings = (clocks_hz, group_length, frame_length, sample_rate, clutter_hz, harmonics)
     return _design(*settings).weights.astype(np.complex64)
+
+
+def tone_count(
+    clocks_hz,
+    group_length=625,
+    frame_length=720,
+    sample_rate=12.5e6,
+    clutter_hz=0.0,
+    harmonics=8,
+):
+    """Rows M of ``tone_weights`` of the same settings."""
+    period = _snapshot_period(frame_length, sample_rate)
+    return len(tag_lines(clocks_hz, period, group_length, harmonics, clutter_hz))
 
 
 def tone_derotation(

@@ -234,6 +234,8 @@ def design_weights(clocks_hz, group_length, snapshot_period_s, clutter_hz=0.0, h
         When a clock is too fast, the clutter band reaches the first line, or the group is too
         short to tell the lines from the clutter.
     """
+    if not (group_length >= 1 and group_length == int(group_length)):
+        raise InputError("group_length", "must be a positive integer", group_length)
     nyquist = 0.5 / snapshot_period_s
     resolution = 1 / (group_length * snapshot_period_s)
     for clock_hz in clocks_hz:

@@ -175,7 +175,7 @@ def load_scene(scene):
     Parameters
     ----------
     scene : str, Path or dict
-        A YAML file, or the mapping that such a file would hold.
+        A YAML file, the name of a shipped scene, or the mapping that such a file would hold.
 
     Returns
     -------
@@ -191,8 +191,30 @@ def load_scene(scene):
         return scene
     if isinstance(scene, dict):
         return _scene(Section(scene, "scene"), None)
-    path = Path(scene)
+    path = _scene_path(scene)
     return _scene(Section(read_yaml(path), str(scene)), path)
+
+
+def shipped_scenes():
+    """Names of the scenes that are shipped, sorted."""
+    return sorted(path.stem for path in _shipped_folder().glob("*.yaml"))
+
+
+def _shipped_folder():
+    from .._config import DATA_DIR
+
+    return Path(DATA_DIR) / "scenes"
+
+
+def _scene_path(scene):
+    """The file meant: a shipped scene when the name has no suffix and no such file is there."""
+    path = Path(scene)
+    if path.suffix or path.exists():
+        return path
+    if str(scene) not in shipped_scenes():
+        rule = f"must be a .yaml file or one of {', '.join(shipped_scenes())}"
+        raise InputError("scene", rule, str(scene))
+    return _shipped_folder() / f"{scene}.yaml"
 
 
 def _scene(top, path):

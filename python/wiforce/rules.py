@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Rules of the blocks as yes or no, for editors that check a value while it is typed.
+
+The asserts of the GNU Radio Companion descriptions call these. Each does what the constructors
+do with the same value, so that the two cannot disagree.
+"""
+
+from .errors import InputError
+
+
+def is_scene(scene):
+    """Whether a reader can be built from a scene: a file, a shipped scene's name, a dict."""
+    from .scene import load_scene
+    from .scene.plan import plan
+
+    def build():
+        loaded = load_scene(scene)
+        for sensor in loaded.sensors:
+            sensor.load_model(loaded)
+        return plan(loaded).table
+
+    return _accepted(build)
+
+
+def is_sensor(model):
+    """Whether a sensor model can be loaded: a file, or a shipped sensor's name."""
+    from .sensor import SensorModel, load_sensor
+
+    return isinstance(model, SensorModel) or _accepted(lambda: load_sensor(model))
+
+
+def is_tone_design(*settings):
+    """Whether ``tone_weights(*settings)`` finds weights."""
+    from .end_separation import tone_weights
+
+    return _accepted(lambda: tone_weights(*settings))
+
+
+def _accepted(build):
+    try:
+        build()
+    except (InputError, TypeError):
+        # TypeError: a kind of value that is not taken at all, as a number for a file name.
+        return False
+    return True
