@@ -80,6 +80,9 @@ def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False):
     reader = wiforce.reader(scene, input_type="folded", tracked=tracked, on_reading=on_reading)
     flowgraph.connect(source, reader)
     flowgraph.run()
+    reader.finish()
+    if reader.failure is not None:
+        raise reader.failure
 
 
 def warn_of_leftover(recording, scene, settings, frame_offset):

@@ -70,11 +70,19 @@ class force_inversion(GroupBlock):
         self.set_msg_handler(pmt.intern(names.TARE), lambda _: self.readout.tare())
 
     def take(self, tags, item):
-        self._publish(self.readout.process(state_of(tags), np.asarray(item, complex)))
+        self.read(state_of(tags), np.asarray(item, complex))
         return []
 
-    def stop(self):
+    def read(self, state, ratios):
+        """Reads one group: R of every end, complex (2S,)."""
+        self._publish(self.readout.process(state, ratios))
+
+    def finish(self):
+        """Gives the last group's readings, which waited for their neighbour."""
         self._publish(self.readout.flush())
+
+    def stop(self):
+        self.finish()
         return True
 
     def _publish(self, readings):

@@ -10,13 +10,18 @@ from gnuradio import gr
 from . import names, state_tag
 
 _STATE = pmt.intern(names.STATE)
+_DONE = -1
 
 
 class GroupBlock(gr.basic_block):
     """Hands each group with its tags to ``take``, and puts out what that gives when it gives it.
 
     Subclasses implement ``take(tags, item)``, with ``tags`` a dict of the item's tags by name and
-    ``item`` a complex64 vector, and return a list of (GroupState, vector).
+    ``item`` a complex64 vector, and return a list of (GroupState, vector), or None to leave the
+    item in the stream for now.
+
+    An exception in ``take`` ends the flowgraph in good order and is kept in ``failure``: raised
+    through the scheduler it would hang or abort the process.
 
     Parameters
     ----------
@@ -30,6 +35,7 @@ class GroupBlock(gr.basic_block):
         gr.basic_block.__init__(self, name, in_sig=[(np.complex64, inputs)], out_sig=out_sig)
         self.set_tag_propagation_policy(gr.TPP_DONT)
         self._ready = deque()
+        self.failure = None
         self._sends = bool(outputs)
 
     def take(self, tags, item):
@@ -50,7 +56,12 @@ class GroupBlock(gr.basic_block):
                 pmt.symbol_to_string(tag.key): tag.value
                 for tag in self.get_tags_in_range(0, first + consumed, first + consumed + 1)
             }
-            results = self.take(tags, items[consumed])
+            try:
+                results = self.take(tags, items[consumed])
+            except Exception as error:
+                self.failure = error
+                gr.log.error(f"{self.name()}: {type(error).__name__}: {error}")
+                return _DONE
             if results is None:
                 break
             consumed += 1

@@ -127,6 +127,29 @@ class reader(gr.hier_block2):
             on_reading=on_reading,
         )
 
+    @property
+    def failure(self):
+        """The exception that ended the flowgraph, None when all went well."""
+        blocks = (self.separation, self.difference, self.average, self.inversion)
+        return next((b.failure for b in blocks if b.failure is not None), None)
+
+    def finish(self):
+        """Reads the groups that the chain still holds back; for use when the flowgraph has ended.
+
+        A stream that ends before the clocks are acquired or the reference is complete leaves
+        its groups in ``separation`` and ``difference``.
+        """
+        if self.failure is not None:
+            return
+        for state, vectors in self.separation.separator.flush():
+            self._finish_from_difference(self.difference.difference.process(state, vectors))
+        self._finish_from_difference(self.difference.difference.flush())
+        self.inversion.finish()
+
+    def _finish_from_difference(self, groups):
+        for state, vectors in groups:
+            self.inversion.read(*self.average.average.process(state, vectors))
+
     def tare(self):
         """Takes the untouched reference anew from the groups that follow."""
         message = pmt.PMT_T
