@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Sources are formatted and linted as the project's configuration says."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+CPP_FOLDERS = ("include", "lib", "python", "tests")
+
+
+def run(*command):
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=100)
+    return done.returncode, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("arguments", [("check",), ("format", "--check")])
+def test_python_sources_pass_ruff(arguments):
+    ruff = Path(sys.prefix) / "bin" / "ruff"
+    command = str(ruff) if ruff.exists() else shutil.which("ruff")
+    assert command, "ruff is missing: ./bootstrap installs it"
+    status, output = run(command, *arguments, "--no-cache", ".")
+    assert status == 0, output
+
+
+def test_cpp_sources_pass_clang_format():
+    files = [p for folder in CPP_FOLDERS for p in (ROOT / folder).rglob("*")]
+    sources = [str(p) for p in files if p.suffix in (".cc", ".h")]
+    assert len(sources) > 10
+    status, output = run("clang-format", "--dry-run", "-Werror", *sources)
+    assert status == 0, output

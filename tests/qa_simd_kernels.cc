@@ -1,0 +1,117 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "kernel/simd_kernels.h"
+#include "kernel/types.h"
+
+#include <boost/test/data/monomorphic.hpp>
+#include <boost/test/data/test_case.hpp>
+#include <boost/test/unit_test.hpp>
+
+#include <cmath>
+#include <limits>
+#include <random>
+#include <vector>
+
+namespace data = boost::unit_test::data;
+using namespace gr::wiforce::kernel;
+
+namespace gr::wiforce::kernel {
+static std::ostream& operator<<(std::ostream& out, const simd_kernels* k)
+{
+    return out << k->name;
+}
+} // namespace gr::wiforce::kernel
+
+namespace {
+
+const auto variants = data::make(usable_kernels());
+
+std::vector<float> noise(std::size_t count, unsigned seed)
+{
+    std::mt19937 random(seed);
+    std::normal_distribution<float> normal;
+    std::vector<float> x(count);
+    for (auto& v : x)
+        v = normal(random);
+    return x;
+}
+
+} // namespace
+
+BOOST_DATA_TEST_CASE(fold_fc32_is_the_scaled_sum,
+                     variants* data::make({ 1, 2, 4, 5 }),
+                     simd,
+                     repetitions)
+{
+    const std::size_t frames = 7, stride = WIDTH * repetitions + 42;
+    const auto in = noise(frames * stride, 1);
+    std::vector<float> folded(frames * WIDTH);
+    simd->fold_fc32(in.data(), stride, frames, repetitions, 0.25f, folded.data());
+    for (std::size_t f = 0; f < frames; f++)
+        for (int n = 0; n < WIDTH; n++) {
+            double sum = 0;
+            for (int r = 0; r < repetitions; r++)
+                sum += in[f * stride + r * WIDTH + n];
+            BOOST_TEST(std::abs(folded[f * WIDTH + n] - 0.25 * sum) < 1e-6);
+        }
+}
+
+BOOST_DATA_TEST_CASE(fold_sc16_is_exact,
+                     variants* data::make({ 1, 2, 4, 5 }),
+                     simd,
+                     repetitions)
+{
+    const std::size_t frames = 7, stride = WIDTH * repetitions + 42;
+    std::mt19937 random(2);
+    std::uniform_int_distribution<int> uniform(-32768, 32767);
+    std::vector<std::int16_t> in(frames * stride);
+    for (auto& v : in)
+        v = uniform(random);
+    std::fill_n(in.begin(), WIDTH * repetitions, -32768);
+    std::vector<float> folded(frames * WIDTH);
+    simd->fold_sc16(in.data(), stride, frames, repetitions, 0.5f, folded.data());
+    for (std::size_t f = 0; f < frames; f++)
+        for (int n = 0; n < WIDTH; n++) {
+            int sum = 0;
+            for (int r = 0; r < repetitions; r++)
+                sum += in[f * stride + r * WIDTH + n];
+            BOOST_TEST(folded[f * WIDTH + n] == 0.5f * sum);
+        }
+}
+
+BOOST_DATA_TEST_CASE(accumulate_adds_weighted_differences,
+                     variants* data::make({ 4, 8, 12, 16, 20 }) *
+                         data::make({ 0, 1, 17, 32 }),
+                     simd,
+                     rows,
+                     count)
+{
+    const auto snapshots = noise(count * WIDTH, 3), reference = noise(WIDTH, 4);
+    const auto weights = noise(count * rows, 5), before = noise(rows * WIDTH, 6);
+    auto sums = before;
+    simd->accumulate(
+        snapshots.data(), reference.data(), weights.data(), count, rows, sums.data());
+    for (int r = 0; r < rows; r++)
+        for (int c = 0; c < WIDTH; c++) {
+            double want = before[r * WIDTH + c];
+            for (int n = 0; n < count; n++)
+                want += double(weights[n * rows + r]) *
+                        (double(snapshots[n * WIDTH + c]) - reference[c]);
+            // 32 products of normal values: a few ulp of about 30
+            BOOST_TEST(std::abs(sums[r * WIDTH + c] - want) < 2e-5);
+        }
+}
+
+BOOST_DATA_TEST_CASE(one_value_that_is_not_finite_is_seen, variants, simd)
+{
+    auto vector = noise(WIDTH, 7);
+    vector[3] = std::numeric_limits<float>::max();
+    BOOST_TEST(simd->is_finite(vector.data()));
+    for (const float bad : { std::numeric_limits<float>::infinity(),
+                             -std::numeric_limits<float>::infinity(),
+                             std::numeric_limits<float>::quiet_NaN() })
+        for (int n = 0; n < WIDTH; n++) {
+            auto x = vector;
+            x[n] = bad;
+            BOOST_TEST(!simd->is_finite(x.data()));
+        }
+}
