@@ -4,11 +4,14 @@
 import click
 from gnuradio.wiforce.capture import open_capture
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.estimation.frame import find_frame_offset, keeps_alignment
 from gnuradio.wiforce.readings import open_writer
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.plan import plan
 
 from .progress import progress
+
+_SEARCHED_FRAMES = 2000
 
 
 @click.command()
@@ -17,7 +20,11 @@ from .progress import progress
 @click.option("-o", "--output", type=click.Path(), help="OUT.csv or OUT.jsonl; CSV on stdout.")
 @click.option("--plot", "plot_path", type=click.Path(), help="Picture of the readings, PNG.")
 @click.option("--datatype", help="Raw samples of this type: ci16_le or cf32_le.")
-@click.option("--frame-offset", type=click.IntRange(0), default=0, help="Samples before a frame.")
+@click.option(
+    "--frame-offset",
+    type=click.IntRange(0),
+    help="Samples before the first frame; found by itself when not given.",
+)
 @click.option("--tracked", is_flag=True, help="Follow each press over time.")
 def read(capture, scene_path, output, plot_path, datatype, frame_offset, tracked):
     """Read a CAPTURE (SigMF pair, or raw samples with --datatype) to readings."""
@@ -25,6 +32,8 @@ def read(capture, scene_path, output, plot_path, datatype, frame_offset, tracked
     recording = open_capture(capture, datatype)
     recording.check_against(scene)
     settings = plan(scene)
+    if frame_offset is None:
+        frame_offset = find_offset(recording, settings.waveform)
     warn_of_leftover(recording, scene, settings, frame_offset)
     if plot_path is not None:
         from .plots import check_picture
@@ -83,6 +92,16 @@ def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False):
     reader.finish()
     if reader.failure is not None:
         raise reader.failure
+
+
+def find_offset(recording, waveform):
+    """Samples before the first frame: 0 where frames taken from there hold their preambles."""
+    samples = recording.read(_SEARCHED_FRAMES * waveform.frame_length)
+    offset = find_frame_offset(samples[: recording.segments[0].length], waveform)
+    if offset is None or keeps_alignment(offset, waveform):
+        return 0
+    click.echo(f"gr-wiforce: frames begin at sample {offset} of {recording.path}", err=True)
+    return offset
 
 
 def warn_of_leftover(recording, scene, settings, frame_offset):

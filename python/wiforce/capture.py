@@ -4,6 +4,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from .errors import InputError
 
 SAMPLE_BYTES = {"ci16_le": 4, "cf32_le": 8}
@@ -50,6 +52,14 @@ class Capture:
         """Samples from the first to the last, those lost in gaps included."""
         first, last = self.segments[0], self.segments[-1]
         return last.global_index + last.length - first.global_index
+
+    def read(self, count):
+        """The first samples of the file as complex64, full scale 1; at most ``count``."""
+        if self.datatype == "cf32_le":
+            return np.fromfile(self.path, "<c8", count)
+        codes = np.fromfile(self.path, "<i2", 2 * count)
+        codes = codes[: len(codes) // 2 * 2].astype(np.float32) / 32768
+        return codes.view(np.complex64)
 
     def check_against(self, scene):
         """Refuses a scene that disagrees on sample rate or carrier.

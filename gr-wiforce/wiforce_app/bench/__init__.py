@@ -5,7 +5,6 @@ import click
 
 from ..lazy import LazyGroup
 
-
 BENCHMARKS = ("accuracy", "speed", "tradeoff", "stress")
 
 
