@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The reader's estimation without its blocks: channel snapshots in, ratios R out."""
+
+import numpy as np
+from gnuradio.wiforce.estimation.average import SubcarrierAverage
+from gnuradio.wiforce.estimation.paper import PaperSeparator
+from gnuradio.wiforce.estimation.reference import ConjugateDifference
+from gnuradio.wiforce.estimation.separation import EndSeparator
+
+_SEPARATORS = {"harmonic": EndSeparator, "paper": PaperSeparator}
+
+
+class SnapshotChain:
+    """What a reader of the same plan computes after its channel estimator.
+
+    Parameters
+    ----------
+    plan : scene.plan.Plan
+    """
+
+    def __init__(self, plan):
+        waveform = plan.waveform
+        self.table, self._bins = plan.table, waveform.bins
+        self.separator = _SEPARATORS[plan.estimator](
+            plan.table, plan.clocks, waveform.averaging_s, waveform.bins
+        )
+        against = "previous" if plan.estimator == "paper" else "untouched"
+        self.difference = ConjugateDifference(
+            2 * len(plan.clocks), waveform.bins, plan.reference_groups, against
+        )
+        self.average = SubcarrierAverage(waveform.bins, plan.smoothing_groups)
+
+    def process(self, group, snapshots, present=None):
+        """Takes H (N, K) of one group; gives (GroupState, R (2S,)) of the groups that are ready.
+
+        ``present`` (N,) bool says which snapshots there are.
+        """
+        table, missing, partial = self.table, 0, None
+        weights = table.weights
+        if present is not None and not np.all(present):
+            missing = int(np.sum(~present))
+            partial = table.for_present(present)
+            snapshots = snapshots[present]
+            weights = np.zeros((len(table.tones), len(snapshots)))
+            if partial is not None:
+                weights = partial.weights
+        tones = np.zeros((len(table.tones), 64), complex)
+        tones[:, self._bins] = weights @ snapshots
+        return self._onward(self.separator.process(group, tones, missing, partial))
+
+    def flush(self):
+        """Gives the groups still held back."""
+        ready = self._onward(self.separator.flush())
+        return ready + [self.average.process(*item) for item in self.difference.flush()]
+
+    def _onward(self, separated):
+        return [
+            self.average.process(*item)
+            for state, vectors in separated
+            for item in self.difference.process(state, vectors)
+        ]

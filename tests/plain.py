@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Plain references for the estimation: square waves by counting, and what tests share."""
+
+import numpy as np
+from gnuradio.wiforce.angles import wrap_deg
+from gnuradio.wiforce.estimation.separation import TagClock
+from gnuradio.wiforce.scene.plan import Plan
+from gnuradio.wiforce.waveform import sounding_waveform
+from wiforce_app.bench.air import Air, Levels, TagOnAir
+from wiforce_app.bench.chain import SnapshotChain
+
+WAVEFORM = sounding_waveform()
+T = WAVEFORM.snapshot_period_s
+TA = WAVEFORM.averaging_s
+
+
+def switches_on(cycles, delay_cycles=0.0):
+    """Whether each switch is on at these instants, straight from the signal model; (..., 2)."""
+    first = np.abs((cycles + 0.5) % 1 - 0.5) < 1 / 8
+    lagging = cycles - delay_cycles
+    near_quarter = np.abs((lagging - 0.25 + 0.25) % 0.5 - 0.25) < 1 / 16
+    return np.stack([first, near_quarter], axis=-1).astype(float)
+
+
+def averaged_switches(centre_cycles, width_cycles, delay_cycles=0.0, points=4001):
+    """Both switches averaged over windows by counting ``points`` instants; (n, 2)."""
+    inside = (np.arange(points) + 0.5) / points - 0.5
+    instants = np.asarray(centre_cycles)[:, None] + width_cycles * inside
+    return switches_on(instants, delay_cycles).mean(axis=1)
+
+
+def make_plan(clocks_hz=(1000.0,), group_length=625, clutter_hz=0.0, reference_groups=12, **more):
+    """A reader's plan without a scene."""
+    settings = {"harmonics": 8, "smoothing_groups": 1, "estimator": "harmonic"} | more
+    clocks = tuple(TagClock(f) for f in clocks_hz)
+    return Plan(
+        WAVEFORM, clocks, group_length, clutter_hz, reference_groups=reference_groups, **settings
+    )
+
+
+def random_tag(rng, **fixed):
+    """A tag of unknown clock phase and offset, with any phases before and in the touch."""
+    drawn = {
+        "offset_ppm": rng.uniform(-100, 100),
+        "drift_ppm_per_s": rng.choice([-0.5, 0.5]),
+        "start_cycles": rng.random(),
+        "untouched_deg": tuple(rng.uniform(-180, 180, 2)),
+        "touched_deg": tuple(rng.uniform(-180, 180, 2)),
+    }
+    return TagOnAir(**(drawn | fixed))
+
+
+def turned_deg(tags):
+    """True phase change of every end in the touch; (2S,)."""
+    return np.concatenate([np.subtract(tag.touched_deg, tag.untouched_deg) for tag in tags])
+
+
+def run_chain(plan, air, groups, present=None, on=None):
+    """Untouched while the reference lasts, touched afterwards.
+
+    ``present(group)`` gives the snapshots there are, ``on(group)`` whether the tags are on.
+    Returns the list of (GroupState, R) of all groups.
+    """
+    chain = SnapshotChain(plan)
+    results = []
+    for g in range(groups):
+        snapshots = air.group(g, g >= plan.reference_groups, True if on is None else on(g))
+        results += chain.process(g, snapshots, None if present is None else present(g))
+    return results + chain.flush()
+
+
+def errors_deg(results, tags, reference_groups=12):
+    """Error of arg R in every touched group; (groups, 2S)."""
+    touched = [ratios for state, ratios in results if state.group >= reference_groups]
+    return wrap_deg(np.degrees(np.angle(touched)) - turned_deg(tags))
+
+
+def make_air(group_length, tags, seed, gamma_db, noise_profile=None, **levels):
+    """The air of a test."""
+    return Air(WAVEFORM, group_length, tags, Levels(gamma_db, **levels), seed, noise_profile)

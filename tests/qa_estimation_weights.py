@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Weights that take the tag's tones out of a group."""
+
+import numpy as np
+import pytest
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.estimation.weights import clutter_basis, design_weights, tag_lines
+from plain import WAVEFORM, T
+
+# Weights are rounded to single precision (24 bits): relative error of a sum about 1e-7.
+SINGLE = 3e-7
+
+
+def complex_noise(rng, *shape):
+    return rng.standard_normal(shape) + 1j * rng.standard_normal(shape)
+
+
+def plain_model(table, clutter_hz):
+    """Lines about the group's centre, then clutter, one column at a time."""
+    n = np.arange(table.group_length)
+    middle = (table.group_length - 1) / 2
+    columns = [np.exp(2j * np.pi * t.frequency_hz * T * (n - middle)) for t in table.tones]
+    columns += list(clutter_basis(table.group_length, T, clutter_hz).T)
+    return np.stack(columns, axis=1)
+
+
+@pytest.mark.parametrize(
+    "clocks, length, clutter, harmonics",
+    [
+        ((1000,), 625, 0, 8),
+        ((1000,), 125, 60, 8),
+        ((1000, 1400), 625, 250, 16),
+        ((1790,), 63, 0, 4),
+    ],
+)
+def test_tones_are_the_least_squares_solution_of_every_subcarrier(
+    clocks, length, clutter, harmonics
+):
+    table = design_weights(clocks, length, T, clutter, harmonics)
+    snapshots = complex_noise(np.random.default_rng(1), length, 5)
+    solution = [
+        np.linalg.lstsq(plain_model(table, clutter), column, rcond=1e-12)[0]
+        for column in snapshots.T
+    ]
+    expected = np.array(solution).T[: len(table.tones)]
+    # Worst noise gain of these tables is 30: errors of the weights grow alike.
+    assert np.max(np.abs(table.weights @ snapshots - expected)) < 30 * SINGLE
+
+
+def test_a_kernel_in_single_precision_applies_the_very_same_weights():
+    table = design_weights([1000.0], 625, T, 250.0)
+    assert np.array_equal(table.weights, table.weights.astype(np.complex64))
+    assert np.array_equal(table.weights, table.weights[::-1].conj())
+
+
+def test_a_static_path_of_80_db_leaves_nothing_in_the_tones():
+    table = design_weights([1000.0, 1400.0], 600, T)
+    assert np.max(np.abs(table.weights.sum(axis=1))) < SINGLE
+
+
+@pytest.mark.parametrize("doppler_hz", [0.0, 7.3, -31.0, 120.0, 249.0])
+def test_whatever_moves_within_the_band_is_nulled(doppler_hz):
+    table = design_weights([1000.0], 625, T, 250.0)
+    path = np.exp(2j * np.pi * doppler_hz * table.times_s)
+    # -118 dB at the band's edge, less inside; a plain DFT leaks -41 dB.
+    assert np.max(np.abs(table.weights @ path)) < 10 ** (-115 / 20)
+
+
+@pytest.mark.parametrize("length, cost_db", [(625, 0.07), (250, 0.31), (125, 0.93)])
+def test_the_band_costs_line_1_no_more_noise_than_the_documents_state(length, cost_db):
+    table = design_weights([1000.0], length, T, 250.0)
+    gain = np.sum(np.abs(table.weights) ** 2, axis=1) * length
+    lines = [tone.owners[0][1] for tone in table.tones]
+    assert 10 * np.log10(gain[lines.index(1)]) == pytest.approx(cost_db, abs=0.02)
+    assert 10 * np.log10(gain[lines.index(4)]) < 0.1
+
+
+def test_clutter_basis_is_orthonormal_and_holds_the_band():
+    basis = clutter_basis(400, T, 100.0)
+    assert np.max(np.abs(basis.T @ basis - np.eye(basis.shape[1]))) < 1e-9
+    path = np.exp(2j * np.pi * 99.0 * T * np.arange(400))
+    left = path - basis @ (basis.T @ path)
+    assert np.linalg.norm(left) / np.linalg.norm(path) < 1e-6
+
+
+def test_lines_that_two_tags_share_are_one_tone_with_two_owners():
+    tones = tag_lines([1000.0, 1400.0], T, 625)
+    shared = {t.frequency_hz: t.owners for t in tones if len(t.owners) > 1}
+    assert shared == {7000.0: ((0, 7), (1, 5)), -7000.0: ((0, -7), (1, -5))}
+
+
+def test_aliased_lines_lie_where_sampling_puts_them():
+    tones = tag_lines([1000.0], T, 625, harmonics=16)
+    snapshots = np.arange(625)
+    for tone in tones:
+        ((_, m),) = tone.owners
+        on_air = np.exp(2j * np.pi * m * 1000.0 * T * snapshots)
+        aliased = np.exp(2j * np.pi * tone.frequency_hz * T * snapshots)
+        assert np.max(np.abs(on_air - aliased)) < 1e-9
+        assert tone.line_hz == m * 1000.0 and abs(tone.frequency_hz) < 0.5 / T
+    assert [t.frequency_hz for t in tones] == sorted(t.frequency_hz for t in tones)
+    # 17 x 1000 Hz would alias to -361 Hz; within the clutter band it is of no use.
+    assert not any(17 in dict(t.owners).values() for t in tag_lines([1000.0], T, 625, 17, 400.0))
+
+
+def test_lost_snapshots_are_solved_for_what_is_left():
+    rng = np.random.default_rng(3)
+    table = design_weights([1000.0], 625, T, 60.0)
+    mask = rng.random(625) > 0.2
+    snapshots = complex_noise(rng, int(mask.sum()), 3)
+    partial = table.for_present(mask)
+    expected = np.linalg.lstsq(plain_model(table, 60.0)[mask], snapshots, rcond=1e-12)[0]
+    assert partial.missing == np.sum(~mask)
+    assert np.max(np.abs(partial.weights @ snapshots - expected[: len(table.tones)])) < 1e-9
+    white = partial.whitener @ partial.weights
+    assert np.max(np.abs(white @ white.conj().T - np.eye(len(white)))) < 1e-9
+
+
+@pytest.mark.parametrize("left", [0, 10, 25])
+def test_too_few_snapshots_are_refused_rather_than_guessed_from(left):
+    table = design_weights([1000.0], 625, T, 60.0)
+    assert table.for_present(np.arange(625) < left) is None
+
+
+def test_derotation_stops_each_lines_turning_within_the_symbol():
+    table = design_weights([1000.0], 625, T)
+    rate = WAVEFORM.sample_rate_hz
+    rotation, gain = table.derotation(rate), table.symbol_gain(rate)
+    for row, tone in enumerate(table.tones):
+        turning = [np.exp(2j * np.pi * tone.line_hz * (n - 31.5) / rate) for n in range(64)]
+        assert rotation[row] * turning == pytest.approx(np.ones(64), abs=1e-12)
+        # The mean of 64 samples against the average over their time: 1e-6 at 8 kHz.
+        assert gain[row] == pytest.approx(np.mean(turning).real, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    "arguments, told",
+    [
+        (([2200.0], 625, T), "clock_hz: 4 clock_hz must lie below half the snapshot rate"),
+        (([-5.0], 625, T), "clock_hz"),
+        (([1000.0], 625, T, 990.0), "moving_clutter_hz"),
+        (([1000.0], 625, T, 0.0, 3), "harmonics: must be at least 4, got 3"),
+        (([1000.0], 15, T), "phase_group.snapshots: must exceed the 15 lines"),
+        (([1000.0], 48, T, 200.0), "phase_group.snapshots: is too short to tell"),
+    ],
+)
+def test_what_cannot_be_read_is_refused_by_name(arguments, told):
+    with pytest.raises(InputError, match=told.replace("(", r"\(")):
+        design_weights(*arguments)
