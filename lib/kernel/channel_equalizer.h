@@ -18,9 +18,9 @@ class channel_equalizer
 public:
     // Throws std::invalid_argument unless there are 64 finite factors and, where there is
     // a rotation at all, 64 finite values a row.
-    channel_equalizer(const std::vector<std::complex<double>>& factors,
-                      int rows,
-                      const std::vector<std::complex<double>>& rotation);
+    explicit channel_equalizer(const std::vector<std::complex<double>>& factors,
+                               int rows = 1,
+                               const std::vector<std::complex<double>>& rotation = {});
 
     int rows() const { return d_rows; }
     void rotate(int row, const fc32* samples, fc32* rotated) const;
