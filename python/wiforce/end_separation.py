@@ -73,6 +73,15 @@ def tone_derotation(
     return _design(*settings).derotation(sample_rate).astype(np.complex64)
 
 
+def _tolerances(tolerance_ppm, tags):
+    tolerances = np.atleast_1d(np.asarray(tolerance_ppm, float))
+    if tolerances.shape not in ((1,), (tags,)):
+        raise InputError("tolerance_ppm", f"must be one number, or {tags}", tolerance_ppm)
+    if not np.all((tolerances >= 0) & (tolerances <= 1000)):
+        raise InputError("tolerance_ppm", "must be from 0 to 1000", tolerance_ppm)
+    return np.broadcast_to(tolerances, tags)
+
+
 class end_separation(GroupBlock):
     """Separates the ends of every tag in a group's tones, at the tracked clock.
 
@@ -125,7 +134,7 @@ class end_separation(GroupBlock):
     ):
         sounding = sounding_waveform(waveform, frame_length, sample_rate)
         table = _design(clocks_hz, group_length, frame_length, sample_rate, clutter_hz, harmonics)
-        tolerances = np.broadcast_to(np.asarray(tolerance_ppm, float), len(clocks_hz))
+        tolerances = _tolerances(tolerance_ppm, len(clocks_hz))
         clocks = [TagClock(f, float(ppm)) for f, ppm in zip(clocks_hz, tolerances, strict=True)]
         if estimator not in _SEPARATORS:
             raise InputError("estimator", f"must be one of {', '.join(_SEPARATORS)}", estimator)

@@ -60,6 +60,10 @@ class force_inversion(GroupBlock):
         offs = off_reflections or [0.0] * len(models)
         if not len(labels) == len(offs) == len(models):
             raise InputError("sensor_names, off_reflections", f"must have {len(models)} entries")
+        if not center_frequency > 0:
+            raise InputError("center_frequency", "must be positive", center_frequency)
+        if not np.all(np.abs(np.hstack(offs)) < 1):
+            raise InputError("off_reflections", "must be below 1 in magnitude", offs)
         loaded = [load_sensor(m) if isinstance(m, str) else m for m in models]
         sensors = list(zip(labels, loaded, offs, strict=True))
         self.readout = Readout(sensors, center_frequency, group_period, tracked)

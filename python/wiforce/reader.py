@@ -54,6 +54,8 @@ class reader(gr.hier_block2):
         if input_type not in _ITEM_SIZES:
             rule = f"must be one of {', '.join(_ITEM_SIZES)}"
             raise InputError("input_type", rule, input_type)
+        if frame_offset < 0:
+            raise InputError("frame_offset", "must be 0 or more", frame_offset)
         self.scene = scene if isinstance(scene, Scene) else load_scene(scene)
         self.plan = plan_of(self.scene)
         gr.hier_block2.__init__(

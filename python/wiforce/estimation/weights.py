@@ -236,6 +236,8 @@ def design_weights(clocks_hz, group_length, snapshot_period_s, clutter_hz=0.0, h
     """
     if not (group_length >= 1 and group_length == int(group_length)):
         raise InputError("group_length", "must be a positive integer", group_length)
+    if not clutter_hz >= 0:
+        raise InputError("moving_clutter_hz", "must be 0 or more", clutter_hz)
     nyquist = 0.5 / snapshot_period_s
     resolution = 1 / (group_length * snapshot_period_s)
     for clock_hz in clocks_hz:
