@@ -12,11 +12,19 @@ from ..angles import wrap_deg
 _STATE_SPREAD_DEG = 1.5
 # By how much (in squared standard deviations) another state must be better to be entered.
 _EVIDENCE = 12.0
-# Both ends moved alike when their difference is below this, and by more than this.
+# Both ends moved alike when their difference is below this many standard deviations.
 _COMMON = 3.5
+# The tare looks back so far, leaves out the newest groups, and follows a drift that is so many
+# standard deviations from none over so many groups.
 _TARE_S = 1.0
 _TARE_DELAY_GROUPS = 2
-_SIGNIFICANT_DRIFT = 3.0
+_SIGNIFICANT_DRIFT = 5.0
+_DRIFT_GROUPS = 12
+# A group further from the tare than this, in standard deviations and degrees, does not join it ...
+_OUTLIER = 4.0
+_OUTLIER_DEG = 0.3
+# ... unless so many in a row agree that the tare is wrong.
+_OUTLIERS = 5
 
 
 @dataclass(frozen=True)
@@ -46,16 +54,15 @@ class TouchDetector:
 
     def __init__(self, image_deg, group_period_s):
         self._image = np.asarray(image_deg, float)
-        self._recent = deque(maxlen=_TARE_DELAY_GROUPS)
-        self._untouched = deque(maxlen=max(8, round(_TARE_S / group_period_s)))
+        self._recent = deque()
+        self._untouched = deque(maxlen=max(_DRIFT_GROUPS, round(_TARE_S / group_period_s)))
+        self._outliers = []
         self._drift = np.zeros(2)
         self._touch = 0
 
     def tare(self):
         """Forgets the drift: the phases that follow count from a new reference."""
-        self._recent.clear()
-        self._untouched.clear()
-        self._drift = np.zeros(2)
+        self._shift(-self._drift)
         self._touch = 0
 
     def update(self, time_s, phases_deg, std_deg, in_reference=False):
@@ -86,9 +93,10 @@ class TouchDetector:
         if moved:
             self._shift(change)
         if self._touch == 0:
-            self._follow(time_s, phases_deg)
+            self._follow(time_s, phases_deg, np.asarray(std_deg))
         else:
             self._recent.clear()
+            self._outliers.clear()
         return TouchDecision(self._touch, moved, self._drift.copy())
 
     def _decide(self, change, spread):
@@ -108,20 +116,31 @@ class TouchDetector:
         self._drift = self._drift + change
         self._recent.clear()
         self._untouched.clear()
+        self._outliers.clear()
 
-    def _follow(self, time_s, phases_deg):
+    def _follow(self, time_s, phases_deg, std_deg):
         """Tare from groups that have proved untouched: those a little in the past."""
-        if len(self._recent) == self._recent.maxlen:
-            self._untouched.append(self._recent[0])
+        change = wrap_deg(phases_deg - self._drift)
+        group = (time_s, self._drift + change)
+        if np.any(np.abs(change) > np.maximum(_OUTLIER * std_deg, _OUTLIER_DEG)):
+            self._outliers.append(group)
+            if len(self._outliers) < _OUTLIERS:
+                return
+            self._untouched.clear()
+            self._recent.extend(self._outliers)
+        else:
+            self._recent.append(group)
+        self._outliers.clear()
+        while len(self._recent) > _TARE_DELAY_GROUPS:
+            self._untouched.append(self._recent.popleft())
+        if self._untouched:
             self._drift = self._extrapolate(time_s)
-        near = self._drift + wrap_deg(phases_deg - self._drift)
-        self._recent.append((time_s, near))
 
     def _extrapolate(self, time_s):
         times = np.array([t for t, _ in self._untouched])
         phases = np.array([p for _, p in self._untouched])
         mean = phases.mean(0)
-        if len(times) < 8:
+        if len(times) < _DRIFT_GROUPS:
             return mean
         elapsed = times - times.mean()
         slope = elapsed @ (phases - mean) / (elapsed @ elapsed)
