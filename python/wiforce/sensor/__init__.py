@@ -1,16 +1,31 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sensors: models, calibration, inversion, the physical line. Numpy only."""
+"""Sensors: models, calibration, inversion, the physical line. No GNU Radio."""
 
+from .calibration import calibrate
 from .file import load_sensor, sensor_from_dict, sensor_to_dict, shipped_sensors, write_sensor
-from .model import LineModel, SensorModel, wrap_deg
+from .model import LineModel, SensorModel
+from .tables import (
+    CalibrationTable,
+    measure_vna,
+    read_tap_csv,
+    read_touchstone_index,
+    read_vna_csv,
+    write_vna_csv,
+)
 
 __all__ = [
+    "CalibrationTable",
     "LineModel",
     "SensorModel",
+    "calibrate",
     "load_sensor",
+    "measure_vna",
+    "read_tap_csv",
+    "read_touchstone_index",
+    "read_vna_csv",
     "sensor_from_dict",
     "sensor_to_dict",
     "shipped_sensors",
-    "wrap_deg",
     "write_sensor",
+    "write_vna_csv",
 ]

@@ -3,17 +3,19 @@
 
 ``psi_i(F, l) = 180 deg - 2 beta d_i0(l) + g_i(F, l)``, with ``d_10 = l`` and ``d_20 = L - l``: the
 line's physics carries the location, and ``g_i``, what the calibration adds, is smooth in both
-arguments. ``g_i(F, l) = sum_j w_j(l) sum_k c_ijk B_k(F)``: coefficients c at the calibrated
+arguments. ``g_i(F, l) = sum_j w_ij(l) sum_k c_ijk B_k(F)``: coefficients c at the calibrated
 locations j, basis functions B of force, weights w of location. It is linear in the coefficients, so
 their covariance carries over to every phase.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
+from scipy.interpolate import BSpline
 
-from ..errors import InputError
 from . import line
+from .location import LocationInterpolation
 from .model import SensorModel
 
 FORMS = ("cubic", "power", "spline")
@@ -27,33 +29,61 @@ class PowerBasis:
     def __init__(self, knots_n=None):
         pass
 
-    def __call__(self, force_n, derivative=0):
+    def __call__(self, force_n):
         force = np.asarray(force_n, float)
-        one = np.ones_like(force)
-        if derivative == 0:
-            return np.stack([one, np.cbrt(1 / force), force], axis=-1)
-        return np.stack([0 * one, -np.cbrt(1 / force) / (3 * force), one], axis=-1)
+        return np.stack([np.ones_like(force), np.cbrt(1 / force), force], axis=-1)
 
 
 class CubicBasis:
-    """1, F, F^2, F^3 (the paper's fit); straight lines outside the two knots."""
+    """1, F, F^2, F^3, the paper's fit; straight lines outside the first and the last knot."""
 
     size = 4
 
     def __init__(self, knots_n):
         self._low, self._high = float(knots_n[0]), float(knots_n[-1])
 
-    def __call__(self, force_n, derivative=0):
+    def __call__(self, force_n):
         force = np.asarray(force_n, float)
         inside = np.clip(force, self._low, self._high)
-        slope = inside[..., None] ** np.array([0, 0, 1, 2]) * np.arange(4)
-        if derivative:
-            return slope
         value = inside[..., None] ** np.arange(4)
+        slope = inside[..., None] ** np.array([0, 0, 1, 2]) * np.arange(4)
         return value + (force - inside)[..., None] * slope
 
 
-_BASES = {"power": PowerBasis, "cubic": CubicBasis}
+class SplineBasis:
+    """Cubic B-splines in u = F^(-1/3), in which touch-down is a straight line.
+
+    Outside the first and the last knot they go on as straight lines in u.
+    """
+
+    def __init__(self, knots_n):
+        self._u = np.sort(touch_down(knots_n))
+        padded = np.concatenate([[self._u[0]] * 3, self._u, [self._u[-1]] * 3])
+        self.size = len(self._u) + 2
+        self._spline = BSpline(padded, np.eye(self.size), 3)
+        self._slope = self._spline.derivative()
+
+    def __call__(self, force_n):
+        u = touch_down(force_n)
+        inside = np.clip(u, self._u[0], self._u[-1])
+        return self._spline(inside) + (u - inside)[..., None] * self._slope(inside)
+
+    def bends(self):
+        """Second derivatives at points spread evenly over u; shape (points, size).
+
+        In units of the span of u, and such that the sum of squares is their mean square.
+        """
+        at = np.linspace(self._u[0], self._u[-1], 8 * len(self._u))
+        span = self._u[-1] - self._u[0]
+        return span**2 * self._spline.derivative(2)(at) / np.sqrt(len(at))
+
+
+def touch_down(force_n):
+    """F^(-1/3)."""
+    return np.cbrt(1 / np.asarray(force_n, float))
+
+
+_BASES = {"power": PowerBasis, "cubic": CubicBasis, "spline": SplineBasis}
 
 
 def force_basis(form, knots_n=None):
@@ -62,29 +92,9 @@ def force_basis(form, knots_n=None):
     Returns
     -------
     callable
-        ``basis(force, derivative=0) -> ndarray (..., size)``, derivative 0 or 1.
+        ``basis(force) -> ndarray (..., size)``.
     """
     return _BASES[form](knots_n)
-
-
-class LocationWeights:
-    """Weights of the calibrated locations at any location: the polynomial through all of them.
-
-    Outside the calibrated span the weights stay those of its nearer end, so that the line's physics
-    alone carries the location on.
-    """
-
-    def __init__(self, location_mm):
-        self._at = np.asarray(location_mm, float)
-
-    def __call__(self, location_mm):
-        """Shape (..., number of calibrated locations)."""
-        x = np.clip(np.asarray(location_mm, float), self._at[0], self._at[-1])[..., None]
-        weights = np.ones((*x.shape[:-1], self._at.size))
-        for j, other in enumerate(self._at):
-            factor = (x - other) / np.where(self._at == other, 1.0, self._at - other)
-            weights *= np.where(np.arange(self._at.size) == j, 1.0, factor)
-        return weights
 
 
 @dataclass(frozen=True)
@@ -98,10 +108,14 @@ class Carrier:
     location_mm : ndarray, shape (J,)
         Calibrated locations, ascending.
     force_span_n : ndarray, shape (J, 2)
+        What the calibration covers at each location.
     coefficients_deg : ndarray, shape (2, J, K)
     covariance_deg2 : ndarray, shape (2, J, K, K)
-    noise_deg : (float, float)
-        Scatter of the calibration data about the curves, per port.
+    noise_deg, misfit_deg : (float, float)
+        Scatter of the calibration data about the curves, and the part of it that is not noise
+        but a form that does not fit; one standard deviation, per port.
+    interpolation : ndarray, shape (H, 6)
+        Hypotheses of :class:`~.location.LocationInterpolation`.
     """
 
     frequency_hz: float
@@ -111,6 +125,8 @@ class Carrier:
     coefficients_deg: np.ndarray
     covariance_deg2: np.ndarray
     noise_deg: tuple
+    misfit_deg: tuple
+    interpolation: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -125,35 +141,72 @@ class CurveModel(SensorModel):
     knots_n : ndarray or None
         Knots of the force basis, where it has any.
     permittivity : float
+    cross_validation : dict
+        Errors of curves that had not seen what they are compared with.
     """
 
     form: str = "power"
     carriers: tuple = ()
     knots_n: np.ndarray = None
     permittivity: float = 1.0
+    cross_validation: dict = field(default_factory=dict, compare=False)
+
+    @cached_property
+    def _basis(self):
+        return force_basis(self.form, self.knots_n)
+
+    @cached_property
+    def _interpolations(self):
+        return [
+            LocationInterpolation(c.location_mm, self.length_mm, c.interpolation)
+            for c in self.carriers
+        ]
+
+    def noise_deg(self, frequency_hz=None):
+        """Scatter of the calibration data about the curves, per port."""
+        return self.carriers[self.carrier_index(frequency_hz)].noise_deg
+
+    def in_span(self, force_n, location_mm):
+        """Whether force and location lie within what was calibrated; broadcast, bool."""
+        location = np.asarray(location_mm, float)
+        low, high = self.location_span_mm
+        inside = (location >= low) & (location <= high)
+        for carrier in self.carriers:
+            span = [np.interp(location, carrier.location_mm, s) for s in carrier.force_span_n.T]
+            inside = inside & (force_n >= span[0]) & (force_n <= span[1])
+        return inside
 
     def _untouched_deg(self, carrier):
         return np.asarray(self.carriers[carrier].untouched_deg, float)
 
+    def _at_locations(self, force, carrier):
+        """g at the calibrated locations; shape (..., 2, J)."""
+        curves = self.carriers[carrier].coefficients_deg
+        return np.einsum("pjk,...k->...pj", curves, self._basis(force))
+
     def _short_deg(self, force, location, carrier):
-        curves = self.carriers[carrier]
-        basis = force_basis(self.form, self.knots_n)(force)
-        weights = LocationWeights(curves.location_mm)(location)
-        correction = np.einsum("...j,pjk,...k->...p", weights, curves.coefficients_deg, basis)
+        interpolation = self._interpolations[carrier]
+        values = self._at_locations(force, carrier)
+        added = np.stack(
+            [
+                np.sum(interpolation.weights(location, port) * values[..., port, :], axis=-1)
+                for port in (0, 1)
+            ],
+            axis=-1,
+        )
         distance = np.stack([location, self.length_mm - location], axis=-1)
-        return correction + line.short_phase_deg(distance, curves.frequency_hz, self.permittivity)
+        frequency = self.carriers[carrier].frequency_hz
+        return added + line.short_phase_deg(distance, frequency, self.permittivity)
 
     def _model_std_deg(self, force, location, carrier):
-        curves = self.carriers[carrier]
-        basis = force_basis(self.form, self.knots_n)(force)
-        weights = LocationWeights(curves.location_mm)(location)
-        variance = np.einsum(
-            "...j,...k,pjkm,...m->...p", weights**2, basis, curves.covariance_deg2, basis
-        )
-        return np.sqrt(variance)
-
-
-def check_form(where, form):
-    """Raises InputError unless ``form`` is one of FORMS."""
-    if form not in FORMS:
-        raise InputError(where, f"must be one of {', '.join(FORMS)}", form)
+        curves, interpolation = self.carriers[carrier], self._interpolations[carrier]
+        basis = self._basis(force)
+        fit = np.einsum("...k,pjkm,...m->...pj", basis, curves.covariance_deg2, basis)
+        values = self._at_locations(force, carrier)
+        variance = [
+            np.sum(interpolation.weights(location, port) ** 2 * fit[..., port, :], axis=-1)
+            + interpolation.variance(location, port, values[..., port, :])
+            + curves.misfit_deg[port] ** 2
+            for port in (0, 1)
+        ]
+        return np.sqrt(np.stack(variance, axis=-1))

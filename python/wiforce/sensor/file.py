@@ -2,7 +2,6 @@
 """Sensor models as YAML files: reading with checks, writing, the shipped ones by name."""
 
 import datetime
-import math
 import os
 from pathlib import Path
 
@@ -10,8 +9,13 @@ import numpy as np
 import yaml
 
 from ..errors import InputError
+from ..yamlfile import Section, as_number, read_yaml
 from . import curves, line
+from .location import SHAPES
 from .model import LineModel
+
+KINDS = ("line", "curves")
+MAX_CARRIERS = 16
 
 
 def shipped_sensors():
@@ -50,229 +54,154 @@ def load_sensor(name_or_path, relative_to=None):
     elif text in shipped_sensors():
         path = _shipped_folder() / f"{text}.yaml"
     else:
-        raise InputError(
-            "sensor", f"must be a .yaml file or one of {', '.join(shipped_sensors())}", text
-        )
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(path, f"is not YAML ({' '.join(str(error).split())})") from error
-    return sensor_from_dict(content, path)
+        shipped = ", ".join(shipped_sensors())
+        raise InputError("sensor", f"must be a .yaml file or one of {shipped}", text)
+    return sensor_from_dict(read_yaml(path), path)
 
 
 def sensor_from_dict(content, where="sensor"):
     """The model that a sensor file's content describes; see :func:`load_sensor`."""
-    keys = _Keys(content, where)
-    kind = keys.choice("kind", ("line", "curves"))
+    section = Section(content, str(where))
+    kind = section.choice("kind", KINDS)
+    length = section.number("length_mm", above=0, high=10_000)
     common = {
-        "name": keys.text("name"),
-        "length_mm": keys.positive("length_mm"),
-        "onset_force_n": keys.positive("onset_force_n"),
-        "provenance": _provenance(keys.child("provenance")),
+        "name": section.text("name"),
+        "length_mm": length,
+        "onset_force_n": section.number("onset_force_n", above=0),
+        "force_span_n": _span(section, "force_span_n", high=1e6),
+        "location_span_mm": _span(section, "location_span_mm", high=length),
+        "provenance": _provenance(section.section("provenance")),
     }
-    model = (_read_line if kind == "line" else _read_curves)(keys, common)
-    keys.done()
+    model = (_read_line if kind == "line" else _read_curves)(section, common)
+    section.finish()
     return model
 
 
-def _provenance(keys):
-    known = {
-        "source": keys.text("source"),
-        "date": keys.text("date"),
-        "assumed": keys.texts("assumed", optional=True),
-    }
-    return known | keys.rest()
+def _span(section, key, high):
+    span = _numbers(section, key, (2,))
+    if not 0 <= span[0] < span[1] <= high:
+        raise section.error(key, f"must be two rising numbers from 0 to {high:g}", span.tolist())
+    return float(span[0]), float(span[1])
 
 
-def _spans(keys, length_mm):
-    force = keys.numbers("force_span_n", (2,))
-    location = keys.numbers("location_span_mm", (2,))
-    if not 0 < force[0] < force[1]:
-        raise InputError(keys.at("force_span_n"), "must be two rising positive forces", [*force])
-    if not 0 <= location[0] < location[1] <= length_mm:
-        rule = f"must be two rising locations within 0..{length_mm:g}"
-        raise InputError(keys.at("location_span_mm"), rule, [*location])
-    return {
-        "force_span_n": tuple(map(float, force)),
-        "location_span_mm": tuple(map(float, location)),
-    }
+def _provenance(section):
+    date = section.raw("date")
+    if isinstance(date, datetime.date):
+        date = date.isoformat()
+    if not isinstance(date, str):
+        raise section.error("date", "must be a date", date)
+    known = {"source": section.text("source", limit=2000), "date": date}
+    assumed = section.raw("assumed", [])
+    if not isinstance(assumed, list) or not all(isinstance(text, str) for text in assumed):
+        raise section.error("assumed", "must be a list of texts", assumed)
+    section.finish()
+    return known | {"assumed": assumed}
 
 
-def _read_line(keys, common):
-    contact = keys.child("contact")
+def _read_line(section, common):
+    contact = section.section("contact")
     law = line.ContactLaw(
         onset_force_n=common["onset_force_n"],
-        decay_length_mm=contact.positive("decay_length_mm"),
-        asymmetry=contact.number("asymmetry"),
-        fade_mm=contact.positive("fade_mm"),
+        decay_length_mm=contact.number("decay_length_mm", above=0),
+        asymmetry=contact.number("asymmetry", low=0, high=0.99),
+        fade_mm=contact.number("fade_mm", above=0),
     )
-    if not 0 <= law.asymmetry < 1:
-        raise InputError(contact.at("asymmetry"), "must be in [0, 1)", law.asymmetry)
-    contact.done()
-    frequencies = keys.numbers("frequencies_hz", (None,))
-    if not (len(frequencies) and np.all(frequencies > 0)):
-        raise InputError(keys.at("frequencies_hz"), "must be positive carriers", [*frequencies])
+    contact.finish()
+    frequencies = _numbers(section, "frequencies_hz", (None,))
+    if not np.all(frequencies > 0):
+        raise section.error("frequencies_hz", "must be positive", frequencies.tolist())
     return LineModel(
         **common,
-        **_spans(keys, common["length_mm"]),
         frequencies_hz=tuple(map(float, frequencies)),
         contact=law,
-        permittivity=keys.positive("permittivity"),
-        port_offset_deg=tuple(map(float, keys.numbers("port_offset_deg", (2,)))),
+        permittivity=section.number("permittivity", low=1),
+        port_offset_deg=tuple(map(float, _numbers(section, "port_offset_deg", (2,)))),
     )
 
 
-def _read_curves(keys, common):
-    form = keys.choice("form", curves.FORMS)
+def _read_curves(section, common):
+    form = section.choice("form", curves.FORMS)
     knots = None
     if form != "power":
-        knots = keys.numbers("knots_n", (None,))
-        if len(knots) < 2 or np.any(np.diff(knots) <= 0):
-            raise InputError(keys.at("knots_n"), "must be at least two rising forces", [*knots])
+        knots = _numbers(section, "knots_n", (None,))
+        if len(knots) < 2 or knots[0] <= 0 or np.any(np.diff(knots) <= 0):
+            rule = "must be at least two rising positive forces"
+            raise section.error("knots_n", rule, knots.tolist())
     basis_size = curves.force_basis(form, knots).size
     carriers = tuple(
         _read_carrier(carrier, basis_size, common["length_mm"])
-        for carrier in keys.children("carriers")
+        for carrier in section.sections("carriers", MAX_CARRIERS, required=True)
     )
+    validation = section.raw("cross_validation", {})
+    if not isinstance(validation, dict):
+        raise section.error("cross_validation", "must be a mapping of keys to values", validation)
     return curves.CurveModel(
         **common,
-        **_spans(keys, common["length_mm"]),
         frequencies_hz=tuple(carrier.frequency_hz for carrier in carriers),
         form=form,
         knots_n=knots,
         carriers=carriers,
-        permittivity=keys.positive("permittivity"),
+        permittivity=section.number("permittivity", low=1),
+        cross_validation=validation,
     )
 
 
-def _read_carrier(keys, basis_size, length_mm):
-    location = keys.numbers("location_mm", (None,))
+def _read_carrier(section, basis_size, length_mm):
+    location = _numbers(section, "location_mm", (None,))
     if len(location) < 2 or np.any(np.diff(location) <= 0):
-        raise InputError(keys.at("location_mm"), "must be at least two rising locations")
+        rule = "must be at least two rising locations"
+        raise section.error("location_mm", rule, location.tolist())
     if location[0] < 0 or location[-1] > length_mm:
-        raise InputError(keys.at("location_mm"), f"must lie within 0..{length_mm:g}", [*location])
+        rule = f"must lie from 0 to {length_mm:g}"
+        raise section.error("location_mm", rule, location.tolist())
     count = len(location)
+    interpolation = _numbers(section, "interpolation", (None, 6))
+    if np.any(interpolation[:, [1, 3, 4]] <= 0) or np.any(interpolation[:, 5] < 0):
+        rule = "must have positive fades, scales and probabilities"
+        raise section.error("interpolation", rule)
+    if not np.all(np.isin(interpolation[:, 0], SHAPES)):
+        rule = "must have shapes (first column) 0 to 4"
+        raise section.error("interpolation", rule, interpolation[:, 0].tolist())
+    if abs(interpolation[:, 4].sum() - 1) > 1e-6:
+        rule = "must have probabilities (fifth column) that sum to 1"
+        raise section.error("interpolation", rule, interpolation[:, 4].sum())
     carrier = curves.Carrier(
-        frequency_hz=keys.positive("frequency_hz"),
-        untouched_deg=tuple(map(float, keys.numbers("untouched_deg", (2,)))),
+        frequency_hz=section.number("frequency_hz", above=0),
+        untouched_deg=tuple(map(float, _numbers(section, "untouched_deg", (2,)))),
         location_mm=location,
-        force_span_n=keys.numbers("force_span_n", (count, 2)),
-        coefficients_deg=keys.numbers("coefficients_deg", (2, count, basis_size)),
-        covariance_deg2=keys.numbers("covariance_deg2", (2, count, basis_size, basis_size)),
-        noise_deg=tuple(map(float, keys.numbers("noise_deg", (2,)))),
+        force_span_n=_numbers(section, "force_span_n", (count, 2)),
+        coefficients_deg=_numbers(section, "coefficients_deg", (2, count, basis_size)),
+        covariance_deg2=_numbers(section, "covariance_deg2", (2, count, basis_size, basis_size)),
+        noise_deg=tuple(map(float, _numbers(section, "noise_deg", (2,)))),
+        misfit_deg=tuple(map(float, _numbers(section, "misfit_deg", (2,)))),
+        interpolation=interpolation,
     )
-    keys.done()
+    section.finish()
     return carrier
 
 
-class _Keys:
-    """A mapping of a YAML file whose values are asked for one by one and must all be known."""
-
-    def __init__(self, content, where, prefix=""):
-        self._where, self._prefix = where, prefix
-        if not isinstance(content, dict):
-            raise InputError(f"{where}: {prefix or 'file'}", "must be a mapping", content)
-        self._content, self._asked = content, set()
-
-    def at(self, key):
-        return f"{self._where}: {self._prefix}{key}"
-
-    def _get(self, key):
-        self._asked.add(key)
-        if key not in self._content:
-            raise InputError(self.at(key), "is missing")
-        return self._content[key]
-
-    def text(self, key):
-        value = self._get(key)
-        if isinstance(value, datetime.date):
-            return value.isoformat()
-        if not isinstance(value, str) or not value:
-            raise InputError(self.at(key), "must be a text", value)
-        return value
-
-    def texts(self, key, optional=False):
-        if optional and key not in self._content:
-            return []
-        value = self._get(key)
-        if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
-            raise InputError(self.at(key), "must be a list of texts", value)
-        return value
-
-    def choice(self, key, allowed):
-        value = self._get(key)
-        if value not in allowed:
-            raise InputError(self.at(key), f"must be one of {', '.join(allowed)}", value)
-        return value
-
-    def number(self, key):
-        return _number(self._get(key), self.at(key))
-
-    def positive(self, key):
-        value = self.number(key)
-        if not value > 0:
-            raise InputError(self.at(key), "must be positive", value)
-        return value
-
-    def numbers(self, key, shape):
-        """An array of finite numbers; None in ``shape`` stands for any length."""
-        value = self._get(key)
-        array = np.array(_nested(value, len(shape), self.at(key)), float)
-        fits = array.ndim == len(shape) and all(
-            want in (None, have) for want, have in zip(shape, array.shape, strict=True)
-        )
-        if not fits:
-            wanted = " x ".join("n" if n is None else str(n) for n in shape)
-            raise InputError(self.at(key), f"must be a list of {wanted} numbers", value)
-        return array
-
-    def child(self, key):
-        return _Keys(self._get(key), self._where, f"{self._prefix}{key}.")
-
-    def children(self, key):
-        value = self._get(key)
-        if not isinstance(value, list) or not value:
-            raise InputError(self.at(key), "must be a list of mappings", value)
-        return [
-            _Keys(item, self._where, f"{self._prefix}{key}[{i}].") for i, item in enumerate(value)
-        ]
-
-    def rest(self):
-        """What has not been asked for, taken as it stands."""
-        rest = {key: value for key, value in self._content.items() if key not in self._asked}
-        self._asked.update(rest)
-        return rest
-
-    def done(self):
-        unknown = [key for key in self._content if key not in self._asked]
-        if unknown:
-            raise InputError(self.at(unknown[0]), "is not a known key")
-
-
-def _number(value, where):
-    # PyYAML reads 900e6, without a dot and a sign, as a text.
+def _numbers(section, key, shape):
+    """An array of finite numbers; None in ``shape`` stands for any length above 0."""
+    value = section.raw(key)
+    wanted = " x ".join("n" if size is None else str(size) for size in shape)
+    rule = f"must be a list of {wanted} numbers"
+    if value is None:
+        raise section.error(key, f"is missing, {rule}")
     try:
-        if isinstance(value, bool):
+        return np.array(_nested(value, shape), float)
+    except ValueError:
+        raise section.error(key, rule, value) from None
+
+
+def _nested(value, shape):
+    if not shape:
+        number = as_number(value)
+        if number is None:
             raise ValueError
-        number = float(value)
-    except (TypeError, ValueError):
-        raise InputError(where, "must be a number", value) from None
-    if not math.isfinite(number):
-        raise InputError(where, "must be finite", value)
-    return number
-
-
-def _nested(value, depth, where):
-    if depth == 0:
-        return _number(value, where)
-    if not isinstance(value, list):
-        raise InputError(where, "must be a list", value)
-    items = [_nested(item, depth - 1, where) for item in value]
-    if len({len(item) for item in items if isinstance(item, list)}) > 1:
-        raise InputError(where, "must be a list of lists of one length", value)
-    return items
+        return number
+    if not isinstance(value, list) or len(value) != (shape[0] or max(len(value), 1)):
+        raise ValueError
+    return [_nested(item, shape[1:]) for item in value]
 
 
 def write_sensor(model, path):
@@ -292,22 +221,25 @@ def write_sensor(model, path):
         part.write_text("# SPDX-License-Identifier: GPL-3.0-or-later\n" + text, encoding="utf-8")
         part.replace(path)
     except OSError as error:
+        part.unlink(missing_ok=True)
         raise InputError(path, f"cannot be written ({error.strerror})") from error
 
 
 def sensor_to_dict(model):
     """The content of a model's file."""
+    is_line = isinstance(model, LineModel)
     content = {
         "name": model.name,
-        "kind": "line" if isinstance(model, LineModel) else "curves",
+        "kind": "line" if is_line else "curves",
         "length_mm": model.length_mm,
-        "onset_force_n": model.onset_force_n,
-        "force_span_n": list(model.force_span_n),
-        "location_span_mm": list(model.location_span_mm),
+        "onset_force_n": _rounded(model.onset_force_n),
+        "force_span_n": _rounded(model.force_span_n),
+        "location_span_mm": _rounded(model.location_span_mm),
         "permittivity": model.permittivity,
+        "provenance": dict(model.provenance),
     }
-    if isinstance(model, LineModel):
-        content |= {
+    if is_line:
+        return content | {
             "frequencies_hz": list(model.frequencies_hz),
             "port_offset_deg": list(model.port_offset_deg),
             "contact": {
@@ -315,12 +247,10 @@ def sensor_to_dict(model):
                 for key in ("decay_length_mm", "asymmetry", "fade_mm")
             },
         }
-    else:
-        content |= {"form": model.form}
-        if model.knots_n is not None:
-            content["knots_n"] = _rounded(model.knots_n)
-        content["carriers"] = [_carrier_to_dict(carrier) for carrier in model.carriers]
-    return content | {"provenance": dict(model.provenance)}
+    content |= {"cross_validation": model.cross_validation, "form": model.form}
+    if model.knots_n is not None:
+        content["knots_n"] = _rounded(model.knots_n)
+    return content | {"carriers": [_carrier_to_dict(carrier) for carrier in model.carriers]}
 
 
 def _carrier_to_dict(carrier):

@@ -56,7 +56,7 @@ class ContactLaw:
     the line wherever it is deflected by more than the gap, so the half width a of the short solves
     ``exp(-ka) (cos ka + sin ka) = F_onset / F``. The ends of the beam are held, which tilts the
     short towards the nearer end: ``a_1 = a (1 + t)``, ``a_2 = a (1 - t)`` with
-    ``t = asymmetry tanh((L/2 - l) / fade)``; in the middle both ends move alike.
+    ``t = asymmetry x / sqrt(x^2 + fade^2)``, ``x = L/2 - l``; in the middle both ends move alike.
 
     Attributes
     ----------
@@ -85,7 +85,8 @@ class ContactLaw:
         )
         ratio = self.onset_force_n / np.maximum(force, self.onset_force_n)
         half_width = self.decay_length_mm * _inverse_profile(ratio)
-        tilt = self.asymmetry * np.tanh((length_mm / 2 - location) / self.fade_mm)
+        from_middle = length_mm / 2 - location
+        tilt = self.asymmetry * from_middle / np.hypot(from_middle, self.fade_mm)
         return np.stack([half_width * (1 + tilt), half_width * (1 - tilt)], axis=-1)
 
 

@@ -2,6 +2,7 @@
 """What every sensor model can do, whatever stands behind its phases."""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -68,6 +69,20 @@ class SensorModel:
     def _held(self):
         return " or ".join(f"{f / 1e6:g} MHz" for f in self.frequencies_hz)
 
+    def in_span(self, force_n, location_mm):
+        """Whether force and location lie within what was calibrated; broadcast, bool."""
+        force, location = np.asarray(force_n, float), np.asarray(location_mm, float)
+        (f_low, f_high), (l_low, l_high) = self.force_span_n, self.location_span_mm
+        return (force >= f_low) & (force <= f_high) & (location >= l_low) & (location <= l_high)
+
+    def model_std_deg(self, force_n, location_mm, frequency_hz=None):
+        """One sigma of what the calibration left open in psi_1, psi_2; shape (..., 2)."""
+        carrier = self.carrier_index(frequency_hz)
+        force, location = np.broadcast_arrays(
+            np.asarray(force_n, float), np.asarray(location_mm, float)
+        )
+        return self._model_std_deg(np.maximum(force, self.onset_force_n), location, carrier)
+
     def untouched_deg(self, frequency_hz=None):
         """(psi_1, psi_2) of the untouched sensor, in (-180, 180]."""
         psi = wrap_deg(self._untouched_deg(self.carrier_index(frequency_hz)))
@@ -92,6 +107,50 @@ class SensorModel:
         pressed = self._short_deg(np.maximum(force, self.onset_force_n), location, carrier)
         touched = (force >= self.onset_force_n)[..., None]
         return wrap_deg(np.where(touched, pressed, self._untouched_deg(carrier)))
+
+    def invert(self, phases_deg, std_deg=None, location_mm=None, frequency_hz=None):
+        """Force and location of touched readings.
+
+        Parameters
+        ----------
+        phases_deg : array_like, shape (n, 2) or (n, 2 C)
+            psi_1, psi_2, modulo 360; of all C carriers one after the other where the model holds
+            several and ``frequency_hz`` is not given.
+        std_deg : array_like, optional
+            Standard deviation of each phase's noise; broadcast. 1 deg by default.
+        location_mm : array_like, optional
+            Location, where it is known; broadcast over n.
+        frequency_hz : float, optional
+            Carrier at which the phases were measured.
+
+        Returns
+        -------
+        Inversion
+
+        Raises
+        ------
+        InputError
+            For a wrong shape, a negative standard deviation or a location outside the model.
+        """
+        return self.inverter(frequency_hz).invert(phases_deg, std_deg, location_mm)
+
+    def inverter(self, frequency_hz=None):
+        """The :class:`~.inversion.Inverter` at one carrier, or at all together; kept for reuse."""
+        found = self._inverters.get(frequency_hz)
+        if found is None:
+            from .inversion import Inverter
+
+            if frequency_hz is None:
+                carriers = tuple(range(len(self.frequencies_hz)))
+            else:
+                carriers = (self.carrier_index(frequency_hz),)
+            found = self._inverters.get(carriers) or Inverter(self, carriers)
+            self._inverters[carriers] = self._inverters[frequency_hz] = found
+        return found
+
+    @cached_property
+    def _inverters(self):
+        return {}
 
 
 @dataclass(frozen=True)
@@ -121,3 +180,8 @@ class LineModel(SensorModel):
 
     def _model_std_deg(self, force, location, carrier):
         return np.zeros((*np.shape(force), 2))
+
+    def noise_deg(self, frequency_hz=None):
+        """No calibration, no scatter."""
+        self.carrier_index(frequency_hz)
+        return (0.0, 0.0)

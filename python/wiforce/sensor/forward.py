@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A model tabulated for inversion: phases, their derivatives and their model error."""
+
+import numpy as np
+from scipy.interpolate import RectBivariateSpline
+
+_FORCE_NODES = 160
+_LOCATION_STEP_MM = 0.5
+# How far beyond the calibration a solution is looked for. It is flagged as extrapolated.
+_MARGIN_MM = 6.0
+_MARGIN_FORCE = 0.25
+# A short nearer to an end than this is not looked for.
+_CLEAR_OF_END_MM = 1.0
+
+
+class ForwardMap:
+    """Phases at every carrier asked for, over the domain in which solutions are looked for.
+
+    Phases are not wrapped: they are smooth over the domain.
+
+    Parameters
+    ----------
+    model : SensorModel
+    carriers : sequence of int
+
+    Attributes
+    ----------
+    force_n, location_mm : ndarray
+        Nodes; the domain is between the first and the last.
+    size : int
+        Phases per point, P = 2 per carrier.
+    """
+
+    def __init__(self, model, carriers):
+        low, high = model.force_span_n
+        first, last = model.location_span_mm
+        top = high + _MARGIN_FORCE * (high - low)
+        self.force_n = np.geomspace(model.onset_force_n, top, _FORCE_NODES)
+        start = max(first - _MARGIN_MM, _CLEAR_OF_END_MM)
+        stop = min(last + _MARGIN_MM, model.length_mm - _CLEAR_OF_END_MM)
+        count = int(np.ceil((stop - start) / _LOCATION_STEP_MM)) + 1
+        self.location_mm = np.linspace(start, stop, count)
+        force, location = np.meshgrid(self.force_n, self.location_mm, indexing="ij")
+        self.phase_deg = np.concatenate(
+            [model._short_deg(force, location, c) for c in carriers], axis=-1
+        )
+        variance = np.concatenate(
+            [model._model_std_deg(force, location, c) ** 2 for c in carriers], axis=-1
+        )
+        self.size = self.phase_deg.shape[-1]
+        self._log_force = np.log(self.force_n)
+        self._phase = [self._spline(self.phase_deg[..., i], 3) for i in range(self.size)]
+        self._variance = [self._spline(variance[..., i], 1) for i in range(self.size)]
+
+    def _spline(self, values, degree):
+        return RectBivariateSpline(
+            self._log_force, self.location_mm, values, kx=degree, ky=degree, s=0
+        )
+
+    def phases(self, force_n, location_mm):
+        """Shape (n, P), degrees, not wrapped."""
+        return self._evaluate(self._phase, force_n, location_mm)
+
+    def variances(self, force_n, location_mm):
+        """Variance of the phases from what the calibration left open; shape (n, P)."""
+        return np.maximum(self._evaluate(self._variance, force_n, location_mm), 0.0)
+
+    def slopes(self, force_n, location_mm):
+        """Derivatives by force and by location; shape (n, P, 2)."""
+        by_force = self._evaluate(self._phase, force_n, location_mm, 1, 0)
+        by_location = self._evaluate(self._phase, force_n, location_mm, 0, 1)
+        return np.stack([by_force / np.asarray(force_n)[:, None], by_location], axis=-1)
+
+    def curvatures(self, force_n, location_mm):
+        """Second derivatives FF, Fl, ll; shape (n, P, 3)."""
+        force = np.asarray(force_n)[:, None]
+        by_force = self._evaluate(self._phase, force_n, location_mm, 1, 0)
+        twice = self._evaluate(self._phase, force_n, location_mm, 2, 0)
+        mixed = self._evaluate(self._phase, force_n, location_mm, 1, 1)
+        by_location = self._evaluate(self._phase, force_n, location_mm, 0, 2)
+        return np.stack([(twice - by_force) / force**2, mixed / force, by_location], axis=-1)
+
+    def _evaluate(self, splines, force_n, location_mm, dx=0, dy=0):
+        log_force = np.log(force_n)
+        return np.stack([s.ev(log_force, location_mm, dx=dx, dy=dy) for s in splines], axis=-1)
+
+    def clip(self, force_n, location_mm):
+        """Force and location brought into the domain."""
+        return (
+            np.clip(force_n, self.force_n[0], self.force_n[-1]),
+            np.clip(location_mm, self.location_mm[0], self.location_mm[-1]),
+        )

@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The inverse of a model as a table over the two phases of one carrier.
+
+The plane of (psi_1, psi_2) is cut into cells of half a degree. For every cell that the model's
+image reaches, and every solution there, a row holds the solution at the cell's centre and its first
+and second derivatives by the phases. A reading then costs one look-up and a Taylor step: a Newton
+step whose Jacobian was computed beforehand.
+"""
+
+import numpy as np
+
+from ..angles import wrap_deg
+
+CELLS_PER_DEG = 2
+CELLS = 360 * CELLS_PER_DEG
+# Columns of a row: solution, inverse Jacobian, second derivatives (11, 12, 22) of each, variances
+# of the model, and whether all of the cell lies within the calibrated span.
+FORCE, LOCATION = 0, 1
+JACOBIAN, SECOND_FORCE, SECOND_LOCATION, VARIANCE, IN_SPAN = 2, 6, 9, 12, 14
+COLUMNS = 15
+
+# Steps of the fine grid with which the image is drawn, in cells.
+_FINE = 0.6
+_NEWTON_STEPS = 4
+# Two solutions in a cell are different when they are this far apart.
+_APART_MM = 3.0
+# Beyond these a Taylor step from the centre of a cell is not trusted: relative size of the second
+# derivatives at its corner, newtons per degree, and what the nodes within it span.
+_LARGEST_BEND, _LARGEST_SLOPE_N_PER_DEG, _LARGEST_EXTENT = 0.35, 2.0, 1.5
+
+
+class InverseTable:
+    """All solutions for any pair of phases, by cell.
+
+    Parameters
+    ----------
+    forward : ForwardMap
+        Of one carrier.
+    in_span : callable
+        ``in_span(force_n, location_mm)``: whether that was calibrated.
+
+    Attributes
+    ----------
+    rows : ndarray, shape (R, 15)
+        Ordered by cell.
+    first, count : ndarray of int32, shape (720 * 720,)
+        First row and number of rows of each cell; cells that need a search have count -1.
+    """
+
+    def __init__(self, forward, in_span):
+        self._forward = forward
+        cells, force, location, extent = self._draw()
+        target = _centres(cells)
+        force, location, error = self._newton(force, location, target)
+        slopes = forward.slopes(force, location)
+        inverse = _inverse(slopes)
+        second = _second_derivatives(inverse, forward.curvatures(force, location))
+        good = _trusted(error, inverse, second, extent)
+        rows = np.column_stack(
+            [
+                force,
+                location,
+                inverse.reshape(-1, 4),
+                second.reshape(-1, 6),
+                forward.variances(force, location),
+                _all_in_span(in_span, force, location, inverse),
+            ]
+        )
+        doubtful = np.unique(cells[~good])
+        kept = np.isfinite(rows).all(axis=1)
+        cells, self.rows = cells[kept], np.ascontiguousarray(rows[kept])
+        self.first = np.zeros(CELLS * CELLS, np.int32)
+        self.count = np.zeros(CELLS * CELLS, np.int32)
+        present, first, count = np.unique(cells, return_index=True, return_counts=True)
+        self.first[present], self.count[present] = first, count
+        self.count[doubtful] = -1
+
+    def _draw(self):
+        """One start per cell and solution.
+
+        Returns
+        -------
+        cells (R,), force (R,) and location (R,) of the node nearest to the centre, and the span of
+        force and location over the cell (R, 2).
+        """
+        force, location = self._fine_grid()
+        phase = np.stack(
+            [spline(np.log(force), location) for spline in self._forward._phase], axis=-1
+        )
+        force, location = (axis.ravel() for axis in np.meshgrid(force, location, indexing="ij"))
+        phase = phase.reshape(-1, 2)
+        cells = cell_index(phase)
+        offset = np.abs(wrap_deg(phase - _centres(cells))).max(axis=1)
+        order = np.lexsort((location, cells))
+        cells, force, location, offset = (v[order] for v in (cells, force, location, offset))
+        fresh = np.ones(len(cells), bool)
+        fresh[1:] = (np.diff(cells) != 0) | (np.diff(location) > _APART_MM)
+        branch = np.cumsum(fresh) - 1
+        starts = np.flatnonzero(fresh)
+        nearest = np.lexsort((offset, branch))[starts]
+        extent = [
+            np.maximum.reduceat(v, starts) - np.minimum.reduceat(v, starts)
+            for v in (force, location)
+        ]
+        return cells[nearest], force[nearest], location[nearest], np.stack(extent, axis=-1)
+
+    def _fine_grid(self):
+        """Axes on which neighbouring phases differ by less than a cell."""
+        steps = _FINE / CELLS_PER_DEG
+        along_force = np.abs(np.diff(self._forward.phase_deg, axis=0)).max(axis=(1, 2))
+        along_location = np.abs(np.diff(self._forward.phase_deg, axis=1)).max(axis=(0, 2))
+        return (
+            _subdivide(self._forward.force_n, along_force / steps),
+            _subdivide(self._forward.location_mm, along_location / steps),
+        )
+
+    def _newton(self, force, location, target):
+        """Solutions at the targets, and the phase error left (deg)."""
+        for _ in range(_NEWTON_STEPS):
+            residual = wrap_deg(target - self._forward.phases(force, location))
+            step = np.einsum(
+                "nij,nj->ni", _inverse(self._forward.slopes(force, location)), residual
+            )
+            # a cell at the rim of the image may have its centre outside: follow only so far
+            step = np.clip(np.nan_to_num(step), [-0.3, -2.0], [0.3, 2.0])
+            force, location = self._forward.clip(force + step[:, 0], location + step[:, 1])
+        residual = wrap_deg(target - self._forward.phases(force, location))
+        return force, location, np.abs(residual).max(axis=1)
+
+
+def _trusted(error, inverse, second, extent):
+    """Whether the Taylor step holds all over the cell and finds all there is; bool (R,)."""
+    half = 0.5 / CELLS_PER_DEG
+    first_order = half * np.abs(inverse).sum(axis=2)
+    second_order = half**2 * np.abs(second).sum(axis=2)
+    with np.errstate(invalid="ignore"):
+        straight = np.all(second_order < _LARGEST_BEND * first_order, axis=1)
+        # where the image folds, one cell holds forces further apart than its slopes allow
+        single = np.all(extent < _LARGEST_EXTENT * (2 * first_order), axis=1)
+    steep = np.abs(inverse[:, 0]).max(axis=1) >= _LARGEST_SLOPE_N_PER_DEG
+    return (error < 1e-3) & straight & single & ~steep
+
+
+def _all_in_span(in_span, force, location, inverse):
+    """Whether the cell's four corners, and a little beyond, lie within the span; bool (R,)."""
+    reach = 0.6 / CELLS_PER_DEG * np.abs(inverse).sum(axis=2)
+    inside = np.ones(len(force), bool)
+    with np.errstate(invalid="ignore"):
+        for a in (-1, 1):
+            for b in (-1, 1):
+                inside &= in_span(force + a * reach[:, 0], location + b * reach[:, 1])
+    return inside
+
+
+def cell_index(phases_deg):
+    """Cell of each pair of phases (n, 2)."""
+    cell = np.floor(np.asarray(phases_deg) * CELLS_PER_DEG).astype(np.int64) % CELLS
+    return cell[:, 0] * CELLS + cell[:, 1]
+
+
+def _centres(cells):
+    return (np.stack([cells // CELLS, cells % CELLS], axis=-1) + 0.5) / CELLS_PER_DEG
+
+
+def _subdivide(nodes, pieces):
+    """Nodes with every interval cut into at least ``pieces`` (one number per interval) parts."""
+    count = np.maximum(np.ceil(pieces).astype(int), 1)
+    parts = [
+        np.linspace(a, b, n, endpoint=False)
+        for a, b, n in zip(nodes[:-1], nodes[1:], count, strict=True)
+    ]
+    return np.concatenate([*parts, nodes[-1:]])
+
+
+def _inverse(slopes):
+    """Inverses of 2 x 2 matrices (n, 2, 2); infinite where singular."""
+    a, b, c, d = (slopes[:, i, j] for i in (0, 1) for j in (0, 1))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scale = 1.0 / (a * d - b * c)
+        return np.stack([d, -b, -c, a], axis=-1).reshape(-1, 2, 2) * scale[:, None, None]
+
+
+def _second_derivatives(inverse, curvatures):
+    """Second derivatives (11, 12, 22) of force and location by the phases; shape (n, 2, 3)."""
+    ff, fl, ll = (curvatures[..., i] for i in range(3))
+    hessian = np.stack([ff, fl, fl, ll], axis=-1).reshape(*ff.shape, 2, 2)
+    with np.errstate(invalid="ignore"):
+        bent = np.einsum("nai,npab,nbj->npij", inverse, hessian, inverse, optimize=True)
+        second = -np.einsum("nkp,npij->nkij", inverse, bent)
+    return np.stack([second[..., 0, 0], second[..., 0, 1], second[..., 1, 1]], axis=-1)

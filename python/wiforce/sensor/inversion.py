@@ -1,0 +1,335 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Phases to force and location, with covariance and flags."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.stats import chi2
+
+from ..errors import InputError
+from .forward import ForwardMap
+from .inversetable import (
+    CELLS,
+    CELLS_PER_DEG,
+    FORCE,
+    IN_SPAN,
+    JACOBIAN,
+    LOCATION,
+    SECOND_FORCE,
+    SECOND_LOCATION,
+    VARIANCE,
+    InverseTable,
+)
+from .search import Search
+
+# Standard deviation of a phase of which nothing is known.
+DEFAULT_STD_DEG = 1.0
+# Force is hardly observable where an error of 1 deg (or of the reading's own standard deviation, if
+# larger) costs this much, and knowing the location would cut it by this factor.
+_UNOBSERVABLE_N, _UNOBSERVABLE_RATIO = 1.5, 2.5
+# Below this part of the domain's forces a standard deviation from the slopes at the solution is
+# trusted; above, the likelihood is integrated.
+_LOCAL = 0.08
+# Phases fit no press when all solutions are this improbable.
+_INCONSISTENT = 0.9973
+_CHUNK = 8192
+
+
+@dataclass(frozen=True)
+class Inversion:
+    """Readings of n pairs of phases.
+
+    Attributes
+    ----------
+    force_n, force_std_n, location_mm, location_std_mm : ndarray, shape (n,)
+        NaN where a phase is not finite. Standard deviations hold the phases' noise and the model's
+        own error.
+    covariance : ndarray, shape (n, 2, 2)
+        Of (force, location).
+    flags : list of tuple of str
+        ``extrapolated`` (outside what was calibrated), ``ambiguous`` (another press would show the
+        same phases), ``force-unobservable`` (force and location cannot be told apart),
+        ``inconsistent`` (no single press shows such phases).
+    """
+
+    force_n: np.ndarray
+    force_std_n: np.ndarray
+    location_mm: np.ndarray
+    location_std_mm: np.ndarray
+    covariance: np.ndarray
+    flags: list
+
+
+class Inverter:
+    """Inverts one model at one or several carriers; tables are built at the first use.
+
+    Parameters
+    ----------
+    model : SensorModel
+    carriers : tuple of int
+        Indices of the model's carriers whose phases are given, in this order.
+    """
+
+    def __init__(self, model, carriers):
+        self._model = model
+        self._carriers = carriers
+        self._forward = ForwardMap(model, carriers)
+        self._search = Search(self._forward)
+        self._limit = chi2.ppf(_INCONSISTENT, self._forward.size)
+        self._local_n = _LOCAL * np.ptp(self._forward.force_n)
+        self._low, self._high = self._forward.force_n[[0, -1]]
+        self._left, self._right = self._forward.location_mm[[0, -1]]
+
+    @cached_property
+    def _table(self):
+        return InverseTable(self._forward, self._model.in_span)
+
+    def invert(self, phases_deg, std_deg=None, location_mm=None):
+        """See :meth:`SensorModel.invert`."""
+        phases = np.asarray(phases_deg, float)
+        if phases.size == 2 and self._forward.size == 2 and location_mm is None:
+            return self._single(phases.reshape(1, 2), std_deg)
+        phases = np.atleast_2d(phases)
+        if phases.ndim != 2 or phases.shape[1] != self._forward.size:
+            rule = f"must have {self._forward.size} columns"
+            raise InputError("phases_deg", rule, np.shape(phases_deg))
+        std = _standard_deviations(std_deg, phases.shape)
+        if location_mm is not None:
+            return self._at_location(phases, std, location_mm)
+        if len(self._carriers) > 1:
+            return self._one_by_one(phases, std)
+        return self._batch(phases, std)
+
+    def solutions(self, phases_deg, std_deg=None):
+        """All solutions for one reading, the best first: see :class:`.search.Solutions`."""
+        phases = np.asarray(phases_deg, float).reshape(1, -1)
+        std = _standard_deviations(std_deg, phases.shape)
+        return self._search.solutions(phases[0], std[0] ** 2)
+
+    # one carrier, many readings: the table
+
+    def _batch(self, phases, std):
+        count = len(phases)
+        values = np.full((count, 5), np.nan)
+        flags = [()] * count
+        for start in range(0, count, _CHUNK):
+            part = slice(start, min(start + _CHUNK, count))
+            self._batch_part(phases[part], std[part], values[part], flags, start)
+        return _inversion(values, flags)
+
+    def _batch_part(self, phases, std, values, flags, start):
+        """Fills ``values`` (n, 5): force, location, and their variances and covariance."""
+        table = self._table
+        finite = np.isfinite(phases).all(axis=1)
+        scaled = np.where(finite[:, None], phases, 0.0) * CELLS_PER_DEG
+        cell = np.floor(scaled)
+        first, second = ((scaled - cell - 0.5) / CELLS_PER_DEG).T
+        cell = np.mod(cell, CELLS).astype(np.int64)
+        cell = cell[:, 0] * CELLS + cell[:, 1]
+        quick = (table.count[cell] == 1) & finite
+        row = table.rows[np.where(quick, table.first[cell], 0)].T
+        force = row[FORCE] + _taylor(row, first, second, JACOBIAN, SECOND_FORCE)
+        location = row[LOCATION] + _taylor(row, first, second, JACOBIAN + 2, SECOND_LOCATION)
+        noise = std.T**2 + row[VARIANCE : VARIANCE + 2]
+        a, b, c, d = _jacobian(row, first, second)
+        force_variance = a * a * noise[0] + b * b * noise[1]
+        quick &= (force >= self._low) & (force <= self._high)
+        quick &= (location >= self._left) & (location <= self._right)
+        quick &= force_variance < self._local_n**2
+        values[:, 0], values[:, 1] = force, location
+        values[:, 2] = force_variance
+        values[:, 3] = c * c * noise[0] + d * d * noise[1]
+        values[:, 4] = a * c * noise[0] + b * d * noise[1]
+        # flags are rare: look closely only where there may be one
+        unobservable = quick & self._unobservable((a, b, c, d), std.T)
+        rim = quick & (row[IN_SPAN] == 0)
+        outside = np.zeros(len(rim), bool)
+        outside[rim] = self._extrapolated(*values[rim, :4].T)
+        for i in np.flatnonzero(unobservable | outside):
+            flags[start + i] = _names(extrapolated=outside[i], unobservable=unobservable[i])
+        for i in np.flatnonzero(~quick):
+            values[i], flags[start + i] = self._searched(phases[i], std[i])
+
+    def _unobservable(self, inverse, std):
+        """Whether force cannot be told from location, given the inverse Jacobian's elements."""
+        a, b, c, d = inverse
+        spread = np.maximum(std, 1.0)
+        free = a * a * spread[0] ** 2 + b * b * spread[1] ** 2
+        # slopes by force are the first column of the Jacobian: (d, -c) over the determinant
+        determinant = a * d - b * c
+        by_force = (d / spread[0]) ** 2 + (c / spread[1]) ** 2
+        known = determinant**2 / np.maximum(by_force, 1e-300)
+        return (free > _UNOBSERVABLE_N**2) & (free > _UNOBSERVABLE_RATIO**2 * known)
+
+    def _extrapolated(self, force, location, force_variance, location_variance):
+        """Whether a solution lies outside the span by more than its standard deviation."""
+        inside = np.zeros(np.shape(force), bool)
+        for a in (-1, 0, 1):
+            for b in (-1, 0, 1):
+                inside |= self._model.in_span(
+                    force + a * np.sqrt(force_variance), location + b * np.sqrt(location_variance)
+                )
+        return ~inside
+
+    # one carrier, one reading: the same steps without arrays
+
+    def _single(self, phases, std_deg):
+        table = self._table
+        std_1, std_2 = _two_standard_deviations(std_deg)
+        psi_1, psi_2 = phases[0].tolist()
+        if not (abs(psi_1) < 1e9 and abs(psi_2) < 1e9):
+            return _inversion(np.full((1, 5), np.nan), [("inconsistent",)])
+        std = np.array([std_1, std_2])
+        psi_1, psi_2 = psi_1 * CELLS_PER_DEG, psi_2 * CELLS_PER_DEG
+        cell_1, cell_2 = int(psi_1 // 1), int(psi_2 // 1)
+        cell = cell_1 % CELLS * CELLS + cell_2 % CELLS
+        if table.count[cell] == 1:
+            row = table.rows[table.first[cell]].tolist()
+            first = (psi_1 - cell_1 - 0.5) / CELLS_PER_DEG
+            second = (psi_2 - cell_2 - 0.5) / CELLS_PER_DEG
+            force = row[FORCE] + _taylor(row, first, second, JACOBIAN, SECOND_FORCE)
+            location = row[LOCATION] + _taylor(row, first, second, JACOBIAN + 2, SECOND_LOCATION)
+            a, b, c, d = _jacobian(row, first, second)
+            noise_1 = std_1 * std_1 + row[VARIANCE]
+            noise_2 = std_2 * std_2 + row[VARIANCE + 1]
+            variance = a * a * noise_1 + b * b * noise_2
+            inside = self._low <= force <= self._high and self._left <= location <= self._right
+            if inside and variance < self._local_n**2:
+                across = c * c * noise_1 + d * d * noise_2
+                values = (force, location, variance, across, a * c * noise_1 + b * d * noise_2)
+                # only a steep inverse can hide the force: most readings need no closer look
+                spread = max(std_1, std_2, 1.0)
+                steep = (abs(a) + abs(b)) * spread > _UNOBSERVABLE_N
+                if row[IN_SPAN] and not steep:
+                    return _inversion(np.array([values]), [()])
+                names = _names(
+                    extrapolated=not row[IN_SPAN] and bool(self._extrapolated(*values[:4])),
+                    unobservable=bool(self._unobservable((a, b, c, d), std)),
+                )
+                return _inversion(np.array([values]), [names])
+        values, names = self._searched(phases[0], std)
+        return _inversion(values[None], [names])
+
+    # anything else: the search
+
+    def _one_by_one(self, phases, std):
+        results = [self._searched(p, s) for p, s in zip(phases, std, strict=True)]
+        values = np.array([r[0] for r in results]).reshape(-1, 5)
+        return _inversion(values, [r[1] for r in results])
+
+    def _searched(self, phases, std):
+        """Force, location, variances and covariance of one reading (5,), and its flags."""
+        if not np.all(np.isfinite(phases)):
+            return np.full(5, np.nan), ("inconsistent",)
+        variance = std**2
+        found = self._search.solutions(phases, variance)
+        inside = self._model.in_span(found.force_n, found.location_mm)
+        # the calibrated span decides between solutions that fit alike
+        fits = found.misfit <= self._limit
+        chosen = int(np.argmax(inside & fits)) if np.any(inside & fits) else 0
+        rivals = (inside | ~inside[chosen]) & fits
+        mean = np.array([found.force_n[chosen], found.location_mm[chosen]])
+        covariance = found.covariance[chosen]
+        inconsistent = found.misfit[chosen] > self._limit
+        if covariance[0, 0] > self._local_n**2 and not inconsistent:
+            mean, covariance = self._search.moments(phases, variance)
+        ambiguous = np.count_nonzero(rivals) > 1
+        if ambiguous:
+            away = np.column_stack([found.force_n, found.location_mm])[rivals] - mean
+            covariance = covariance + away.T @ away / len(away)
+        if inconsistent:
+            covariance = covariance * found.misfit[chosen] / self._limit
+        names = _names(
+            extrapolated=bool(self._extrapolated(*mean, covariance[0, 0], covariance[1, 1])),
+            ambiguous=ambiguous,
+            unobservable=self._search_unobservable(mean, std),
+            inconsistent=inconsistent,
+        )
+        values = [*mean, covariance[0, 0], covariance[1, 1], covariance[0, 1]]
+        return np.array(values), names
+
+    def _search_unobservable(self, mean, std):
+        slopes = self._forward.slopes(mean[:1], mean[1:])[0] / np.maximum(std, 1.0)[:, None]
+        normal = slopes.T @ slopes
+        determinant = max(np.linalg.det(normal), 1e-300)
+        free, known = normal[1, 1] / determinant, 1.0 / max(normal[0, 0], 1e-300)
+        return free > _UNOBSERVABLE_N**2 and free > _UNOBSERVABLE_RATIO**2 * known
+
+    # location known
+
+    def _at_location(self, phases, std, location_mm):
+        location = np.broadcast_to(np.asarray(location_mm, float), len(phases))
+        values = np.full((len(phases), 5), np.nan)
+        flags = [("inconsistent",)] * len(phases)
+        for place in np.unique(location[np.isfinite(location)]):
+            if not self._left <= place <= self._right:
+                rule = f"must lie from {self._left:g} to {self._right:g}"
+                raise InputError("location_mm", rule, float(place))
+            rows = np.flatnonzero((location == place) & np.isfinite(phases).all(axis=1))
+            curve = self._search.at_location(place)
+            for i in rows:
+                values[i, 0], values[i, 2], misfit, several = curve.invert(phases[i], std[i] ** 2)
+                values[i, [1, 3, 4]] = place, 0.0, 0.0
+                flags[i] = _names(
+                    extrapolated=bool(self._extrapolated(*values[i, :4])),
+                    ambiguous=several,
+                    inconsistent=misfit > self._limit,
+                )
+        return _inversion(values, flags)
+
+
+def _standard_deviations(std_deg, shape):
+    std = np.broadcast_to(DEFAULT_STD_DEG if std_deg is None else np.asarray(std_deg, float), shape)
+    if not np.all(std >= 0) or np.any(np.isinf(std)):
+        raise InputError("std_deg", "must be finite and not negative", np.asarray(std_deg).tolist())
+    return std
+
+
+def _two_standard_deviations(std_deg):
+    if isinstance(std_deg, float) and 0 <= std_deg < 1e9:
+        return std_deg, std_deg
+    return _standard_deviations(std_deg, (1, 2))[0].tolist()
+
+
+def _jacobian(row, first, second):
+    """Derivatives of force and location by the phases, off the centre of the cell."""
+    f, g = SECOND_FORCE, SECOND_LOCATION
+    return (
+        row[JACOBIAN] + row[f] * first + row[f + 1] * second,
+        row[JACOBIAN + 1] + row[f + 1] * first + row[f + 2] * second,
+        row[JACOBIAN + 2] + row[g] * first + row[g + 1] * second,
+        row[JACOBIAN + 3] + row[g + 1] * first + row[g + 2] * second,
+    )
+
+
+def _taylor(row, first, second, jacobian, bend):
+    return (
+        row[jacobian] * first
+        + row[jacobian + 1] * second
+        + 0.5 * row[bend] * first * first
+        + row[bend + 1] * first * second
+        + 0.5 * row[bend + 2] * second * second
+    )
+
+
+def _names(extrapolated=False, ambiguous=False, unobservable=False, inconsistent=False):
+    names = (
+        ("ambiguous", ambiguous),
+        ("force-unobservable", unobservable),
+        ("inconsistent", inconsistent),
+        ("extrapolated", extrapolated),
+    )
+    return tuple(name for name, raised in names if raised)
+
+
+def _inversion(values, flags):
+    covariance = values[:, [2, 4, 4, 3]].reshape(-1, 2, 2)
+    return Inversion(
+        force_n=values[:, 0],
+        force_std_n=np.sqrt(values[:, 2]),
+        location_mm=values[:, 1],
+        location_std_mm=np.sqrt(values[:, 3]),
+        covariance=covariance,
+        flags=flags,
+    )

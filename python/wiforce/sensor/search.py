@@ -1,0 +1,254 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Inversion without short cuts: every solution, and what remains open where there is hardly one.
+
+Used where the table of :mod:`.inversetable` does not reach: outside the model's image, where two
+solutions meet, where force is hardly observable, with several carriers.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..angles import wrap_deg
+
+_GRID_LOCATION_STEP = 2
+_FINE_FORCES = 4
+_STARTS = 12
+_STEPS = 12
+# Two solutions are different when they are this far apart.
+_APART_N, _APART_MM = 0.2, 1.0
+# Solutions this much worse than the best are no solutions: 3 standard deviations.
+_WORSE = 9.0
+_HOPELESS = 100.0
+
+
+@dataclass(frozen=True)
+class Solutions:
+    """All (force, location) that explain one reading, the best first.
+
+    Attributes
+    ----------
+    force_n, location_mm, misfit : ndarray, shape (s,)
+        ``misfit`` is the sum of squared phase errors in standard deviations.
+    covariance : ndarray, shape (s, 2, 2)
+    """
+
+    force_n: np.ndarray
+    location_mm: np.ndarray
+    misfit: np.ndarray
+    covariance: np.ndarray
+
+
+class Search:
+    """Searches the whole domain of a forward map.
+
+    Parameters
+    ----------
+    forward : ForwardMap
+    """
+
+    def __init__(self, forward):
+        self._forward = forward
+        self._force = forward.force_n
+        self._location = forward.location_mm[::_GRID_LOCATION_STEP]
+        self._phase = forward.phase_deg[:, ::_GRID_LOCATION_STEP]
+        grid = np.meshgrid(self._force, self._location, indexing="ij")
+        shape = (*self._phase.shape[:2], forward.size)
+        flat = (grid[0].ravel(), grid[1].ravel())
+        self._variance = forward.variances(*flat).reshape(shape)
+        # neighbouring nodes differ by this much: no minimum between them is to be missed
+        steps = [np.abs(np.gradient(self._phase, axis=axis)) for axis in (0, 1)]
+        self._quantum = (0.5 * np.maximum(*steps)) ** 2
+
+    def solutions(self, phases_deg, variance_deg2):
+        """All solutions for one reading.
+
+        Parameters
+        ----------
+        phases_deg, variance_deg2 : ndarray, shape (P,)
+
+        Returns
+        -------
+        Solutions
+        """
+        force, location = self._starts(phases_deg, variance_deg2)
+        force, location, misfit = self._refine(force, location, phases_deg, variance_deg2)
+        order = np.argsort(misfit, kind="stable")
+        kept = []
+        for i in order:
+            if misfit[i] > misfit[order[0]] + _WORSE:
+                break
+            apart = [
+                abs(force[i] - force[k]) > _APART_N or abs(location[i] - location[k]) > _APART_MM
+                for k in kept
+            ]
+            if all(apart):
+                kept.append(i)
+        force, location, misfit = force[kept], location[kept], misfit[kept]
+        return Solutions(force, location, misfit, self._covariance(force, location, variance_deg2))
+
+    def _starts(self, phases_deg, variance_deg2):
+        """Nodes of the grid that no neighbour beats, with some slack for its coarseness."""
+        residual = wrap_deg(phases_deg - self._phase) ** 2
+        misfit = np.sum(residual / (variance_deg2 + self._variance + self._quantum), axis=-1)
+        padded = np.pad(misfit, 1, constant_values=np.inf)
+        rows, columns = misfit.shape
+        lowest = np.ones(misfit.shape, bool)
+        for i in range(3):
+            for j in range(3):
+                lowest &= misfit <= padded[i : i + rows, j : j + columns]
+        where = np.argwhere(lowest)
+        where = where[np.argsort(misfit[lowest], kind="stable")[:_STARTS]]
+        return self._force[where[:, 0]], self._location[where[:, 1]]
+
+    def _refine(self, force, location, phases_deg, variance_deg2):
+        """Gauss-Newton with step halving, within the domain; all starts at once."""
+        forward = self._forward
+        misfit = self._misfit(force, location, phases_deg, variance_deg2)
+        for round_ in range(_STEPS):
+            if round_ in (2, 5):
+                # what is far off by now ends in a solution that others reach too, or in none
+                hopeful = misfit <= misfit.min() + _HOPELESS
+                force, location, misfit = force[hopeful], location[hopeful], misfit[hopeful]
+            weight = 1.0 / (variance_deg2 + forward.variances(force, location))
+            slopes = forward.slopes(force, location)
+            residual = wrap_deg(phases_deg - forward.phases(force, location))
+            normal = np.einsum("npa,np,npb->nab", slopes, weight, slopes)
+            right = np.einsum("npa,np,np->na", slopes, weight, residual)
+            step = _bounded_step(normal, right, force, location, forward)
+            moved = np.zeros(len(force), bool)
+            for scale in (1.0, 0.5, 0.1):
+                new = forward.clip(force + scale * step[:, 0], location + scale * step[:, 1])
+                new_misfit = self._misfit(*new, phases_deg, variance_deg2)
+                better = ~moved & (new_misfit < misfit)
+                force = np.where(better, new[0], force)
+                location = np.where(better, new[1], location)
+                misfit = np.where(better, new_misfit, misfit)
+                moved |= better
+                if np.all(moved):
+                    break
+            if not np.any(moved) or np.max(np.abs(step[moved])) < 1e-4:
+                break
+        return force, location, misfit
+
+    def _misfit(self, force, location, phases_deg, variance_deg2):
+        residual = wrap_deg(phases_deg - self._forward.phases(force, location))
+        variance = variance_deg2 + self._forward.variances(force, location)
+        return np.sum(residual**2 / variance, axis=1)
+
+    def _covariance(self, force, location, variance_deg2):
+        weight = 1.0 / (variance_deg2 + self._forward.variances(force, location))
+        slopes = self._forward.slopes(force, location)
+        normal = np.einsum("npa,np,npb->nab", slopes, weight, slopes)
+        # the domain itself bounds what can be unknown
+        normal[:, 0, 0] += 1.0 / np.ptp(self._force) ** 2
+        normal[:, 1, 1] += 1.0 / np.ptp(self._location) ** 2
+        return np.linalg.inv(normal)
+
+    def at_location(self, location_mm):
+        """The model at one known location: see :class:`KnownLocation`."""
+        return KnownLocation(self._forward, location_mm)
+
+    def moments(self, phases_deg, variance_deg2):
+        """Mean and covariance of (force, location) given one reading, all of them equally likely.
+
+        For every force the location that fits best is found; the likelihood along that curve,
+        times the width in location, is integrated over force.
+
+        Returns
+        -------
+        mean : ndarray, shape (2,)
+        covariance : ndarray, shape (2, 2)
+        """
+        force = self._force
+        residual = wrap_deg(phases_deg - self._phase) ** 2
+        rough = np.sum(residual / (variance_deg2 + self._variance + self._quantum), axis=-1)
+        location = self._location[np.argmin(rough, axis=1)]
+        for _ in range(4):
+            weight = 1.0 / (variance_deg2 + self._forward.variances(force, location))
+            slope = self._forward.slopes(force, location)[..., 1]
+            error = wrap_deg(phases_deg - self._forward.phases(force, location))
+            curvature = np.sum(weight * slope**2, axis=1)
+            step = np.sum(weight * slope * error, axis=1) / curvature
+            _, location = self._forward.clip(force, location + np.clip(step, -2.0, 2.0))
+        misfit = self._misfit(force, location, phases_deg, variance_deg2)
+        width = 1.0 / curvature
+        likelihood = np.exp(-0.5 * (misfit - misfit.min())) * np.sqrt(width) * np.gradient(force)
+        likelihood /= likelihood.sum()
+        points = np.column_stack([force, location])
+        mean = likelihood @ points
+        away = points - mean
+        covariance = np.einsum("n,na,nb->ab", likelihood, away, away)
+        covariance[1, 1] += likelihood @ width
+        return mean, covariance
+
+
+class KnownLocation:
+    """Force from the phases at one known location, by weighted least squares.
+
+    Parameters
+    ----------
+    forward : ForwardMap
+    location_mm : float
+    """
+
+    def __init__(self, forward, location_mm):
+        steps = _FINE_FORCES * (len(forward.force_n) - 1) + 1
+        self._force = np.geomspace(forward.force_n[0], forward.force_n[-1], steps)
+        places = np.full(steps, float(location_mm))
+        self._phase = forward.phases(self._force, places)
+        self._variance = forward.variances(self._force, places)
+        self._slope = forward.slopes(self._force, places)[..., 0]
+
+    def invert(self, phases_deg, variance_deg2):
+        """Force of one reading.
+
+        Returns
+        -------
+        force_n, variance_n2 : float
+            The variance is of the slopes at the solution where these tell it well, else that of
+            the likelihood over all forces.
+        misfit : float
+            Sum of squared phase errors in standard deviations.
+        several : bool
+            Another force fits as well.
+        """
+        weight = 1.0 / (variance_deg2 + self._variance)
+        error = wrap_deg(phases_deg - self._phase)
+        misfit = np.sum(weight * error**2, axis=1)
+        best = int(np.argmin(misfit))
+        information = np.sum(weight[best] * self._slope[best] ** 2)
+        step = np.sum(weight[best] * self._slope[best] * error[best]) / max(information, 1e-300)
+        low, high = self._force[max(best - 1, 0)], self._force[min(best + 1, len(misfit) - 1)]
+        force = float(np.clip(self._force[best] + step, low, high))
+        likelihood = np.exp(-0.5 * (misfit - misfit[best])) * np.gradient(self._force)
+        likelihood /= likelihood.sum()
+        mean = likelihood @ self._force
+        spread = likelihood @ (self._force - mean) ** 2 + (mean - force) ** 2
+        local = 1.0 / max(information, 1e-300)
+        variance = local if local < (high - low) ** 2 else float(spread)
+        return force, variance, float(misfit[best]), self._several(misfit, best)
+
+    def _several(self, misfit, best):
+        """Whether another minimum fits as well, behind a barrier that noise does not explain."""
+        alike = misfit < misfit[best] + 1.0
+        barrier = misfit > misfit[best] + _WORSE
+        regions = np.cumsum(np.diff(np.concatenate([[0], barrier.astype(int)])) == 1)
+        return bool(np.unique(regions[alike & ~barrier]).size > 1)
+
+
+def _bounded_step(normal, right, force, location, forward):
+    """Gauss-Newton steps (n, 2); along an edge of the domain where they would leave it."""
+    damped = normal + 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(2)
+    step = np.linalg.solve(damped, right[..., None])[..., 0]
+    edges = (
+        (force, forward.force_n, 0, 1),
+        (location, forward.location_mm, 1, 0),
+    )
+    for value, nodes, held, free in edges:
+        out = ((value <= nodes[0]) & (step[:, held] < 0)) | (
+            (value >= nodes[-1]) & (step[:, held] > 0)
+        )
+        step[out, held] = 0.0
+        step[out, free] = right[out, free] / damped[out, free, free]
+    return step

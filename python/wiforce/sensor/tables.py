@@ -1,0 +1,284 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Calibration tables: phases of known presses, from a VNA, Touchstone files or a tag's taps."""
+
+import csv
+import math
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError
+
+_VNA_COLUMNS = ("freq_mhz", "location_mm", "port", "force_n", "phase_deg")
+
+
+@dataclass(frozen=True)
+class CalibrationTable:
+    """Phases of known presses, one port per row; all arrays of shape (n,).
+
+    Attributes
+    ----------
+    source : str
+        File it came from, for messages and provenance.
+    row : ndarray of int
+        Line in that file, the header being line 1.
+    frequency_hz, location_mm, force_n, phase_deg : ndarray of float
+        Untouched rows have force 0 and location NaN.
+    port : ndarray of int
+        1 or 2.
+    press : ndarray of str
+        Which press a row belongs to, where the file says so (column ``press`` or ``trial``).
+    """
+
+    source: str
+    row: np.ndarray
+    frequency_hz: np.ndarray
+    location_mm: np.ndarray
+    port: np.ndarray
+    force_n: np.ndarray
+    phase_deg: np.ndarray
+    press: np.ndarray
+
+    def take(self, which):
+        """The rows that a boolean or index array names."""
+        arrays = {f.name: getattr(self, f.name)[which] for f in fields(self) if f.name != "source"}
+        return replace(self, **arrays)
+
+    def at(self, index):
+        """Name of one row for messages."""
+        return f"{self.source}: row {self.row[index]}"
+
+    @property
+    def untouched(self):
+        """Rows of the untouched sensor; bool (n,)."""
+        return (self.force_n == 0) & np.isnan(self.location_mm)
+
+
+def _table(source, rows):
+    columns = list(zip(*rows, strict=True))
+    kinds = (int, float, float, int, float, float, str)
+    return CalibrationTable(
+        str(source), *(np.array(c, kind) for c, kind in zip(columns, kinds, strict=True))
+    )
+
+
+def read_vna_csv(path, frequency_hz=None):
+    """Reads a VNA calibration.
+
+    Columns ``freq_mhz, location_mm, port, force_n, phase_deg``; rows with force 0 and no location
+    are the untouched sensor. A column ``press`` or ``trial`` tells presses apart; others are
+    ignored.
+
+    Parameters
+    ----------
+    path : path
+    frequency_hz : float, optional
+        The carrier where the file has no ``freq_mhz``; else only its rows at this carrier count.
+
+    Returns
+    -------
+    CalibrationTable
+
+    Raises
+    ------
+    InputError
+        Naming file, row, rule and value.
+    """
+    header, lines = _read_csv(path)
+    needed = _VNA_COLUMNS[1:] if frequency_hz is not None else _VNA_COLUMNS
+    _need_columns(path, header, needed, "(or give --frequency-hz)" if needed != header else "")
+    rows = []
+    for number, line in lines:
+        where = f"{path}: row {number}"
+        frequency = frequency_hz
+        if "freq_mhz" in header:
+            frequency = 1e6 * _number(line, "freq_mhz", where)
+        location, force = _place_and_force(line, where)
+        port = _number(line, "port", where)
+        if port not in (1, 2):
+            raise InputError(f"{where}: port", "must be 1 or 2", line["port"])
+        phase = _number(line, "phase_deg", where)
+        rows.append((number, frequency, location, port, force, phase, _press(line)))
+    table = _table(path, rows)
+    if frequency_hz is not None:
+        table = table.take(np.abs(table.frequency_hz - frequency_hz) <= 1e-3 * frequency_hz)
+        if not table.row.size:
+            raise InputError(path, "has no row at the carrier", frequency_hz)
+    return table
+
+
+def read_tap_csv(path, frequency_hz):
+    """Reads wireless taps of known force and place.
+
+    Columns ``phase1_deg, phase2_deg, force_n, location_mm``, as in a readings file whose force and
+    location were put in from a load cell and a ruler. A column ``press`` or ``trial`` tells presses
+    apart; rows with force 0 and no location are the untouched sensor.
+
+    Returns
+    -------
+    CalibrationTable
+
+    Raises
+    ------
+    InputError
+        Naming file, row, rule and value.
+    """
+    header, lines = _read_csv(path)
+    _need_columns(path, header, ("phase1_deg", "phase2_deg", "force_n", "location_mm"))
+    rows = []
+    for number, line in lines:
+        where = f"{path}: row {number}"
+        location, force = _place_and_force(line, where)
+        for port in (1, 2):
+            phase = _number(line, f"phase{port}_deg", where)
+            rows.append((number, frequency_hz, location, port, force, phase, _press(line)))
+    return _table(path, rows)
+
+
+def read_touchstone_index(path, frequency_hz):
+    """Reads Touchstone ``.s2p`` files listed in an index CSV of ``file, force_n, location_mm``.
+
+    The phases are those of S11 (port 1) and S22 (port 2), interpolated to the carrier. File names
+    count from the index file's folder. Rows with force 0 and no location are the untouched sensor.
+
+    Raises
+    ------
+    InputError
+        Naming file, row, rule and value; also for a carrier outside a file's span.
+    """
+    header, lines = _read_csv(path)
+    _need_columns(path, header, ("file", "force_n", "location_mm"))
+    rows = []
+    for number, line in lines:
+        where = f"{path}: row {number}"
+        location, force = _place_and_force(line, where)
+        name = Path(path).parent / (line["file"] or "")
+        for port, phase in enumerate(_touchstone_phases(name, frequency_hz, where), 1):
+            rows.append((number, frequency_hz, location, port, force, phase, _press(line)))
+    return _table(path, rows)
+
+
+def _touchstone_phases(path, frequency_hz, where):
+    """Phases (deg) of S11 and S22 at the carrier."""
+    import skrf
+
+    if not path.is_file():
+        raise InputError(f"{where}: file", "does not exist", str(path))
+    try:
+        network = skrf.Network(str(path))
+    except Exception as error:
+        # scikit-rf raises whatever its parser stumbles over
+        raise InputError(f"{where}: file", "is not a Touchstone file", str(path)) from error
+    if network.nports != 2:
+        raise InputError(f"{where}: file", "must have two ports", network.nports)
+    low, high = network.f[0], network.f[-1]
+    if not low <= frequency_hz <= high:
+        rule = f"{path.name} must span the carrier {frequency_hz / 1e6:g} MHz"
+        raise InputError(f"{where}: file", rule, f"{low / 1e6:g}..{high / 1e6:g} MHz")
+    phases = []
+    for index in (0, 1):
+        reflection = network.s[:, index, index]
+        angle = np.unwrap(np.angle(reflection))
+        phases.append(float(np.rad2deg(np.interp(frequency_hz, network.f, angle))))
+    return phases
+
+
+def measure_vna(model, location_mm, force_n, noise_deg=0.0, seed=1):
+    """The table a VNA would give of a sensor that is evaluated, not measured.
+
+    Parameters
+    ----------
+    model : SensorModel
+        The sensor that stands on the bench.
+    location_mm, force_n : sequence of float
+        Every force at every location; untouched rows come first.
+    noise_deg : float
+        Standard deviation of the phases.
+    seed : int
+
+    Returns
+    -------
+    CalibrationTable
+    """
+    rng = np.random.default_rng(seed)
+    rows = []
+    for frequency in model.frequencies_hz:
+        for port, phase in enumerate(model.untouched_deg(frequency), 1):
+            rows.append((0, frequency, math.nan, port, 0.0, phase, ""))
+        for location in location_mm:
+            phases = model.phases_deg(force_n, location, frequency)
+            for port in (1, 2):
+                for force, phase in zip(force_n, phases[:, port - 1], strict=True):
+                    rows.append((0, frequency, location, port, force, phase, ""))
+    table = _table(f"evaluated {model.name}", rows)
+    noisy = table.phase_deg + noise_deg * rng.standard_normal(table.phase_deg.size)
+    return replace(table, row=np.arange(2, table.row.size + 2), phase_deg=noisy)
+
+
+def write_vna_csv(table, path):
+    """Writes a table as VNA calibration CSV."""
+    try:
+        with open(path, "w", encoding="utf-8", newline="") as stream:
+            writer = csv.writer(stream, lineterminator="\n")
+            writer.writerow(_VNA_COLUMNS)
+            for frequency, location, port, force, phase in zip(
+                table.frequency_hz,
+                table.location_mm,
+                table.port,
+                table.force_n,
+                table.phase_deg,
+                strict=True,
+            ):
+                place = "" if math.isnan(location) else f"{location:g}"
+                writer.writerow([f"{frequency / 1e6:g}", place, port, f"{force:g}", f"{phase:.4f}"])
+    except OSError as error:
+        raise InputError(path, f"cannot be written ({error.strerror})") from error
+
+
+def _read_csv(path):
+    """Header and (line number, row dict) of a CSV file, comments and empty lines left out."""
+    try:
+        with open(path, encoding="utf-8-sig", newline="") as stream:
+            reader = csv.DictReader(stream)
+            header = tuple(reader.fieldnames or ())
+            lines = [(reader.line_num, line) for line in reader if any(line.values())]
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror})") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(path, f"is not a CSV file ({error})") from error
+    if not lines:
+        raise InputError(path, "has no rows")
+    return header, lines
+
+
+def _need_columns(path, header, needed, hint=""):
+    missing = [name for name in needed if name not in header]
+    if missing:
+        rule = f"must have the columns {', '.join(needed)} {hint}".rstrip()
+        raise InputError(path, rule, ",".join(header))
+
+
+def _number(line, key, where, empty=None):
+    text = (line[key] or "").strip()
+    if not text and empty is not None:
+        return empty
+    try:
+        value = float(text)
+    except ValueError:
+        raise InputError(f"{where}: {key}", "must be a number", text) from None
+    if not math.isfinite(value):
+        raise InputError(f"{where}: {key}", "must be finite", text)
+    return value
+
+
+def _place_and_force(line, where):
+    force = _number(line, "force_n", where, empty=0.0)
+    location = _number(line, "location_mm", where, empty=math.nan)
+    if math.isnan(location) and force != 0:
+        raise InputError(f"{where}: location_mm", "must be given where force_n is not 0", force)
+    return (math.nan, 0.0) if force == 0 else (location, force)
+
+
+def _press(line):
+    return (line.get("press") or line.get("trial") or "").strip()
