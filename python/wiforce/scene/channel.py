@@ -21,34 +21,40 @@ _PIECE = 32768  # samples worked on at once: few calls, and still in the cache
 class AirChannel:
     """What is on the air of a scene, as a stream of samples.
 
-    Transmit samples of unit mean preamble power give the scene's ``snr_db`` and clutter levels,
-    and a receive peak 3 dB below full scale (1.0).
+    Sounding frames of the stated amplitude give the scene's ``snr_db`` and clutter levels, and a
+    receive peak 3 dB below full scale (1.0).
 
     Parameters
     ----------
     scene : Scene
         Everything random in it follows from ``scene.simulation.seed``.
+    amplitude : float
+        Root of the mean preamble power of the transmit samples.
+    through : bool
+        The static path is the input itself at unit gain and without delay, for use behind a
+        channel of one's own; levels then count from there.
 
     Attributes
     ----------
     sensors : dict
         Name to :class:`TagOnAir`, for what can be changed while running.
+    scale : float
+        Received amplitude per unit of the signal model's rho.
     """
 
-    def __init__(self, scene):
+    def __init__(self, scene, amplitude=1.0, through=False):
         simulation, waveform = scene.simulation, scene.waveform()
         seeds = np.random.SeedSequence(simulation.seed).spawn(4)
         paths_rng, clocks_rng, movers_rng, noise_rng = map(np.random.default_rng, seeds)
         self._rate = scene.radio.sample_rate_hz
         self._ramp = Ramp(self._rate)
         self._noise_rng = noise_rng
-        self._waveform = waveform
+        self._waveform, self._amplitude = waveform, amplitude
 
         clock_hz = scene.sensors[0].clock_hz
         self._tag_line = 0.25 * np.sinc(0.25) * np.sinc(clock_hz * waveform.averaging_s)
-        static = _scaled(
-            static_taps(paths_rng, self._rate), waveform, self._level(simulation.static_clutter_db)
-        )
+        static = np.ones(1) if through else static_taps(paths_rng, self._rate)
+        static = _scaled(static, waveform, self._level(simulation.static_clutter_db))
         movers = (
             [
                 MovingPath(movers_rng, simulation.moving_clutter_hz, i == 0)
@@ -74,7 +80,10 @@ class AirChannel:
         self.sensors = {tag.name: tag for tag in tags}
 
         self._set_noise(simulation.snr_db)
-        self.scale = PEAK / self._peak(static, mover_taps, tag_fades)
+        if through:
+            self.scale = 1 / self._level(simulation.static_clutter_db)
+        else:
+            self.scale = PEAK / self._peak(static, mover_taps, tag_fades)
         self._static = Fir(self.scale * static)
         self._movers = [
             (Fir(self.scale * taps), mover) for taps, mover in zip(mover_taps, movers, strict=True)
@@ -163,13 +172,13 @@ class AirChannel:
         return 0.0 if level_db is None else self._tag_line * 10 ** (level_db / 20)
 
     def _set_noise(self, snr_db):
-        """sigma of a sample from snr_db = |c1[1] G1|^2 / sigma_H^2."""
+        """sigma of a sample, in units of rho, from snr_db = |c1[1] G1|^2 / sigma_H^2."""
         variance_h = self._tag_line**2 / 10 ** (snr_db / 10)
-        self._noise = np.sqrt(variance_h / self._waveform.channel_noise_gain)
+        self._noise = self._amplitude * np.sqrt(variance_h / self._waveform.channel_noise_gain)
 
     def _peak(self, static, movers, tags):
         """Largest magnitude to expect when the scene's own frame is sent, noise included."""
-        frame = np.tile(self._waveform.frame(), 2)
+        frame = self._amplitude * np.tile(self._waveform.frame(), 2)
         total = sum(np.abs(np.convolve(frame, taps)) for taps in _padded([static, *movers, *tags]))
         return total.max() + _NOISE_PEAK * self._noise / np.sqrt(2)
 

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Block: the sounding frame, again and again."""
+
+import numpy as np
+from gnuradio import blocks, gr
+
+from .errors import InputError
+from .waveform import sounding_waveform
+
+_ITEM_SIZES = {"fc32": gr.sizeof_gr_complex, "sc16": 2 * gr.sizeof_short}
+
+
+class sounding_source(gr.hier_block2):
+    """Transmit samples: preamble and guard zeros, repeated without end.
+
+    Output: complex samples, or pairs of 16-bit integers (full scale 32767) for ``sc16``. The
+    first sample is the first of a frame.
+
+    Parameters
+    ----------
+    waveform : str
+        ``repeated`` or ``wifi``.
+    frame_length : int
+        Samples per frame, at least 320.
+    sample_rate : float
+        In samples per second.
+    amplitude : float
+        Root of the mean preamble power, above 0 and such that no component exceeds full scale.
+    item_type : str
+        ``fc32`` or ``sc16``.
+
+    Raises
+    ------
+    InputError
+        (A ValueError) naming parameter, rule and value.
+    """
+
+    def __init__(
+        self,
+        waveform="repeated",
+        frame_length=720,
+        sample_rate=12.5e6,
+        amplitude=0.5,
+        item_type="fc32",
+    ):
+        if item_type not in _ITEM_SIZES:
+            raise InputError("item_type", f"must be one of {', '.join(_ITEM_SIZES)}", item_type)
+        self._frame = sounding_waveform(waveform, frame_length, sample_rate).frame()
+        self._item_type = item_type
+        data = self._data(amplitude)
+        size = _ITEM_SIZES[item_type]
+        gr.hier_block2.__init__(
+            self, "sounding_source", gr.io_signature(0, 0, 0), gr.io_signature(1, 1, size)
+        )
+        if item_type == "fc32":
+            self._source = blocks.vector_source_c(data, True)
+        else:
+            self._source = blocks.vector_source_s(data, True, 2)
+        self.connect(self._source, self)
+
+    def set_amplitude(self, amplitude):
+        """Change the amplitude while running."""
+        self._source.set_data(self._data(amplitude))
+
+    def _data(self, amplitude):
+        parts = self._frame.view(float)
+        largest = 1 / np.abs(parts).max()
+        if not 0 < amplitude <= largest:
+            raise InputError("amplitude", f"must be above 0 and at most {largest:.4f}", amplitude)
+        if self._item_type == "fc32":
+            return (amplitude * self._frame).astype(np.complex64).tolist()
+        return np.rint(32767 * amplitude * parts).astype(np.int16).tolist()

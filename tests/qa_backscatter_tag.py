@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""backscatter_tag: a tag in a flowgraph shows what it is told to, also while it runs."""
+
+import numpy as np
+import pytest
+from gnuradio import blocks, gr, wiforce
+from gnuradio.wiforce.sensor import load_sensor
+from gnuradio.wiforce.waveform import sounding_waveform
+
+FRAME = 720
+RATE = 12.5e6
+QUIET = {"snr_db": 100.0, "static_clutter_db": 20.0, "clock_offset_ppm": 0.0}
+
+
+class Probe(gr.sync_block):
+    """Passes on, calls ``action`` once when ``at`` samples have gone by."""
+
+    def __init__(self, at, action):
+        gr.sync_block.__init__(self, "probe", [np.complex64], [np.complex64])
+        self.at, self.action, self.done_at = at, action, None
+
+    def work(self, input_items, output_items):
+        if self.done_at is None and self.nitems_read(0) >= self.at:
+            self.action()
+            self.done_at = self.nitems_read(0)
+        output_items[0][:] = input_items[0]
+        return len(output_items[0])
+
+
+class Collector(gr.sync_block):
+    """Keeps what arrives as arrays: a vector_sink's list of 10^7 samples takes its time."""
+
+    def __init__(self):
+        gr.sync_block.__init__(self, "collector", [np.complex64], None)
+        self.parts = []
+
+    def work(self, input_items, output_items):
+        self.parts.append(input_items[0].copy())
+        return len(input_items[0])
+
+
+def run(tag, frames, amplitude=0.5, probe=None):
+    flowgraph = gr.top_block()
+    source = wiforce.sounding_source(amplitude=amplitude)
+    head = blocks.head(gr.sizeof_gr_complex, frames * FRAME)
+    sink = Collector()
+    flowgraph.connect(source, head, *([probe] if probe else []), tag, sink)
+    flowgraph.run()
+    return np.concatenate(sink.parts)
+
+
+def sent(frames, amplitude=0.5):
+    return np.tile(amplitude * sounding_waveform().frame(), frames)
+
+
+def ends(samples, amplitude=0.5, clock_hz=1000.0):
+    """Lines 1 and 4 (ends 1 and 2) on each of 31 subcarriers, up to path and clock phase."""
+    folded = samples.reshape(-1, FRAME)[:, 64:320].reshape(-1, 4, 64).mean(axis=1)
+    reference = amplitude * sounding_waveform().preamble[:64]
+    h = np.fft.fft(folded)[:, 1:32] / np.fft.fft(reference)[1:32]
+    t = np.arange(len(h)) * FRAME / RATE
+    window = np.kaiser(len(h), 12) / np.sum(np.kaiser(len(h), 12))
+    return [(window * np.exp(-2j * np.pi * m * clock_hz * t)) @ h for m in (1, 4)]
+
+
+def level_db(line):
+    return 10 * np.log10(np.mean(np.abs(line) ** 2))
+
+
+def test_input_passes_with_unit_gain_and_the_tag_lies_as_far_below_as_told():
+    tag = wiforce.backscatter_tag(**QUIET)
+    received = run(tag, 5000)
+    frames = received.reshape(-1, FRAME)
+    mean = frames.mean(axis=0)[64:320]
+    wanted = sent(1)[64:320]
+    # The tag is on for half of the time: its mean reflection is part of what stands still.
+    gain = np.vdot(wanted, mean) / np.vdot(wanted, wanted)
+    assert abs(gain - 1) < 0.25
+    one, _ = ends(received)
+    assert level_db(one) == pytest.approx(-20, abs=0.1)
+
+
+@pytest.mark.parametrize("amplitude", [0.1, 0.5])
+def test_snr_counts_from_the_amplitude_of_the_input(amplitude):
+    tag = wiforce.backscatter_tag(**QUIET | {"snr_db": 3.0}, amplitude=amplitude)
+    tag.set_on(False)
+    noise = run(tag, 2000, amplitude) - sent(2000, amplitude)
+    line = 0.25 * np.sinc(0.25) * np.sinc(1000 * 256 / RATE)
+    unit = 10 ** (-20 / 20) / line  # the tag's rho where the input has gain 1
+    noise_h = np.mean(np.abs(noise) ** 2) * 62 / 256 / amplitude**2
+    assert 10 * np.log10((unit * line) ** 2 / noise_h) == pytest.approx(3.0, abs=0.1)
+
+
+def test_force_and_location_turn_the_ends_as_the_sensor_model_says():
+    model = load_sensor("line-900mhz")
+    before = ends(run(wiforce.backscatter_tag(**QUIET), 5000))
+    after = ends(run(wiforce.backscatter_tag(**QUIET, force_n=4.0, location_mm=30.0), 5000))
+    turned = model.phases_deg(4.0, 30.0) - model.untouched_deg()
+    wanted = np.exp(1j * np.deg2rad(turned))
+    # Line 1 is end 1 alone. On line 4 end 1 has nothing: c1[4] = 0.
+    for seen, turn in zip(np.divide(after, before), wanted, strict=True):
+        assert abs(np.angle(np.mean(seen / turn), deg=True)) < 0.2
+
+
+def test_a_press_while_running_starts_where_the_stream_stands():
+    tag = wiforce.backscatter_tag(**QUIET)
+    probe = Probe(1_000_000, lambda: (tag.set_location_mm(30.0), tag.set_force_n(4.0)))
+    received = run(tag, 4000, probe=probe)
+    pressed = run(wiforce.backscatter_tag(**QUIET, force_n=4.0, location_mm=30.0), 4000)
+    untouched = run(wiforce.backscatter_tag(**QUIET), 4000)
+    assert (tag.force_n(), tag.location_mm()) == (4.0, 30.0)
+    at = probe.done_at
+    start = np.argmax(np.abs(received - untouched) > 1e-4)
+    assert at - 70_000 < start <= at + 70_000  # a buffer's worth
+    np.testing.assert_allclose(received[start + 70_000 :], pressed[start + 70_000 :], atol=1e-5)
+
+
+def test_clock_offset_set_while_running_moves_the_lines_and_keeps_the_phase():
+    tag = wiforce.backscatter_tag(**QUIET)
+    probe = Probe(0, lambda: tag.set_clock_offset_ppm(1000.0))
+    received = run(tag, 9000, probe=probe)[FRAME * 500 :]
+    # Line 4 is 3.11 dB below line 1, and moves by four times as much: 4 Hz.
+    assert level_db(ends(received, clock_hz=1001.0)[1]) == pytest.approx(-23.1, abs=0.1)
+    assert level_db(ends(received, clock_hz=1000.0)[1]) < -26
+
+
+def test_snr_set_while_running_changes_the_noise():
+    tag = wiforce.backscatter_tag(**QUIET)
+    tag.set_on(False)
+    tag.set_snr_db(0.0)
+    louder = np.std(run(tag, 200) - sent(200))
+    quiet = wiforce.backscatter_tag(**QUIET | {"snr_db": 20.0})
+    quiet.set_on(False)
+    assert louder / np.std(run(quiet, 200) - sent(200)) == pytest.approx(10, rel=0.02)
+
+
+def test_a_second_run_of_the_flowgraph_goes_on():
+    tag = wiforce.backscatter_tag(**QUIET)
+    run(tag, 20)
+    assert len(run(tag, 20)) == 20 * FRAME
+
+
+@pytest.mark.parametrize(
+    "parameters, told",
+    [
+        ({"model": "nothing"}, "got 'nothing'"),
+        ({"clock_hz": 0}, "clock_hz: must be a number above 0"),
+        ({"clock_hz": 2171}, "4 x clock_hz must lie below half the snapshot rate"),
+        ({"clock_offset_ppm": 2000}, "clock_offset_ppm: must be a number from -1000 to 1000"),
+        ({"force_n": -1}, "force_n: must be from 0 to 1000, got -1"),
+        ({"location_mm": 81}, "location_mm: must be from 0 to 80, got 81"),
+        ({"location_mm": float("nan")}, "location_mm: must be from 0 to 80, got nan"),
+        ({"amplitude": 0}, "amplitude: must be above 0, got 0"),
+        ({"off_reflection": 1 + 0j}, "off_reflection: must be a pair"),
+        ({"center_frequency": 2.4e9}, "carrier"),
+        ({"sample_rate": "x"}, "sample_rate_hz: must be a number"),
+        ({"frame_length": 100}, "frame_length: must be an integer from 320"),
+        ({"static_clutter_db": None}, "static_clutter_db: must be a number"),
+        ({"seed": -1}, "seed: must be an integer"),
+    ],
+)
+def test_bad_parameters_are_refused_by_name_rule_and_value(parameters, told):
+    with pytest.raises(ValueError) as error:
+        wiforce.backscatter_tag(**parameters)
+    assert told in str(error.value)
+
+
+def test_bad_values_set_while_running_are_refused_and_leave_all_as_it_was():
+    tag = wiforce.backscatter_tag(force_n=2.0)
+    with pytest.raises(ValueError, match="force_n: must be from 0 to 1000, got -3"):
+        tag.set_force_n(-3)
+    with pytest.raises(ValueError, match="location_mm: must be from 0 to 80, got 90"):
+        tag.set_location_mm(90)
+    with pytest.raises(ValueError, match="clock_offset_ppm"):
+        tag.set_clock_offset_ppm(5000)
+    assert (tag.force_n(), tag.location_mm()) == (2.0, 40.0)
