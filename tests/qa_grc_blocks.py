@@ -209,6 +209,23 @@ REFUSED = [
     ("wiforce_reader", {"frame_offset": -1}),
     ("wiforce_reader", {"output": "readings.txt"}),
     ("variable_wiforce_scene", {"file": "missing.yaml"}),
+    ("wiforce_sounding_source", {"frame_length": 319}),
+    ("wiforce_sounding_source", {"sample_rate": 0}),
+    ("wiforce_sounding_source", {"amplitude": 0}),
+    ("wiforce_sounding_source", {"amplitude": 0.92}),
+    ("wiforce_backscatter_tag", {"model": "nothing"}),
+    ("wiforce_backscatter_tag", {"center_frequency": 2.4e9}),
+    ("wiforce_backscatter_tag", {"force_n": -1}),
+    ("wiforce_backscatter_tag", {"location_mm": 81}),
+    ("wiforce_backscatter_tag", {"clock_hz": 0}),
+    ("wiforce_backscatter_tag", {"clock_hz": 2171}),
+    ("wiforce_backscatter_tag", {"clock_offset_ppm": 1001}),
+    ("wiforce_backscatter_tag", {"snr_db": 141}),
+    ("wiforce_backscatter_tag", {"static_clutter_db": 141}),
+    ("wiforce_backscatter_tag", {"amplitude": 0}),
+    ("wiforce_backscatter_tag", {"off_reflection": "0.8+0.8j"}),
+    ("wiforce_backscatter_tag", {"frame_length": 319}),
+    ("wiforce_backscatter_tag", {"seed": -1}),
 ]
 
 

@@ -13,21 +13,28 @@ class LazyGroup(click.Group):
     Parameters
     ----------
     package : str
-    names : sequence of str
-        In the order of the help text; a name without a module is left out.
+    helps : dict
+        A line of help by name, so that showing them imports none of the modules; a name without a
+        module is left out.
     """
 
-    def __init__(self, *arguments, package, names, **options):
+    def __init__(self, *arguments, package, helps, **options):
         super().__init__(*arguments, **options)
-        self._package, self._names = package, names
+        self._package, self._helps = package, helps
 
     def list_commands(self, ctx):
-        return [name for name in self._names if importlib.util.find_spec(self._module(name))]
+        return [name for name in self._helps if importlib.util.find_spec(self._module(name))]
 
     def get_command(self, ctx, name):
         if name not in self.list_commands(ctx):
             return None
         return getattr(importlib.import_module(self._module(name)), name.replace("-", "_"))
+
+    def format_commands(self, ctx, formatter):
+        rows = [(name, self._helps[name]) for name in self.list_commands(ctx)]
+        if rows:
+            with formatter.section("Commands"):
+                formatter.write_dl(rows)
 
     def _module(self, name):
         return f"{self._package}.{name.replace('-', '_')}"

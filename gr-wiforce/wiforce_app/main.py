@@ -11,19 +11,20 @@ from gnuradio.wiforce.errors import InputError
 from .lazy import LazyGroup
 
 PROGRAM = "gr-wiforce"
-COMMANDS = (
-    "simulate",
-    "calibrate",
-    "invert",
-    "read",
-    "live",
-    "emulate",
-    "check",
-    "plan",
-    "evaluate",
-    "bench",
-    "demo",
-)
+# A line of help each, so that --help imports none of them.
+COMMANDS = {
+    "demo": "Simulate a press, read it back, show it beside the truth.",
+    "simulate": "Write the capture of a scene and its truth.",
+    "read": "Read a capture to force and location.",
+    "live": "Read from a USRP as it happens.",
+    "check": "Look at a USRP's levels, noise, delay and tones before measuring.",
+    "calibrate": "Make a sensor model from VNA or tap data.",
+    "invert": "Turn phases measured by anything into force and location.",
+    "plan": "Say which steps a scene needs, and what each costs.",
+    "emulate": "A software USRP N210 with a scene on the air.",
+    "evaluate": "Error tables against truth and against the paper.",
+    "bench": "Measure accuracy, speed and numerical limits.",
+}
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 
@@ -42,7 +43,7 @@ def _set_debug(ctx, _, asked):
 @click.command(
     cls=LazyGroup,
     package=__package__,
-    names=COMMANDS,
+    helps=COMMANDS,
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog="Exit status: 0 done; 2 bad usage or bad input, with one line that says what; "
     "1 anything else.",

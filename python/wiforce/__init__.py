@@ -32,6 +32,8 @@ _HOMES = {
     "open_writer": "readings",
     "is_scene": "rules",
     "is_sensor": "rules",
+    "is_carrier_of": "rules",
+    "is_amplitude_of": "rules",
     "is_tone_design": "rules",
 }
 

@@ -29,6 +29,21 @@ def is_sensor(model):
     return isinstance(model, SensorModel) or _accepted(lambda: load_sensor(model))
 
 
+def is_carrier_of(model, frequency_hz):
+    """Whether a sensor model holds phases at a carrier."""
+    from .sensor import load_sensor
+
+    return _accepted(lambda: load_sensor(model).untouched_deg(frequency_hz))
+
+
+def is_amplitude_of(waveform, amplitude):
+    """Whether a sounding frame of this amplitude stays within full scale."""
+    from .sounding_source import largest_amplitude
+    from .waveform import sounding_waveform
+
+    return 0 < amplitude <= largest_amplitude(sounding_waveform(waveform).frame())
+
+
 def is_tone_design(*settings):
     """Whether ``tone_weights(*settings)`` finds weights."""
     from .end_separation import tone_weights

@@ -10,6 +10,11 @@ from .waveform import sounding_waveform
 _ITEM_SIZES = {"fc32": gr.sizeof_gr_complex, "sc16": 2 * gr.sizeof_short}
 
 
+def largest_amplitude(frame):
+    """The amplitude at which the largest component of a frame reaches full scale."""
+    return 1 / np.abs(frame.view(float)).max()
+
+
 class sounding_source(gr.hier_block2):
     """Transmit samples: preamble and guard zeros, repeated without end.
 
@@ -64,7 +69,7 @@ class sounding_source(gr.hier_block2):
 
     def _data(self, amplitude):
         parts = self._frame.view(float)
-        largest = 1 / np.abs(parts).max()
+        largest = largest_amplitude(self._frame)
         if not 0 < amplitude <= largest:
             raise InputError("amplitude", f"must be above 0 and at most {largest:.4f}", amplitude)
         if self._item_type == "fc32":
