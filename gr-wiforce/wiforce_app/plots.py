@@ -88,7 +88,8 @@ def _plot_sensor(axes, readings, color, label):
             label=f"{label} (bars: 2 std)",
         )
         flagged = np.array([bool(set(r.flags) - {"reference"}) for r in readings])
-        axis.plot(time[flagged], _column(readings, value)[flagged], "x", ms=6, color="C3")
+        marked = _column(readings, value)[flagged]
+        axis.plot(time[flagged], marked, "x", ms=6, color="C3", label="flagged")
     axes[2].plot(time, _column(readings, "phase1_deg"), ".", ms=3, color=color, label="psi 1")
     axes[2].plot(time, _column(readings, "phase2_deg"), "+", ms=4, color=color, label="psi 2")
     axes[2].legend(loc="upper right", fontsize=8)

@@ -184,7 +184,7 @@ def _touchstone_phases(path, frequency_hz, where):
     return phases
 
 
-def measure_vna(model, location_mm, force_n, noise_deg=0.0, seed=1):
+def measure_vna(model, location_mm, force_n, noise_deg=0.0, seed=1, untouched_sweeps=10):
     """The table a VNA would give of a sensor that is evaluated, not measured.
 
     Parameters
@@ -196,6 +196,8 @@ def measure_vna(model, location_mm, force_n, noise_deg=0.0, seed=1):
     noise_deg : float
         Standard deviation of the phases.
     seed : int
+    untouched_sweeps : int
+        Rows of the untouched sensor, per port: their noise is common to all readings.
 
     Returns
     -------
@@ -205,7 +207,7 @@ def measure_vna(model, location_mm, force_n, noise_deg=0.0, seed=1):
     rows = []
     for frequency in model.frequencies_hz:
         for port, phase in enumerate(model.untouched_deg(frequency), 1):
-            rows.append((0, frequency, math.nan, port, 0.0, phase, ""))
+            rows += [(0, frequency, math.nan, port, 0.0, phase, "")] * untouched_sweeps
         for location in location_mm:
             phases = model.phases_deg(force_n, location, frequency)
             for port in (1, 2):
