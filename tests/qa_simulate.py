@@ -11,7 +11,10 @@ import second_simulator
 import sigmf
 import yaml
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.scene import load_scene, simulator
+from gnuradio.wiforce.scene import load_scene, shipped_scenes, simulator
+from gnuradio.wiforce.sensor import load_sensor
+from gnuradio.wiforce.sensor.calibration import calibrate
+from gnuradio.wiforce.sensor.tables import measure_vna
 
 SHORT = {
     "phase_group": {"snapshots": 125},
@@ -207,3 +210,28 @@ def test_both_simulators_mean_the_same_by_static_clutter_and_snr(tmp_path):
     np.testing.assert_allclose(first, second, atol=0.3)
     # Aliased harmonics of the tag among the quiet bins raise their median a little.
     np.testing.assert_allclose(first, [50, 10], atol=0.5)
+
+
+@pytest.mark.parametrize("name", shipped_scenes())
+def test_shipped_scenes_can_be_read_with_the_model_that_they_name(name):
+    """Where the phases are right, force and location are: the model was made of what is pressed."""
+    scene = load_scene(name)
+    sensors = {sensor.name: sensor for sensor in scene.sensors}
+    truths = {tag.sensor: scene.load_model(tag.truth_model) for tag in scene.simulation.tags}
+    for press in scene.simulation.presses:
+        forces = np.linspace(press.force_n, press.end_force_n, 9)
+        phases = truths[press.sensor].phases_deg(forces, press.location_mm)
+        found = sensors[press.sensor].load_model(scene).invert(phases, std_deg=0.1)
+        assert np.median(np.abs(found.force_n - forces)) < 0.12
+        assert np.median(np.abs(found.location_mm - press.location_mm)) < 0.15
+
+
+@pytest.mark.parametrize("mhz", [900, 2400])
+def test_calibrated_lines_are_what_a_calibration_makes_of_them(mhz):
+    line = load_sensor(f"line-{mhz}mhz")
+    forces = np.arange(1, 8.1, 0.25)
+    table = measure_vna(line, (20.0, 30.0, 40.0, 50.0, 60.0), forces, 0.2, seed=mhz)
+    made, shipped = calibrate(table, "made"), load_sensor(f"line-{mhz}mhz-calibrated")
+    grid = np.meshgrid(np.linspace(1, 8, 15), np.linspace(20, 60, 17))
+    # The file rounds its coefficients.
+    np.testing.assert_allclose(made.phases_deg(*grid), shipped.phases_deg(*grid), atol=1e-3)
