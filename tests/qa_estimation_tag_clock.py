@@ -12,7 +12,7 @@ COUNTING = 1.5 / 4001
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.031, -0.2])
-@pytest.mark.parametrize("width", [0.02048, 0.1, 0.3])
+@pytest.mark.parametrize("width", [0.02048, 0.1, 0.125])
 def test_averages_are_what_counting_instants_gives(width, delay):
     cycles = np.random.default_rng(1).uniform(-3, 1e4, 400)
     counted = averaged_switches(cycles, width, delay)
@@ -25,13 +25,6 @@ def test_the_ends_are_never_on_together():
     averages = switch_averages(2 * np.pi * cycles, 1e-9)
     assert np.max(averages.prod(axis=1)) == 0
     assert averages.mean(axis=0) == pytest.approx([0.25, 0.25], abs=1e-3)
-
-
-def test_pulses_of_three_quarters_overlap():
-    phases = 2 * np.pi * np.linspace(0, 1, 2001)
-    averages = switch_averages(phases, 1e-9, clock2_duty=0.75)
-    assert averages[:, 1].mean() == pytest.approx(0.75, abs=1e-3)
-    assert np.mean(averages.prod(axis=1)) == pytest.approx(1 / 8, abs=2e-3)
 
 
 @pytest.mark.parametrize("width", [1e-6, 0.02048, 0.1])

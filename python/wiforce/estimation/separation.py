@@ -6,21 +6,20 @@ M = W [s1, s2], is computed per group and inverted for all tags together, so tha
 clock's offset and lines that tags share cost almost nothing.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from .clock import ClockTracker, PhaseLikelihood, acquire
+from .acquisition import acquire
+from .clock import ClockTracker
+from .likelihood import PhaseLikelihood
 from .state import ClockState, GroupState
 from .tag_clock import harmonics, switch_averages
 
 # Acquisition: at least so many groups and so much time.
 _ACQUIRE_GROUPS = 8
 _ACQUIRE_S = 0.4
-# A tag is there when its waveforms explain so much more than noise would, per dimension, ...
-_ENERGY_RATIO = 1.25
-# ... and the groups agree on the clock by so many standard deviations.
-_AGREEMENT = 5.0
 _NOISE_MEMORY_S = 2.0
 # A tag not seen for so long has to be acquired anew: its clock may have restarted.
 _LOST_S = 0.5
@@ -46,35 +45,41 @@ class _Tag:
 
     def __init__(self, table, index, clock, averaging_s):
         self.clock = clock
-        self.index = index
+        self.rows = slice(2 * index, 2 * index + 2)
         self.rate = 2 * np.pi * clock.clock_hz
-        self.averaging_phase = clock.clock_hz * averaging_s
-        self.half_window = np.pi * self.averaging_phase
-        self.clock2_delay = 0.0
-        self.likelihood = PhaseLikelihood(table, index, self.averaging_phase)
+        self.half_window = self.rate * averaging_s / 2
+        self.likelihood = PhaseLikelihood(table, index, clock.clock_hz * averaging_s)
         self.overlapping = False
         self.tracker = None
         self.last_seen_s = None
         self.waiting = []
 
+    def start(self, fit, times_s, subcarriers, noise_level):
+        self.tracker = ClockTracker(fit, times_s, self.rate, subcarriers, noise_level)
+        self.overlapping = fit.overlapping
+        self.last_seen_s = times_s[-1]
+
     def drop(self):
         self.tracker = None
         self.waiting = []
 
-    def waveforms(self, times_s, center_s):
-        """s1 and s2 of every snapshot; ``times_s`` counts from the group's centre."""
-        phase, rate = self.tracker.predict(center_s)
-        phases = phase + (self.rate + rate) * times_s
-        scale = 1 + rate / self.rate
-        return switch_averages(phases, self.half_window * scale, self.clock2_delay)
+    @property
+    def delay(self):
+        return self.tracker.likelihood.clock2_delay
 
-    def state(self, center_s):
-        if self.tracker is None:
+    def waveforms(self, item):
+        """s1 and s2 of every snapshot of a group."""
+        phase, rate = self.tracker.predict(item.center_s)
+        phases = phase + (self.rate + rate) * item.times_s
+        return switch_averages(phases, self.half_window * (1 + rate / self.rate), self.delay)
+
+    def state(self, item):
+        seen = self.tracker is not None and self.last_seen_s >= item.center_s - 1e-9
+        if not (seen and item.usable):
             return ClockState(False)
-        phase, rate = self.tracker.predict(center_s)
-        ppm = 1e6 * rate / self.rate
-        wrapped = float(phase % (2 * np.pi))
-        return ClockState(True, wrapped, float(ppm), self.clock2_delay, self.overlapping)
+        phase, rate = self.tracker.predict(item.center_s)
+        ppm = float(1e6 * rate / self.rate)
+        return ClockState(True, float(phase % (2 * np.pi)), ppm, self.delay, self.overlapping)
 
 
 class EndSeparator:
@@ -95,16 +100,17 @@ class EndSeparator:
 
     def __init__(self, table, clocks, averaging_s, bins, sample_rate_hz=None):
         self.table = table
-        self._line_gain = np.ones((len(table.tones), 1))
+        self._line_gain = 1.0
         if sample_rate_hz is not None:
-            self._line_gain /= table.symbol_gain(sample_rate_hz)[:, None]
+            self._line_gain = 1 / table.symbol_gain(sample_rate_hz)[:, None]
+        self._mixer = self._make_mixer(table)
         self.bins = np.asarray(bins)
         self.group_period_s = table.group_length * table.snapshot_period_s
         self._tags = [_Tag(table, i, clock, averaging_s) for i, clock in enumerate(clocks)]
         self.acquisition_groups = max(
             _ACQUIRE_GROUPS, int(np.ceil(_ACQUIRE_S / self.group_period_s))
         )
-        self._reference_gain = harmonics(1, self._tags[0].averaging_phase)[0] ** 2
+        self._reference_gain = harmonics(1, clocks[0].clock_hz * averaging_s)[0] ** 2
         self._noise = None
         self._noise_groups = 0
         self._noise_memory = max(32, int(_NOISE_MEMORY_S / self.group_period_s))
@@ -149,57 +155,75 @@ class EndSeparator:
         if not held:
             return []
         self._started = True
-        self._start(held)
+        self._start([item for item in held if item.usable])
         return [self._separate(item, fresh=False) for item in held]
 
-    def _prepare(self, group, tones, missing, partial):
-        table, times = self.table, self.table.times_s
-        if partial is not None:
-            table, times = partial, times[partial.mask]
-        tones = np.asarray(tones)[:, self.bins].astype(complex)
-        usable = bool(np.all(np.isfinite(tones)) and np.any(tones))
-        usable = usable and (partial is not None or not missing)
-        center_s = (group + 0.5) * self.group_period_s
-        return _Group(group, center_s, tones, table.weights, table.whitener, times, missing, usable)
+    def _make_mixer(self, weights):
+        """What derotated tones make of waveforms: a real matrix, imaginary part below."""
+        mixer = self._line_gain * weights.weights
+        return np.vstack([mixer.real, mixer.imag])
 
-    def _start(self, held):
-        """Acquires every tag over the held groups, twice: the noise is known only after once."""
-        usable = [item for item in held if item.usable]
+    def _prepare(self, group, tones, missing, partial):
+        tones = np.asarray(tones)[:, self.bins].astype(complex)
+        usable = bool(np.isfinite(tones.sum()) and tones.any())
+        weights, times, mixer, loss = self.table, self.table.times_s, self._mixer, 1.0
+        if partial is not None:
+            weights, times = partial, times[partial.mask]
+            mixer = self._make_mixer(partial)
+            loss = len(partial.mask) / len(times)
+        elif missing:
+            usable = False
+        whitener = weights.whitener
+        white = whitener @ tones if usable else None
+        center_s = (group + 0.5) * self.group_period_s
+        return _Group(group, center_s, tones, whitener, white, mixer, times, missing, loss, usable)
+
+    def _start(self, usable):
+        """Acquires every tag over the groups held back.
+
+        More than once: the noise, and what other tags put into a tag's lines, are known only
+        after a first time.
+        """
         if len(usable) < 2:
             return
-        self._noise = self._floored(np.mean([item.power() for item in usable], axis=0), usable)
-        for _ in range(2):
+        self._set_noise(np.mean([item.power() for item in usable], axis=0), usable)
+        for _ in range(2 if len(self._tags) == 1 else 3):
             for tag in self._tags:
                 self._try(tag, usable)
             residuals = [self._solve(item)[2] for item in usable]
-            self._noise = self._floored(np.mean(residuals, axis=0), usable)
+            self._set_noise(np.mean(residuals, axis=0), usable)
         self._noise_groups = len(usable)
 
-    def _floored(self, noise, items):
-        floor = _NOISE_FLOOR * np.mean([item.power().mean() for item in items])
-        return np.maximum(noise, max(floor, 1e-300))
+    def _set_noise(self, noise, items):
+        floor = _NOISE_FLOOR * max(item.level() for item in items)
+        self._noise = np.maximum(noise, max(floor, 1e-300))
+        self._inverse_noise = 1 / self._noise
+        self._noise_level = float(self._noise.sum()) / len(self._noise)
 
     def _try(self, tag, items):
         """Acquires one tag over a block of usable groups; returns whether it is there."""
-        likelihood = tag.likelihood
-        pairs = [likelihood.coefficients(item.tones, self._noise) for item in items]
-        q = np.array([pair[0] for pair in pairs])
-        energies = np.array([pair[1] for pair in pairs])
+        alone = len(self._tags) == 1
+        fits = [None if alone else self._fit(item) for item in items]
+        covariances = np.array(
+            [self._covariance(tag, item, fit) for item, fit in zip(items, fits, strict=True)]
+        )
         times = np.array([item.center_s for item in items])
-        subcarriers = len(self.bins)
         fit = acquire(
-            times, q, energies, tag.rate, tag.clock.tolerance_ppm, subcarriers, likelihood
+            times, covariances, tag.likelihood, tag.rate, tag.clock.tolerance_ppm, len(self.bins)
         )
-        if not _believable(fit, q, len(likelihood.lines), subcarriers):
-            tag.tracker = None
-            return False
-        tag.tracker = ClockTracker(
-            likelihood, tag.rate, fit, len(items), self.group_period_s, subcarriers
-        )
-        for time, coefficients in zip(times, q, strict=True):
-            tag.tracker.absorb(time, coefficients)
-        tag.last_seen_s = times[-1]
-        return True
+        if fit.found:
+            tag.start(fit, times, len(self.bins), self._noise_level)
+        else:
+            tag.drop()
+        return fit.found
+
+    def _covariance(self, tag, item, fit):
+        """What a tag's likelihood needs of a group, the other tags taken out."""
+        tones = item.tones
+        if fit is not None:
+            foreign = (fit.rows < tag.rows.start) | (fit.rows >= tag.rows.stop)
+            tones = tones - fit.mixing[:, foreign] @ fit.ends[foreign]
+        return tag.likelihood.covariance(tones, self._noise * item.loss)
 
     def _separate(self, item, fresh=True):
         if fresh and item.usable:
@@ -212,10 +236,10 @@ class EndSeparator:
         gain = gain * (1 + len(self.bins) * max(0.0, misfit - _NOTABLE))
         vectors = np.zeros((self.ends, 64), complex)
         vectors[:, self.bins] = ends
-        clocks = tuple(self._clock_state(tag, item) for tag in self._tags)
+        clocks = tuple(tag.state(item) for tag in self._tags)
         noise = np.ones(len(self.bins)) if self._noise is None else self._noise
-        snr = self._snr_db(ends, gain, noise)
-        return GroupState(item.group, item.missing, clocks, noise.copy(), gain, snr), vectors
+        snr = self._snr_db(ends, gain)
+        return GroupState(item.group, item.missing, clocks, noise, gain, snr), vectors
 
     def _misfit(self, residual, item):
         """What the model leaves of a group over what noise would; 1 when all is well.
@@ -225,85 +249,117 @@ class EndSeparator:
         """
         if self._noise is None or not item.usable:
             return 1.0
-        return float(np.mean(residual / self._noise))
-
-    def _clock_state(self, tag, item):
-        seen = tag.tracker is not None and tag.last_seen_s >= item.center_s - 1e-9
-        return tag.state(item.center_s) if seen and item.usable else ClockState(False)
+        return float(residual @ self._inverse_noise) / len(residual)
 
     def _follow(self, item):
         if self._noise is None:
-            self._noise = self._floored(item.power(), [item])
+            self._set_noise(item.power(), [item])
+        predicted = self._fit(item) if len(self._tags) > 1 else None
         for tag in self._tags:
-            q, _ = tag.likelihood.coefficients(item.tones, self._noise)
-            if tag.tracker is not None:
-                if tag.tracker.update(item.center_s, q):
-                    tag.last_seen_s = item.center_s
-                elif item.center_s - tag.last_seen_s > _LOST_S:
-                    tag.drop()
+            if tag.tracker is None:
+                self._await(tag, item)
                 continue
-            tag.waiting.append(item)
-            del tag.waiting[: -self.acquisition_groups]
-            if len(tag.waiting) == self.acquisition_groups and self._try(tag, tag.waiting):
-                tag.waiting = []
+            covariance = self._covariance(tag, item, predicted)
+            coefficients = tag.tracker.likelihood.coefficients(covariance)
+            if tag.tracker.update(item.center_s, coefficients, self._noise_level):
+                tag.last_seen_s = item.center_s
+            elif item.center_s - tag.last_seen_s > _LOST_S:
+                tag.drop()
+
+    def _await(self, tag, item):
+        """Tries to acquire a tag over the latest groups."""
+        tag.waiting.append(item)
+        del tag.waiting[: -self.acquisition_groups]
+        if len(tag.waiting) == self.acquisition_groups and self._try(tag, tag.waiting):
+            tag.waiting = []
+
+    def _fit(self, item):
+        """Least squares over the locked tags at their clocks."""
+        locked = [tag for tag in self._tags if tag.tracker is not None]
+        if not locked or not item.usable:
+            none = np.zeros(0, int)
+            return _Fit(none, np.zeros((len(item.tones), 0)), np.zeros((0, len(self.bins))), none)
+        waveforms = np.hstack([tag.waveforms(item) for tag in locked])
+        rows = np.concatenate([np.arange(self.ends)[tag.rows] for tag in locked])
+        mixed = item.mixer @ waveforms
+        mixing = mixed[: len(item.tones)] + 1j * mixed[len(item.tones) :]
+        white = item.whitener @ mixing
+        adjoint = white.conj().T
+        inverse = _inverse(adjoint @ white)
+        ends = (inverse @ adjoint) @ item.white
+        return _Fit(rows, mixing, ends, inverse.diagonal().real, item.white - white @ ends)
 
     def _solve(self, item):
-        """Least squares over the locked tags; unlocked ends are zero with infinite gain."""
-        locked = [tag for tag in self._tags if tag.tracker is not None]
+        """Ends, their gain, and the noise left; unlocked ends are zero with infinite gain."""
         ends = np.zeros((self.ends, len(self.bins)), complex)
         gain = np.full(self.ends, np.inf)
         if not item.usable:
             return ends, gain, np.zeros(len(self.bins))
-        white = item.whitener @ item.tones
-        if not locked:
-            return ends, gain, np.mean(np.abs(white) ** 2, axis=0)
-        waveforms = np.hstack([tag.waveforms(item.times_s, item.center_s) for tag in locked])
-        mixing = item.whitener @ (self._line_gain * (item.weights @ waveforms))
-        rows = np.concatenate([[2 * tag.index, 2 * tag.index + 1] for tag in locked])
-        gram = np.linalg.pinv(mixing.conj().T @ mixing, rcond=1e-9, hermitian=True)
-        solution = gram @ (mixing.conj().T @ white)
-        ends[rows] = solution
+        fit = self._fit(item)
+        if not len(fit.rows):
+            return ends, gain, item.power()
+        ends[fit.rows] = fit.ends
         # In units of the whole group: a perfect end would have 1/N.
-        gain[rows] = np.diag(gram).real
-        gain[gain * self.table.group_length > _WORST_GAIN] = np.inf
-        left = white - mixing @ solution
-        freedom = max(len(white) - len(rows), 1)
-        return ends, gain, np.sum(np.abs(left) ** 2, axis=0) / freedom
+        usable = fit.gain * self.table.group_length < _WORST_GAIN
+        gain[fit.rows] = np.where(usable, fit.gain, np.inf)
+        freedom = max(len(fit.left) - len(fit.rows), 1)
+        return ends, gain, _power(fit.left).sum(axis=0) / freedom
 
     def _learn_noise(self, residual, item):
         self._noise_groups = min(self._noise_groups + 1, self._noise_memory)
         updated = self._noise + (residual - self._noise) / self._noise_groups
-        self._noise = self._floored(updated, [item])
+        self._set_noise(updated, [item])
 
-    def _snr_db(self, ends, gain, noise):
-        with np.errstate(divide="ignore", invalid="ignore"):
-            finite = np.where(np.isfinite(gain), gain, 0.0)
-            power = np.mean(np.abs(ends) ** 2, axis=1) - finite * noise.mean()
-            ratio = self._reference_gain * np.maximum(power, 0.0) / noise.mean()
-            return np.where(np.isfinite(gain), 10 * np.log10(np.maximum(ratio, 1e-12)), np.nan)
+    def _snr_db(self, ends, gain):
+        snr = np.full(len(ends), np.nan)
+        for i in np.flatnonzero(np.isfinite(gain)):
+            power = np.vdot(ends[i], ends[i]).real / len(self.bins) - gain[i] * self._noise_level
+            ratio = self._reference_gain * power / self._noise_level
+            snr[i] = 10 * math.log10(max(ratio, 1e-12))
+        return snr
 
 
 @dataclass(frozen=True)
 class _Group:
+    """A group as it came, with the weights behind it; ``loss`` is N over snapshots present."""
+
     group: int
     center_s: float
     tones: np.ndarray
-    weights: np.ndarray
     whitener: np.ndarray
+    white: np.ndarray
+    mixer: np.ndarray
     times_s: np.ndarray
     missing: int
+    loss: float
     usable: bool
+
+    def level(self):
+        """Mean of ``power`` over the subcarriers."""
+        return np.vdot(self.white, self.white).real / self.white.size
 
     def power(self):
         """Mean power per tone and subcarrier in units of the noise in H; shape (K,)."""
-        return np.mean(np.abs(self.whitener @ self.tones) ** 2, axis=0)
+        return _power(self.white).mean(axis=0)
 
 
-def _believable(fit, q, lines, subcarriers):
-    """Whether a fit is a tag: more energy than noise explains, and groups that agree on it."""
-    dimensions = subcarriers * len(q)
-    explained = fit.energy / (2 * dimensions)
-    rest = (fit.total - fit.energy) / ((lines - 2) * dimensions)
-    spread = np.sqrt(2 * np.sum(np.abs(q[:, 1:]) ** 2))
-    agreement = (fit.energy - np.sum(q[:, 0].real)) / max(spread, 1e-300)
-    return explained > _ENERGY_RATIO * rest and agreement > _AGREEMENT
+@dataclass(frozen=True)
+class _Fit:
+    """Tones = mixing @ ends + what is left, for the ends ``rows``."""
+
+    rows: np.ndarray
+    mixing: np.ndarray
+    ends: np.ndarray
+    gain: np.ndarray
+    left: np.ndarray = None
+
+
+def _power(values):
+    return values.real**2 + values.imag**2
+
+
+def _inverse(gram):
+    try:
+        return np.linalg.inv(gram)
+    except np.linalg.LinAlgError:
+        return np.linalg.pinv(gram, rcond=1e-9, hermitian=True)

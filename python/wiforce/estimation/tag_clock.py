@@ -31,14 +31,7 @@ def harmonics(m, averaging_phase=0.0):
     return np.stack([c1, c2], axis=-1)
 
 
-def _pulse_integral(phase, width, period):
-    """Integral from 0 of a train of unit pulses centred at multiples of ``period``."""
-    shifted = phase + period / 2
-    whole = np.floor(shifted / period)
-    return whole * width + np.clip(shifted - whole * period - (period - width) / 2, 0.0, width)
-
-
-def switch_averages(phase, half_window, clock2_delay=0.0, clock2_duty=0.25):
+def switch_averages(phase, half_window, clock2_delay=0.0):
     """Both switching waveforms averaged over a window of clock phase.
 
     Parameters
@@ -46,22 +39,24 @@ def switch_averages(phase, half_window, clock2_delay=0.0, clock2_duty=0.25):
     phase : ndarray, shape (n,)
         Clock 1's phase in radians at the window's centre.
     half_window : float
-        Half the window, pi fs Ta, in radians; positive.
+        Half the window, pi fs Ta, in radians; at most pi/8, the half width of the narrower pulse.
     clock2_delay : float
         Phase of clock 1, in radians, by which clock 2's pulses come late.
-    clock2_duty : float
-        Duty of clock 2: 0.25, or 0.75 for a clock 2 whose pulses overlap those of clock 1.
 
     Returns
     -------
     ndarray, shape (n, 2)
         Averages of s1 and s2, each in 0..1.
     """
-
-    def average(centre, width, period):
-        upper = _pulse_integral(centre + half_window, width, period)
-        return (upper - _pulse_integral(centre - half_window, width, period)) / (2 * half_window)
-
-    s1 = average(phase, np.pi / 2, 2 * np.pi)
-    s2 = average(phase - np.pi / 2 - clock2_delay, np.pi * clock2_duty, np.pi)
-    return np.stack([s1, s2], axis=-1)
+    # Cycles from the nearest pulse's centre, each clock in its own: pulses are 1/4 wide.
+    cycles = np.empty((len(phase), 2))
+    np.multiply(phase, 1 / (2 * np.pi), out=cycles[:, 0])
+    np.subtract(2 * cycles[:, 0], 0.5 + clock2_delay / np.pi, out=cycles[:, 1])
+    cycles -= np.rint(cycles)
+    np.abs(cycles, out=cycles)
+    # A window that is shorter than pulse and gap sees one edge at most: the average is a ramp.
+    half = half_window / (2 * np.pi) * np.array([1.0, 2.0])
+    cycles -= 1 / 8 + half
+    cycles /= -2 * half
+    np.maximum(cycles, 0.0, out=cycles)
+    return np.minimum(cycles, 1.0, out=cycles)

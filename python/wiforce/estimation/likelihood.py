@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The likelihood of a tag's clock phase, given a group's tones and nothing else.
+
+With the two ends' channels unknown on every subcarrier, the energy that the tones P of a group
+have in the span of the tag's harmonics, J(theta) = sum_k P_k^H Pi(theta) P_k / sigma_k^2, is the
+log-likelihood of the clock phase theta up to a constant. Pi turns with theta as
+exp(j (m - m') theta), so J is a trigonometric polynomial, and a group is summed up in its few
+coefficients. Odd and even lines together also tell theta from theta + pi.
+"""
+
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from .tag_clock import harmonics
+
+# Lines beyond this carry too little energy to help the clock.
+_HIGHEST_LINE = 8
+
+
+class PhaseLikelihood:
+    """Turns the tones of a group into the coefficients of J(theta).
+
+    Parameters
+    ----------
+    table : ToneTable
+    tag : int
+        Index of the tag among the table's.
+    averaging_phase : float
+        fs Ta.
+    clock2_delay : float
+        Radians of clock 1 by which clock 2's pulses come late.
+
+    Attributes
+    ----------
+    rows : ndarray of int, shape (L,)
+        Tones that this tag alone owns and that serve its clock.
+    lines : ndarray of int, shape (L,)
+        Harmonic number of each.
+    projection : ndarray of complex, shape (L, L)
+        Pi(0), for tones scaled to unit noise.
+    """
+
+    def __init__(self, table, tag, averaging_phase, clock2_delay=0.0):
+        self.rows, self.lines = _own_lines(table.tones, tag)
+        self.clock2_delay = clock2_delay
+        self._averaging_phase = averaging_phase
+        # Rows of unit noise; the lines are then close enough to orthogonal.
+        self.scale = 1 / np.linalg.norm(table.weights[self.rows], axis=1)
+        self.projection = self._project(clock2_delay)
+
+    def delayed(self, clock2_delay):
+        """The same for another delay of clock 2."""
+        other = object.__new__(PhaseLikelihood)
+        other.rows, other.lines, other.scale = self.rows, self.lines, self.scale
+        other._averaging_phase = self._averaging_phase
+        other.clock2_delay = clock2_delay
+        other.projection = other._project(clock2_delay)
+        return other
+
+    def _project(self, clock2_delay):
+        coefficients = harmonics(self.lines, self._averaging_phase).astype(complex)
+        coefficients[:, 1] *= np.exp(-1j * self.lines * clock2_delay)
+        basis, _ = np.linalg.qr(coefficients * self.scale[:, None])
+        return basis @ basis.conj().T
+
+    @property
+    def degree(self):
+        return int(self._steps.max())
+
+    @cached_property
+    def _steps(self):
+        return self.lines[:, None] - self.lines[None, :]
+
+    @cached_property
+    def noise_variance(self):
+        """Variance of dJ/dtheta per subcarrier from unit noise alone: tr (dPi/dtheta)^2."""
+        return float(np.sum(self._steps**2 * np.abs(self.projection) ** 2))
+
+    @cached_property
+    def _collector(self):
+        """Matrix that adds up Pi * covariance by the difference of its lines; (D+1, L^2)."""
+        differences = np.arange(self.degree + 1)[:, None]
+        return np.where(self._steps.ravel() == differences, self.projection.ravel(), 0)
+
+    def covariance(self, tones, noise):
+        """sum_k conj(P_i) P_j / sigma_k^2 of the tag's scaled lines.
+
+        Parameters
+        ----------
+        tones : ndarray of complex, shape (M, K)
+        noise : ndarray, shape (K,)
+            Noise variance of a tone of unit noise gain on each subcarrier.
+
+        Returns
+        -------
+        ndarray of complex, shape (L, L)
+            Its trace is the energy of the lines, in units of the noise.
+        """
+        scaled = tones[self.rows] * self.scale[:, None]
+        return (scaled.conj() / noise) @ scaled.T
+
+    def turned(self, covariances, phases):
+        """Covariances (..., L, L) as they would be with the clock set back by ``phases`` (...)."""
+        turns = np.exp(1j * np.multiply.outer(phases, self.lines))
+        return covariances * turns[..., :, None] * turns[..., None, :].conj()
+
+    def coefficients(self, covariance):
+        """Coefficients q of J(theta) = q_0 + 2 Re sum_d q_d exp(j d theta).
+
+        Parameters
+        ----------
+        covariance : ndarray of complex, shape (..., L, L)
+
+        Returns
+        -------
+        ndarray of complex, shape (..., degree + 1)
+        """
+        flat = covariance.reshape(*covariance.shape[:-2], -1)
+        return flat @ self._collector.T
+
+
+def _own_lines(tones, tag):
+    rows, lines = [], []
+    for row, tone in enumerate(tones):
+        if len(tone.owners) == 1 and tone.owners[0][0] == tag:
+            m = tone.owners[0][1]
+            unaliased = np.sign(m) == np.sign(tone.frequency_hz)
+            if abs(m) <= _HIGHEST_LINE and unaliased:
+                rows.append(row)
+                lines.append(m)
+    return np.array(rows), np.array(lines)
+
+
+def turned_by(coefficients, phases):
+    """Coefficients (..., D+1) of J(theta + phase), phases (...)."""
+    return coefficients * np.exp(1j * np.multiply.outer(phases, _orders(coefficients.shape[-1])[0]))
+
+
+def evaluate(coefficients):
+    """J, J' and J'' at theta = 0 of coefficients (..., D+1); each of shape (...)."""
+    _, value, slope, curvature = _orders(coefficients.shape[-1])
+    return coefficients.real @ value, coefficients.imag @ slope, coefficients.real @ curvature
+
+
+@lru_cache
+def _orders(count):
+    """d = 0..D, and how each q_d counts in J, J' and J''."""
+    d = np.arange(count, dtype=float)
+    return d, np.where(d > 0, 2.0, 1.0), -2 * d, -2 * d**2
