@@ -23,7 +23,14 @@ class SoftwareUsrp:
     """
 
     def __init__(self, *arguments, speed=1.0, faults=()):
-        command = [sys.executable, "-m", "wiforce_app.main", "emulate", *map(str, arguments)]
+        command = [
+            sys.executable,
+            "-m",
+            "wiforce_app.main",
+            "--debug",
+            "emulate",
+            *map(str, arguments),
+        ]
         command += ["--speed", str(speed)]
         for fault in faults:
             command += ["--fault", fault]
@@ -45,9 +52,12 @@ class SoftwareUsrp:
 
     def command(self, line):
         """The answer to one line of live control, as a dict."""
-        self.process.stdin.write(line + "\n")
-        self.process.stdin.flush()
-        return json.loads(self.process.stdout.readline())
+        try:
+            self.process.stdin.write(line + "\n")
+            self.process.stdin.flush()
+            return json.loads(self.process.stdout.readline())
+        except (BrokenPipeError, json.JSONDecodeError):
+            raise RuntimeError(f"the device has ended: {self.process.stderr.read()}") from None
 
     def stop(self):
         """Ask it to end; (exit status, what it said on standard error)."""

@@ -20,7 +20,7 @@ _DEFAULT_DELAY_US = 5.12
 
 @click.command(
     epilog="While it runs it takes lines on standard input, and on --control: "
-    "'press SENSOR FORCE_N LOCATION_MM [RISE_S]', 'release SENSOR', 'fault TIME KIND ...', "
+    "'press SENSOR FORCE_N LOCATION_MM', 'release SENSOR', 'fault TIME KIND ...', "
     "'status', 'stop'; each is answered by a line of JSON."
 )
 @click.argument("scene", required=False)
@@ -97,7 +97,12 @@ def _air(kind, scene, delay_ticks):
         return Counter(delay_ticks)
     if scene is None:
         raise InputError("SCENE", "is needed, unless --air says otherwise")
-    raise InputError("SCENE", "not yet")
+    # Imported when it is needed: a cable must not wait for the scene's mathematics.
+    from gnuradio.wiforce.scene import load_scene
+
+    from .usrp.scene_air import SceneAir
+
+    return SceneAir(load_scene(scene), delay_ticks)
 
 
 def _summary(status):

@@ -10,8 +10,8 @@ from .dsp import FULL_SCALE
 from .wire import TICK_RATE
 
 
-class TransmitHistory:
-    """Recent transmit samples on the device's time line; what was never sent is zero."""
+class SampleHistory:
+    """Recent samples on the device's time line; what was never there is zero."""
 
     def __init__(self):
         self._segments = deque()
@@ -29,7 +29,7 @@ class TransmitHistory:
             self._segments.popleft()
 
     def take(self, tick, spacing, count):
-        """`count` samples from `tick` on, one every `spacing` ticks: the nearest one sent."""
+        """`count` samples from `tick` on, one every `spacing` ticks: the nearest there is."""
         out = np.zeros(count, np.complex64)
         for start, step, samples in self._segments:
             if step == spacing:
@@ -63,6 +63,11 @@ class Tuning:
 
     def rx_carrier_hz(self, rx_dsp):
         return self._front_end.rx_lo_hz - rx_dsp.frequency_hz
+
+    @property
+    def reference_gain_db(self):
+        """Gain in the middle of the board's range, either way."""
+        return self._front_end.reference_gain_db
 
     @property
     def tx_gain_db(self):
@@ -105,27 +110,27 @@ class Cable:
 
     def __init__(self, delay_ticks):
         self._delay = delay_ticks
-        self._history = TransmitHistory()
+        self._sent = SampleHistory()
         self.tuning = None
         self.clock = None
 
     def restart(self):
         """Forget the last session."""
-        self._history = TransmitHistory()
+        self._sent = SampleHistory()
 
     def forget(self, tick):
         """Nothing before `tick` will be received any more."""
-        self._history.forget(tick - self._delay)
+        self._sent.forget(tick - self._delay)
 
     def transmit(self, tick, spacing, samples):
         """Samples that leave the device from `tick` on; complex64, 1.0 at full scale."""
-        self._history.append(tick, spacing, samples * _amplitude(self.tuning.tx_gain_db))
+        self._sent.append(tick, spacing, samples * amplitude(self.tuning.tx_gain_db))
 
     def receive(self, chain, tick, spacing, count):
         """Samples that arrive from `tick` on; complex64, 1.0 at full scale."""
-        samples = self._history.take(tick - self._delay, spacing, count)
+        samples = self._sent.take(tick - self._delay, spacing, count)
         samples = self.tuning.to_receive_carrier(samples, chain, tick, spacing)
-        return samples * _amplitude(self.tuning.rx_gain_db)
+        return samples * amplitude(self.tuning.rx_gain_db)
 
     def check_sensor(self, sensor):
         """Raises InputError: there is no sensor on a cable."""
@@ -155,5 +160,6 @@ class Counter(Cable):
         return (parts.astype(np.float32) / np.float32(FULL_SCALE)).view(np.complex64).reshape(-1)
 
 
-def _amplitude(db):
+def amplitude(db):
+    """Amplitude ratio of a level in dB; float32."""
     return np.float32(10 ** (db / 20))

@@ -9,8 +9,8 @@ from gnuradio.wiforce.errors import InputError
 from .faults import parse_fault
 
 USAGE = {
-    "press": "press SENSOR FORCE_N LOCATION_MM [RISE_S]",
-    "release": "release SENSOR [FALL_S]",
+    "press": "press SENSOR FORCE_N LOCATION_MM",
+    "release": "release SENSOR",
     "fault": "fault TIME KIND [ARGUMENTS]",
     "status": "status",
     "stop": "stop",
@@ -42,13 +42,11 @@ class Console:
         return getattr(self, f"_{name}")(arguments) or {}
 
     def _press(self, arguments):
-        sensor, *numbers = self._take("press", arguments, 3, 4)
-        force_n, location_mm, *rise_s = _numbers("press", numbers)
-        self._device.air.press(sensor, force_n, location_mm, *rise_s)
+        sensor, *numbers = self._take("press", arguments, 3, 3)
+        self._device.air.press(sensor, *_numbers("press", numbers))
 
     def _release(self, arguments):
-        sensor, *numbers = self._take("release", arguments, 1, 2)
-        self._device.air.release(sensor, *_numbers("release", numbers))
+        self._device.air.release(*self._take("release", arguments, 1, 1))
 
     def _fault(self, arguments):
         self._device.add_fault(parse_fault(" ".join(arguments), "fault"))

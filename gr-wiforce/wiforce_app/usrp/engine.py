@@ -4,6 +4,7 @@
 import select
 import time
 from collections import Counter as Tally
+from collections import deque
 
 from .air import Tuning
 from .clock import DeviceClock
@@ -40,8 +41,7 @@ from .wire import (
     is_announcement,
 )
 
-# What fits a host's socket buffer of the usual 208 KiB beside the backlog that pacing allows.
-_STEP_SAMPLES = 12_000
+_STEP_SAMPLES = 32_000
 _STEP_TICKS = 1_000_000
 _IDLE_WAIT_S = 0.01
 _HOLD_WAIT_S = 0.0005
@@ -98,6 +98,7 @@ class Device:
         self._sockets = Sockets(address)
         self._backlog = HostBacklog() if lossless else None
         self._throttle = Throttle(self._backlog) if lossless else None
+        self._outbox = deque()
         self._port_of = {sock.fileno(): port for port, sock in self._sockets.items()}
         self._callbacks = {}
 
@@ -185,6 +186,7 @@ class Device:
             chain.stop()
             chain.stream_start = None
         self._origin = None
+        self._outbox.clear()
         self.air.restart()
 
     def _serve(self, descriptors):
@@ -248,6 +250,8 @@ class Device:
 
     def _advance(self):
         """Move device time on by at most one step; seconds to wait before the next."""
+        if not self._deliver():
+            return _HOLD_WAIT_S
         start = self.clock.ticks
         end = start + min(self._wall.allowance(start), self._longest_step())
         end = self._until_event(end)
@@ -258,6 +262,22 @@ class Device:
         if end > start:
             self._step(start, end)
         return self._wait_after(end)
+
+    def _deliver(self):
+        """Send received samples on; False when the host has no room for the rest yet."""
+        while self._outbox:
+            index, data, size = self._outbox.popleft()
+            peer = self._rx_peers[index]
+            room = self._throttle.room(peer, size) if self._throttle else len(data)
+            if room is None:  # nobody is left to read
+                self.receive[index].stop()
+                continue
+            part, rest = data[: room * size], data[room * size :]
+            self._sockets.send_segments(RX_PORTS[index], part, size, peer)
+            if rest:
+                self._outbox.appendleft((index, rest, size))
+                return False
+        return True
 
     @property
     def _streaming(self):
@@ -278,14 +298,7 @@ class Device:
         return min([end, *ticks, *(tick for tick in finished if tick is not None and tick > start)])
 
     def _held(self, start, end):
-        """How far the host allows a step to go, under lossless pacing."""
-        for chain, peer in zip(self.receive, self._rx_peers, strict=True):
-            if chain.active and peer is not None:
-                ready = self._throttle.receiver_ready(peer)
-                if ready is None:
-                    chain.stop()
-                elif not ready:
-                    return start
+        """How far a step may go before transmit samples are missing, under lossless pacing."""
         covered = self.transmit.covered_until(end)
         return self._throttle.transmit_until(covered, start, end)
 
@@ -298,10 +311,9 @@ class Device:
             sent = chain.run(start, end)
             if self._origin is None:
                 self._origin = chain.stream_start
-            peer = self._rx_peers[index]
-            if peer is not None:
-                for data, size in sent:
-                    self._sockets.send_segments(RX_PORTS[index], data, size, peer)
+            if self._rx_peers[index] is not None:
+                self._outbox.extend((index, memoryview(data), size) for data, size in sent)
+        self._deliver()
         self.clock.advance(end)
         self.air.forget(end)
         self._run_fifo()
@@ -323,16 +335,30 @@ class Device:
         return max(self._wall.seconds_for(ahead), 0.0)
 
     def _inject(self, fault):
-        chain = self.receive[0]
-        actions = {
-            "overflow": lambda samples, stop=None: chain.overflow(samples, restart=stop is None),
-            "lose": chain.lose_packets,
-            "swap": chain.swap_packets,
-            "late": lambda which: (chain if which == "rx" else self.transmit).make_late(),
-            "stall": time.sleep,
-            "clock": self.air.set_clock_offset,
-            "off": lambda sensor: self.air.switch_tag(sensor, False),
-            "on": lambda sensor: self.air.switch_tag(sensor, True),
-        }
-        actions[fault.kind](*fault.arguments)
+        """Let a fault happen now; its kind is the name of the method that does it."""
+        getattr(self, f"_fault_{fault.kind}")(*fault.arguments)
         self.counters["faults"] += 1
+
+    def _fault_overflow(self, samples, stop=None):
+        self.receive[0].overflow(samples, restart=stop is None)
+
+    def _fault_lose(self, packets):
+        self.receive[0].lose_packets(packets)
+
+    def _fault_swap(self):
+        self.receive[0].swap_packets()
+
+    def _fault_late(self, which):
+        (self.receive[0] if which == "rx" else self.transmit).make_late()
+
+    def _fault_stall(self, seconds):
+        time.sleep(seconds)
+
+    def _fault_clock(self, sensor, ppm):
+        self.air.set_clock_offset(sensor, ppm)
+
+    def _fault_off(self, sensor):
+        self.air.switch_tag(sensor, on=False)
+
+    def _fault_on(self, sensor):
+        self.air.switch_tag(sensor, on=True)

@@ -40,6 +40,8 @@ class Daughterboard:
         Oscillator frequency over carrier; 0 for a board without an oscillator.
     rx_gain_db, tx_gain_db : callable
         Gain in dB from the unit's 16 pins.
+    reference_gain_db : float
+        In the middle of its range.
     """
 
     rx_id: int
@@ -47,14 +49,15 @@ class Daughterboard:
     lo_divider: int = 1
     rx_gain_db: Callable[[int], float] = _attenuator_half_db
     tx_gain_db: Callable[[int], float] = _attenuator_half_db
+    reference_gain_db: float = 15.0
 
 
 DAUGHTERBOARDS = {
     "SBX": Daughterboard(0x0054, 0x0055),
     "CBX": Daughterboard(0x0067, 0x0066),
     "WBX": Daughterboard(0x0057, 0x0056, lo_divider=2, tx_gain_db=_wbx_transmit_db),
-    "Basic": Daughterboard(0x0001, 0x0000, 0, _no_gain, _no_gain),
-    "LF": Daughterboard(0x000F, 0x000E, 0, _no_gain, _no_gain),
+    "Basic": Daughterboard(0x0001, 0x0000, 0, _no_gain, _no_gain, 0.0),
+    "LF": Daughterboard(0x000F, 0x000E, 0, _no_gain, _no_gain, 0.0),
 }
 
 
@@ -132,6 +135,10 @@ class FrontEnd:
     @property
     def tx_lo_hz(self):
         return self._lo_hz(_SPI_TX)
+
+    @property
+    def reference_gain_db(self):
+        return self._board.reference_gain_db
 
     @property
     def rx_gain_db(self):

@@ -8,7 +8,9 @@ import time
 
 from .wire import TICK_RATE
 
-_BACKLOG_LIMIT = 60_000
+# Below the usual 208 KiB of a receive buffer, counted as the kernel does: with its own overhead.
+_BACKLOG_LIMIT = 180_000
+_DATAGRAM_OVERHEAD = 832
 _DEBT_LIMIT_S = 0.02
 _HOLD_LIMIT_S = 0.3
 _TX_PAUSE_S = 0.003
@@ -55,20 +57,15 @@ class HostBacklog:
         """Bytes queued for `peer` (address, port); None when no such socket is open."""
         address = struct.unpack("=I", socket.inet_aton(peer[0]))[0]
         keys = [f": {a:08X}:{peer[1]:04X} ".encode() for a in (address, 0)]
-        table = self._table()
-        for key in keys:
-            at = table.find(key)
-            if at >= 0:
-                fields = table[at + 2 : table.find(b"\n", at)].split()
-                return int(fields[3].partition(b":")[2], 16)
+        offset = 0
+        while table := os.pread(self._file, 65536, offset):  # whole lines
+            for key in keys:
+                at = table.find(key)
+                if at >= 0:
+                    fields = table[at + 2 : table.find(b"\n", at)].split()
+                    return int(fields[3].partition(b":")[2], 16)
+            offset += len(table)
         return None
-
-    def _table(self):
-        chunks, offset = [], 0
-        while chunk := os.pread(self._file, 65536, offset):
-            chunks.append(chunk)
-            offset += len(chunk)
-        return b"".join(chunks)
 
 
 class Throttle:
@@ -85,8 +82,8 @@ class Throttle:
         """Transmit packets have come in."""
         self._tx_arrival_s = self._now()
 
-    def receiver_ready(self, peer):
-        """Whether more may be sent to `peer`; None when nobody listens there any more."""
+    def room(self, peer, size):
+        """How many datagrams of `size` bytes `peer` has room for; None when nobody listens."""
         queued = self._backlog.read(peer)
         if queued is None:
             return None
@@ -94,7 +91,9 @@ class Throttle:
         if queued != self._last_backlog.get(peer):
             self._last_backlog[peer] = queued
             self._changed_s[peer] = now
-        return queued <= _BACKLOG_LIMIT or now - self._changed_s[peer] > _HOLD_LIMIT_S
+        if now - self._changed_s[peer] > _HOLD_LIMIT_S:
+            queued = 0  # it does not read: lose what it won't take, as a wire does
+        return max(_BACKLOG_LIMIT - queued, 0) // (size + _DATAGRAM_OVERHEAD)
 
     def transmit_until(self, covered, start, end):
         """How far a step from `start` to `end` may go when samples reach to `covered`."""

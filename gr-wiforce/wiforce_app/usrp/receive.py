@@ -140,7 +140,6 @@ class ReceiveChain:
 
     def run(self, start, end):
         """Receive from tick `start` up to `end`; list of (bytes, segment size) to be sent."""
-        self._out = []
         while self._begin(start, end) and self._receive(end):
             pass
         out, self._out = self._out, []
@@ -268,7 +267,8 @@ class ReceiveChain:
     def _to_wire(self, samples):
         values = samples.view(np.float32) * np.float32(FULL_SCALE * self.dsp.gain)
         np.rint(values, out=values)
-        np.clip(values, -FULL_SCALE - 1, FULL_SCALE, out=values)
+        np.minimum(values, FULL_SCALE, out=values)
+        np.maximum(values, -FULL_SCALE - 1, out=values)
         return values.astype(np.int16).astype(">i2").reshape(-1, 2)
 
     def _send(self, wire, size, first_tick, end_of_burst=False):

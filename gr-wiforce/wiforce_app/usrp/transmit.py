@@ -99,6 +99,7 @@ class TransmitChain:
         self._queue = deque()
         self._expected = None
         self._next_tick = None
+        self._free_tick = self._clock.ticks
         self._skip_burst = False
         self._consumed = 0
         self._unreported = 0
@@ -156,7 +157,7 @@ class TransmitChain:
         tick, opened = self._next_tick, self.in_burst
         for packet in self._queue:
             if not opened:
-                tick = self._start_of(packet, self._clock.ticks)
+                tick = self._start_of(packet, tick or self._clock.ticks)
                 opened = True
             if tick >= end:
                 return end
@@ -181,8 +182,11 @@ class TransmitChain:
         out, self._reports = self._reports, []
         return out
 
-    def _start_of(self, packet, otherwise):
-        return otherwise if packet.time is None else self._clock.to_ticks(packet.time)
+    def _start_of(self, packet, earliest):
+        """Tick at which a burst begins: its time, or when the converter is free."""
+        if packet.time is None:
+            return max(earliest, self._free_tick)
+        return self._clock.to_ticks(packet.time)
 
     def _begin(self, start, end):
         """Start or drop the packet at the head; False when it is not due before `end`."""
@@ -223,6 +227,7 @@ class TransmitChain:
         if taken:
             self._air.transmit(self._next_tick, spacing, self._samples(payloads))
             self._next_tick += taken * spacing
+            self._free_tick = self._next_tick
         if ended:
             self._report(TX_BURST_ACK, self._next_tick)
             self._next_tick = None

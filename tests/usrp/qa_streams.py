@@ -1,0 +1,218 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Streams through unmodified gr-uhd and UHD: every sample, every tag, every fault."""
+
+import numpy as np
+import pmt
+import pytest
+from gnuradio import blocks, gr, uhd
+
+RATE = 12.5e6
+DELAY = 64  # samples at RATE: the default delay of the device
+
+
+class TagRecorder(gr.sync_block):
+    """Collects the stream tags that pass."""
+
+    def __init__(self):
+        gr.sync_block.__init__(self, "tag recorder", [(np.int16, 2)], None)
+        self.tags = []
+
+    def work(self, inputs, _):
+        self.tags += self.get_tags_in_window(0, 0, len(inputs[0]))
+        return len(inputs[0])
+
+    def times(self):
+        """Offset to time in samples, of the rx_time tags."""
+        found = {}
+        for tag in self.tags:
+            if str(tag.key) == "rx_time":
+                seconds = pmt.to_uint64(pmt.tuple_ref(tag.value, 0))
+                fraction = pmt.to_double(pmt.tuple_ref(tag.value, 1))
+                found[tag.offset] = round((seconds + fraction) * RATE)
+        return found
+
+
+def record(args, count, path):
+    """Counter values and rx_time tags of a timed reception through gr-uhd."""
+    stream = uhd.stream_args(cpu_format="sc16", otw_format="sc16", channels=[0])
+    source = uhd.usrp_source(f"{args},recv_frame_size=8000", stream)
+    source.set_samp_rate(RATE)
+    source.set_time_now(uhd.time_spec(0))
+    source.set_start_time(uhd.time_spec(0.5))
+    head, sink, recorder = blocks.head(4, count), blocks.file_sink(4, str(path)), TagRecorder()
+    flowgraph = gr.top_block()
+    flowgraph.connect(source, head, sink)
+    flowgraph.connect(head, recorder)
+    flowgraph.run()
+    sink.close()
+    pairs = np.fromfile(path, np.int16).reshape(-1, 2)
+    values = pairs[:, 0].astype(np.uint16).astype(np.int64) | pairs[:, 1].astype(np.int64) << 16
+    return values, recorder.times()
+
+
+def test_ten_million_samples_at_full_rate_none_wrong(software_usrp, tmp_path):
+    device = software_usrp("--air", "counter")
+    values, times = record(device.args, 10_000_000, tmp_path / "ramp")
+    assert times == {0: RATE / 2}
+    assert len(values) == 10_000_000
+    assert np.array_equal(values, RATE / 2 + np.arange(10_000_000))
+
+
+def test_after_an_overflow_the_new_time_tells_how_much_is_lost(software_usrp, tmp_path, capfd):
+    device = software_usrp("--air", "counter", faults=["+0.1 overflow 3630"])
+    values, times = record(device.args, 2_000_000, tmp_path / "ramp")
+    (start, first), (offset, resumed) = times.items()
+    assert (start, first) == (0, RATE / 2)
+    assert resumed - first - offset == 3630
+    # The counter holds device time: what is left is whole, and the tag tells the truth.
+    assert np.array_equal(values[:offset], first + np.arange(offset))
+    assert np.array_equal(values[offset:], resumed + np.arange(2_000_000 - offset))
+    assert offset == 0.1 * RATE
+    assert "O" in capfd.readouterr().err.replace("UHD", "").replace("[INFO]", "")
+    assert device.command("status")["rx_dropped_samples"] == 3630
+
+
+def test_lost_packets_show_as_such_with_a_new_time(software_usrp, tmp_path, capfd):
+    device = software_usrp("--air", "counter", faults=["+0.1 lose 3"])
+    values, times = record(device.args, 2_000_000, tmp_path / "ramp")
+    (_, first), (offset, resumed) = times.items()
+    assert resumed - first - offset == 3 * 1995  # samples in a frame of 8000 bytes
+    assert np.array_equal(values[:offset], first + np.arange(offset))
+    assert np.array_equal(values[offset:], resumed + np.arange(2_000_000 - offset))
+    assert "D" in capfd.readouterr().err.replace("UHD", "")
+    assert device.command("status")["rx_dropped_packets"] == 3
+
+
+class Host:
+    """Receives and transmits through gr-uhd, with one device for both."""
+
+    def __init__(self, device, rate=RATE, frequency_hz=900e6):
+        stream = uhd.stream_args(cpu_format="fc32", otw_format="sc16", channels=[0])
+        self.source = uhd.usrp_source(device.args, stream)
+        self.sink = uhd.usrp_sink(device.args, stream)
+        for block in (self.source, self.sink):
+            block.set_samp_rate(rate)
+            block.set_center_freq(frequency_hz)
+        self.source.set_time_now(uhd.time_spec(0))
+
+    def exchange(self, bursts, start_s, count):
+        """Send bursts {time_s: samples}; receive `count` samples from `start_s`; complex64."""
+        sent = blocks.vector_source_c(
+            np.concatenate(list(bursts.values())), False, 1, _tags(bursts)
+        )
+        head, received = blocks.head(gr.sizeof_gr_complex, count), blocks.vector_sink_c()
+        self.source.set_start_time(uhd.time_spec(start_s))
+        flowgraph = gr.top_block()
+        flowgraph.connect(sent, self.sink)
+        flowgraph.connect(self.source, head, received)
+        flowgraph.run()
+        return np.array(received.data(), np.complex64)
+
+
+def _tags(bursts):
+    tags, offset = [], 0
+    for time_s, samples in bursts.items():
+        whole = int(time_s)
+        time = pmt.make_tuple(pmt.from_uint64(whole), pmt.from_double(time_s - whole))
+        last = offset + len(samples) - 1
+        for where, key, value in [
+            (offset, "tx_time", time),
+            (offset, "tx_sob", pmt.PMT_T),
+            (last, "tx_eob", pmt.PMT_T),
+        ]:
+            tags.append(gr.tag_utils.python_to_tag((where, pmt.intern(key), value, pmt.PMT_F)))
+        offset = last + 1
+    return tags
+
+
+def noise(count, seed, limit=0.7):
+    """Complex samples that are exact in 16 bits."""
+    rng = np.random.default_rng(seed)
+    values = rng.uniform(-limit, limit, 2 * count).astype(np.float32).view(np.complex64)
+    return (np.rint(values.view(np.float32) * 32767) / np.float32(32767)).view(np.complex64)
+
+
+def codes(samples):
+    """What 16-bit integers these are, I Q I Q."""
+    return np.rint(samples.view(np.float32) * 32767).astype(int)
+
+
+def constant(value, count):
+    return np.full(count, value, np.complex64)
+
+
+def test_timed_bursts_return_at_their_sample_with_their_amplitude(software_usrp):
+    device = software_usrp("--air", "cable")
+    bursts = {0.5: noise(5000, 1), 0.5 + 8000 / RATE: noise(1, 2), 0.501: noise(700, 3)}
+    received = Host(device).exchange(bursts, 0.5, 20000)
+    expected = np.zeros(20000, np.complex64)
+    for time_s, samples in bursts.items():
+        first = DELAY + round((time_s - 0.5) * RATE)
+        expected[first : first + len(samples)] = samples
+    assert np.abs(codes(received) - codes(expected)).max() <= 1
+    assert device.command("status")["tx_late_packets"] == 0
+
+
+@pytest.mark.parametrize("rate", [25e6, 5e6, 100e6 / 12, 100e6 / 27])
+def test_amplitude_is_the_same_at_every_kind_of_rate(software_usrp, rate):
+    device = software_usrp("--air", "cable", "--delay-us", 0)
+    # At some rates the driver doubles what it sends and so clips above 0.5.
+    samples = noise(1000, 4, limit=0.49)
+    received = Host(device, rate).exchange({0.5: samples}, 0.5, 1000)
+    assert np.abs(codes(received) - codes(samples)).max() <= 1
+
+
+def test_what_is_tuned_elsewhere_appears_at_the_difference(software_usrp):
+    device = software_usrp("--air", "cable", "--delay-us", 0)
+    host = Host(device)
+    host.source.set_center_freq(900.1e6)
+    received = host.exchange({0.5: constant(0.25, 12500)}, 0.5, 12500)
+    turns = np.unwrap(np.angle(received)) / 2 / np.pi
+    assert np.polyfit(np.arange(12500) / RATE, turns, 1)[0] == pytest.approx(-100e3, abs=1)
+    assert np.allclose(np.abs(received), 0.25, atol=1e-4)
+    del host
+    host = Host(device)
+    host.source.set_center_freq(950e6)
+    assert not host.exchange({0.5: constant(0.25, 1000)}, 0.5, 1000).any()
+    assert device.command("status")["tx_late_packets"] == 0
+
+
+@pytest.mark.parametrize("board", ["SBX", "CBX", "WBX"])
+def test_the_device_knows_its_carriers_and_gains_from_the_driver_alone(software_usrp, board):
+    device = software_usrp("--air", "cable", "--daughterboard", board)
+    host = Host(device)
+    low = 1.3e9 if board == "CBX" else 500e6
+    for rx_hz, tx_hz, rx_db, tx_db in [
+        (low, low + 10e6, 0, 31),
+        (1.8e9 + 1234.5, 2.1e9 - 77e3, 12.5, 7),
+        (2.1e9, 1.7000001e9, 34.3, 0),
+    ]:
+        tuned = {"rx": (host.source, rx_hz, rx_db), "tx": (host.sink, tx_hz, tx_db)}
+        for block, frequency_hz, gain_db in tuned.values():
+            block.set_center_freq(frequency_hz)
+            block.set_gain(gain_db)
+        status = device.command("status")
+        for way, (block, frequency_hz, _) in tuned.items():
+            carrier_hz, gain_db = status[f"{way}_carrier_hz"], status[f"{way}_gain_db"]
+            # The driver's own frequency is rounded to the CORDIC's 0.02 Hz.
+            assert carrier_hz == pytest.approx(block.get_center_freq(), abs=0.05)
+            assert carrier_hz == pytest.approx(frequency_hz, abs=0.05)
+            assert gain_db == pytest.approx(block.get_gain(), abs=0.03)
+
+
+def test_gain_changes_the_level_and_the_converter_clips(software_usrp):
+    host = Host(software_usrp("--air", "cable", "--delay-us", 0))
+    host.source.set_gain(6)
+    host.sink.set_gain(14)
+    sent = np.concatenate([constant(0.05, 500), constant(0.5 - 0.5j, 500)])
+    received = host.exchange({0.5: sent}, 0.5, 1000)
+    assert np.allclose(received[:500], 0.5, atol=10 / 32767)  # 10 times half the host's step
+    assert np.allclose(received[500:], 1 - 1j, atol=1e-4)
+
+
+def test_time_can_be_set_at_the_next_pulse_per_second(software_usrp):
+    host = Host(software_usrp("--air", "cable", speed=4))
+    host.source.set_time_unknown_pps(uhd.time_spec(100.0))
+    last = host.source.get_time_last_pps().get_real_secs()
+    now = host.source.get_time_now().get_real_secs()
+    assert last == round(last) and 100 <= last <= now < last + 1
