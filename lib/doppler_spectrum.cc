@@ -1,7 +1,21 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "doppler_transform.h"
 
+#include "kernel/require.h"
+
 namespace gr::wiforce {
+
+static int checked(int group_length)
+{
+    kernel::require(group_length >= 1,
+                    "phase_group_doppler",
+                    "group_length",
+                    "must be >= 1",
+                    group_length);
+    return group_length;
+}
+
+doppler_spectrum::doppler_spectrum(int group_length) : d_fft(checked(group_length)) {}
 
 // As in tone_accumulator, differences from the first snapshot are transformed and that
 // snapshot is added back, so that a static path does not round into the other bins.

@@ -43,7 +43,8 @@ private:
 class doppler_spectrum : public doppler_transform
 {
 public:
-    explicit doppler_spectrum(int group_length) : d_fft(group_length) {}
+    // Throws std::invalid_argument unless group_length >= 1.
+    explicit doppler_spectrum(int group_length);
     int rows() const override { return d_fft.inbuf_length(); }
     void clear() override {}
     void advance(const kernel::phase_group&) override {}

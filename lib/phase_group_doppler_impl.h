@@ -1,14 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include "doppler_transform.h"
+#include "group_stream.h"
 #include <gnuradio/wiforce/phase_group_doppler.h>
-
-#include <memory>
 
 namespace gr::wiforce {
 
-class phase_group_doppler_impl : public phase_group_doppler
+class phase_group_doppler_impl : public phase_group_doppler, private group_outlet
 {
 public:
     phase_group_doppler_impl(std::unique_ptr<doppler_transform> transform,
@@ -20,23 +18,20 @@ public:
                      gr_vector_const_void_star& input_items,
                      gr_vector_void_star& output_items) override;
 
-    int rows() const override { return d_transform->rows(); }
-    std::uint64_t groups() const override { return d_groups; }
-    std::uint64_t incomplete_groups() const override { return d_incomplete_groups; }
+    int rows() const override { return d_stream.rows(); }
+    std::uint64_t groups() const override { return d_stream.groups(); }
+    std::uint64_t incomplete_groups() const override
+    {
+        return d_stream.incomplete_groups();
+    }
 
 private:
-    // Ends the group at hand; returns whether it was emitted to `out`.
-    bool close_group(kernel::fc32* out, int produced);
-    void publish_incomplete() const;
-    bool starts_new_group(std::uint64_t snapshot) const;
+    void
+    tag_output(std::uint64_t offset, const pmt::pmt_t& key, std::uint64_t value) override;
+    void publish_incomplete(const pmt::pmt_t& pdu) override;
 
-    const std::unique_ptr<doppler_transform> d_transform;
-    kernel::phase_group d_group;
-    std::uint64_t d_index = 0;    // of the group at hand
+    group_stream d_stream;
     std::uint64_t d_snapshot = 0; // of the next input item
-
-    std::uint64_t d_groups = 0;
-    std::uint64_t d_incomplete_groups = 0;
 };
 
 } // namespace gr::wiforce

@@ -30,13 +30,23 @@ void phase_group::skip_to(int to)
     }
 }
 
+fc32* phase_group::reserve(int first_slot)
+{
+    skip_to(first_slot);
+    return slot(first_slot);
+}
+
 void phase_group::add(int first_slot, const fc32* snapshots, int count)
 {
-    const auto& simd = fastest_kernels();
-    skip_to(first_slot);
     std::copy_n(
-        snapshots, static_cast<std::size_t>(count) * FFT_LENGTH, slot(first_slot));
-    for (int end = first_slot + count; d_decided < end;) {
+        snapshots, static_cast<std::size_t>(count) * FFT_LENGTH, reserve(first_slot));
+    accept(count);
+}
+
+void phase_group::accept(int count)
+{
+    const auto& simd = fastest_kernels();
+    for (int end = d_decided + count; d_decided < end;) {
         if (!simd.is_finite(reinterpret_cast<const float*>(slot(d_decided)))) {
             skip_to(d_decided + 1);
             continue;

@@ -23,8 +23,12 @@ public:
 
     void clear();
 
-    // Puts snapshots into the slots first_slot .. first_slot + count - 1; slots that were
-    // left out since the last call are absent. first_slot >= decided().
+    // Memory for the snapshots from first_slot on; slots left out since the last call are
+    // absent. first_slot >= decided(). accept() takes up as many as were written.
+    fc32* reserve(int first_slot);
+    void accept(int count);
+
+    // Both, for snapshots that lie elsewhere.
     void add(int first_slot, const fc32* snapshots, int count);
 
     // Declares the slots that are left absent.

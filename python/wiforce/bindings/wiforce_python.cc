@@ -7,6 +7,7 @@
 #include <gnuradio/wiforce/ofdm_channel_estimator.h>
 #include <gnuradio/wiforce/phase_group_doppler.h>
 #include <gnuradio/wiforce/preamble_fold.h>
+#include <gnuradio/wiforce/recording_source.h>
 
 namespace py = pybind11;
 using namespace py::literals;
@@ -19,6 +20,18 @@ using complex_array =
 static std::vector<std::complex<double>> flat(const complex_array& values)
 {
     return { values.data(), values.data() + values.size() };
+}
+
+// A table of weights, row by row; its columns are the snapshots of a group.
+static std::vector<std::complex<double>> rows_of(const complex_array& weights,
+                                                 int group_length)
+{
+    if (group_length >= 1 && weights.ndim() == 2 && weights.shape(1) != group_length)
+        throw std::invalid_argument(
+            "phase_group_doppler: weights must have group_length = " +
+            std::to_string(group_length) + " columns, got " +
+            std::to_string(weights.shape(1)));
+    return flat(weights);
 }
 
 static void bind_preamble_fold(py::module& m)
@@ -85,13 +98,8 @@ static void bind_phase_group_doppler(py::module& m)
         "`missing`, and its snapshots and mask go out on the port `incomplete` before "
         "it.")
         .def(py::init([](const complex_array& weights, int group_length) {
-                 if (group_length >= 1 && weights.ndim() == 2 &&
-                     weights.shape(1) != group_length)
-                     throw std::invalid_argument(
-                         "phase_group_doppler: weights must have group_length = " +
-                         std::to_string(group_length) + " columns, got " +
-                         std::to_string(weights.shape(1)));
-                 return phase_group_doppler::make(flat(weights), group_length);
+                 return phase_group_doppler::make(rows_of(weights, group_length),
+                                                  group_length);
              }),
              "weights"_a,
              "group_length"_a)
@@ -108,6 +116,70 @@ static void bind_phase_group_doppler(py::module& m)
              "Groups emitted with snapshots missing.");
 }
 
+static void bind_recording_source(py::module& m)
+{
+    py::class_<recording_source,
+               gr::block,
+               gr::basic_block,
+               std::shared_ptr<recording_source>>(
+        m,
+        "recording_source",
+        "Reads a recording straight from the file's memory, as folded vectors.\n\n"
+        "Segments are tuples (file sample, index in the stream, length) of unbroken "
+        "runs.\n"
+        "Output: a vector of 64 complex per frame, as of preamble_fold.")
+        .def(py::init(&recording_source::make),
+             "path"_a,
+             "datatype"_a,
+             "segments"_a,
+             "frame_length"_a,
+             "first_averaged"_a = 64,
+             "repetitions"_a = 4,
+             "frame_offset"_a = 0,
+             "header_bytes"_a = 0)
+        .def_static(
+            "tones",
+            [](const std::string& path,
+               const std::string& datatype,
+               const std::vector<recording_source::segment>& segments,
+               const complex_array& weights,
+               int group_length,
+               int frame_length,
+               int first_averaged,
+               int repetitions,
+               std::uint64_t frame_offset,
+               std::uint64_t header_bytes) {
+                return recording_source::tones(path,
+                                               datatype,
+                                               segments,
+                                               rows_of(weights, group_length),
+                                               group_length,
+                                               frame_length,
+                                               first_averaged,
+                                               repetitions,
+                                               frame_offset,
+                                               header_bytes);
+            },
+            "path"_a,
+            "datatype"_a,
+            "segments"_a,
+            "weights"_a,
+            "group_length"_a,
+            "frame_length"_a,
+            "first_averaged"_a = 64,
+            "repetitions"_a = 4,
+            "frame_offset"_a = 0,
+            "header_bytes"_a = 0,
+            "The tones of phase groups, as of phase_group_doppler.")
+        .def("snapshots", &recording_source::snapshots, "Frames folded so far.")
+        .def("samples_missing",
+             &recording_source::samples_missing,
+             "Samples that the segments promise and the file does not hold.")
+        .def("samples_left_over",
+             &recording_source::samples_left_over,
+             "Samples at the end of the recording that make no whole frame.");
+}
+
 PYBIND11_MODULE(wiforce_python, m)
 {
     // The base classes' Python types.
@@ -115,4 +187,5 @@ PYBIND11_MODULE(wiforce_python, m)
     bind_preamble_fold(m);
     bind_ofdm_channel_estimator(m);
     bind_phase_group_doppler(m);
+    bind_recording_source(m);
 }

@@ -1,0 +1,130 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "recording.h"
+
+#include "require.h"
+
+#include <fcntl.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+
+namespace gr::wiforce::kernel {
+
+namespace {
+
+constexpr const char* WHERE = "recording_source";
+constexpr std::uint64_t RELEASE_STEP = 16 << 20; // bytes
+
+[[noreturn]] void refuse(const std::string& path, const std::string& reason)
+{
+    throw std::invalid_argument(std::string(WHERE) + ": " + path + ' ' + reason);
+}
+
+} // namespace
+
+recording::recording(const std::string& path,
+                     std::size_t sample_bytes,
+                     std::uint64_t header_bytes,
+                     const std::vector<segment>& segments,
+                     const preamble_folder& folder,
+                     std::uint64_t frame_offset)
+{
+    // Numbers in memory must be aligned.
+    require(header_bytes % 4 == 0,
+            WHERE,
+            "header_bytes",
+            "must be a multiple of 4",
+            header_bytes);
+    require(!segments.empty(), WHERE, "segments", "must hold one or more", "none");
+    for (std::size_t n = 1; n < segments.size(); n++) {
+        const segment &before = segments[n - 1], &s = segments[n];
+        require(s.file_sample >= before.file_sample + before.length &&
+                    s.global_index >= before.global_index + before.length,
+                WHERE,
+                "segments",
+                "must follow each other in file and stream",
+                "one that starts at " + std::to_string(s.file_sample) + ", index " +
+                    std::to_string(s.global_index));
+    }
+    map(path);
+    if (d_size < header_bytes + sample_bytes) {
+        munmap(const_cast<char*>(d_map), d_size);
+        refuse(path, "holds no sample");
+    }
+    find_runs(segments, sample_bytes, header_bytes, folder, frame_offset);
+}
+
+recording::~recording() { munmap(const_cast<char*>(d_map), d_size); }
+
+void recording::map(const std::string& path)
+{
+    const int file = open(path.c_str(), O_RDONLY | O_CLOEXEC);
+    if (file < 0)
+        refuse(path, std::string("cannot be opened (") + std::strerror(errno) + ')');
+    struct stat status;
+    const bool regular = fstat(file, &status) == 0 && S_ISREG(status.st_mode);
+    void* address = MAP_FAILED;
+    if (regular && status.st_size > 0) {
+        d_size = status.st_size;
+        address = mmap(nullptr, d_size, PROT_READ, MAP_SHARED, file, 0);
+    }
+    close(file);
+    if (!regular)
+        refuse(path, "must be a regular file");
+    if (status.st_size == 0)
+        refuse(path, "holds no sample");
+    if (address == MAP_FAILED)
+        refuse(path, std::string("cannot be mapped (") + std::strerror(errno) + ')');
+    d_map = static_cast<const char*>(address);
+    madvise(address, d_size, MADV_SEQUENTIAL);
+}
+
+void recording::find_runs(const std::vector<segment>& segments,
+                          std::size_t sample_bytes,
+                          std::uint64_t header_bytes,
+                          const preamble_folder& folder,
+                          std::uint64_t frame_offset)
+{
+    const std::uint64_t in_file = (d_size - header_bytes) / sample_bytes;
+    const std::uint64_t stride = folder.frame_length();
+    const std::uint64_t window = folder.averaged_length();
+    const std::uint64_t first_window = frame_offset + folder.first_averaged();
+    for (const segment& s : segments) {
+        const std::uint64_t held =
+            std::min(s.length, in_file - std::min(in_file, s.file_sample));
+        d_samples_missing += s.length - held;
+        // On the grid: positions count from the first segment's first sample.
+        const std::uint64_t begin = s.global_index - segments.front().global_index;
+        const std::uint64_t end = begin + held;
+        const std::uint64_t frame =
+            begin <= first_window ? 0 : (begin - first_window + stride - 1) / stride;
+        const std::uint64_t start = first_window + frame * stride;
+        const std::uint64_t frames =
+            end >= start + window ? 1 + (end - start - window) / stride : 0;
+        if (held == 0)
+            continue;
+        const std::uint64_t next = frame_offset + (frame + frames) * stride;
+        d_samples_left_over = end > next ? std::min(held, end - next) : 0;
+        if (frames == 0)
+            continue;
+        d_runs.push_back(
+            { header_bytes + (s.file_sample + (start - begin)) * sample_bytes,
+              frame,
+              frames });
+    }
+}
+
+void recording::release_before(std::uint64_t file_byte)
+{
+    if (file_byte < d_released + RELEASE_STEP)
+        return;
+    const std::uint64_t end = file_byte / RELEASE_STEP * RELEASE_STEP;
+    madvise(const_cast<char*>(d_map) + d_released, end - d_released, MADV_DONTNEED);
+    d_released = end;
+}
+
+} // namespace gr::wiforce::kernel

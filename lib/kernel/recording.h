@@ -1,0 +1,76 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include "preamble_folder.h"
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+namespace gr::wiforce::kernel {
+
+/*
+ * A recording on disk, mapped: where its whole frames lie.
+ *
+ * The file holds runs of samples ("segments") of a stream; between two of them samples
+ * were lost. Frames lie on the grid of that stream, which starts frame_offset samples
+ * after the first segment's first one. A frame is whole when all samples that are
+ * averaged are there. The rest of it, its guard, is never read.
+ */
+class recording
+{
+public:
+    struct segment {
+        std::uint64_t file_sample;  // of its first sample
+        std::uint64_t global_index; // of its first sample in the stream
+        std::uint64_t length;       // samples
+    };
+
+    // Whole frames that follow each other without a gap.
+    struct run {
+        std::uint64_t file_byte; // of the first averaged sample
+        std::uint64_t snapshot;  // index of the first frame on the grid
+        std::uint64_t frames;
+    };
+
+    // Throws std::invalid_argument when the file cannot be opened or holds no sample, or
+    // when segments overlap or go back. Segments may reach beyond the end of the file.
+    recording(const std::string& path,
+              std::size_t sample_bytes,
+              std::uint64_t header_bytes,
+              const std::vector<segment>& segments,
+              const preamble_folder& folder,
+              std::uint64_t frame_offset);
+    ~recording();
+    recording(const recording&) = delete;
+    recording& operator=(const recording&) = delete;
+
+    const std::vector<run>& runs() const { return d_runs; }
+    // Samples that segments promise and the file does not hold.
+    std::uint64_t samples_missing() const { return d_samples_missing; }
+    // Samples at the end of the recording that make no whole frame.
+    std::uint64_t samples_left_over() const { return d_samples_left_over; }
+
+    const char* at(std::uint64_t file_byte) const { return d_map + file_byte; }
+
+    // Gives the memory of all bytes before this one back: a long recording takes no more
+    // than a short one.
+    void release_before(std::uint64_t file_byte);
+
+private:
+    void map(const std::string& path);
+    void find_runs(const std::vector<segment>& segments,
+                   std::size_t sample_bytes,
+                   std::uint64_t header_bytes,
+                   const preamble_folder& folder,
+                   std::uint64_t frame_offset);
+
+    const char* d_map = nullptr;
+    std::uint64_t d_size = 0;
+    std::uint64_t d_released = 0;
+    std::vector<run> d_runs;
+    std::uint64_t d_samples_missing = 0;
+    std::uint64_t d_samples_left_over = 0;
+};
+
+} // namespace gr::wiforce::kernel

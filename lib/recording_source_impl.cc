@@ -1,0 +1,214 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "recording_source_impl.h"
+
+#include "kernel/require.h"
+#include <gnuradio/io_signature.h>
+#include <gnuradio/wiforce/names.h>
+
+#include <algorithm>
+
+namespace gr::wiforce {
+
+namespace {
+
+const pmt::pmt_t incomplete_port = pmt::mp(names::INCOMPLETE);
+const pmt::pmt_t snapshot_key = pmt::mp(names::SNAPSHOT);
+
+constexpr std::size_t FOLDED_BYTES = kernel::FFT_LENGTH * sizeof(kernel::fc32);
+// Frames that are folded before they are weighted: their vectors stay in the first cache.
+constexpr int BATCH = 32;
+
+bool is_integer(const std::string& datatype)
+{
+    kernel::require(datatype == "ci16_le" || datatype == "cf32_le",
+                    "recording_source",
+                    "datatype",
+                    "must be 'ci16_le' or 'cf32_le'",
+                    "'" + datatype + "'");
+    return datatype == "ci16_le";
+}
+
+frame_walk walk_over(const std::string& path,
+                     const std::string& datatype,
+                     const std::vector<recording_source::segment>& segments,
+                     const kernel::preamble_folder& folder,
+                     std::uint64_t frame_offset,
+                     std::uint64_t header_bytes)
+{
+    const bool integers = is_integer(datatype);
+    std::vector<kernel::recording::segment> parts;
+    for (const auto& [file_sample, global_index, length] : segments)
+        parts.push_back({ file_sample, global_index, length });
+    return frame_walk(std::make_unique<kernel::recording>(path,
+                                                          integers ? sizeof(kernel::sc16)
+                                                                   : sizeof(kernel::fc32),
+                                                          header_bytes,
+                                                          parts,
+                                                          folder,
+                                                          frame_offset),
+                      folder,
+                      integers);
+}
+
+} // namespace
+
+recording_source::sptr recording_source::make(const std::string& path,
+                                              const std::string& datatype,
+                                              const std::vector<segment>& segments,
+                                              int frame_length,
+                                              int first_averaged,
+                                              int repetitions,
+                                              std::uint64_t frame_offset,
+                                              std::uint64_t header_bytes)
+{
+    const kernel::preamble_folder folder(frame_length, first_averaged, repetitions);
+    return gnuradio::make_block_sptr<folded_recording_source>(
+        walk_over(path, datatype, segments, folder, frame_offset, header_bytes));
+}
+
+recording_source::sptr
+recording_source::tones(const std::string& path,
+                        const std::string& datatype,
+                        const std::vector<segment>& segments,
+                        const std::vector<std::complex<double>>& weights,
+                        int group_length,
+                        int frame_length,
+                        int first_averaged,
+                        int repetitions,
+                        std::uint64_t frame_offset,
+                        std::uint64_t header_bytes)
+{
+    const kernel::preamble_folder folder(frame_length, first_averaged, repetitions);
+    auto transform = std::make_unique<doppler_tones>(weights, group_length);
+    return gnuradio::make_block_sptr<tone_recording_source>(
+        walk_over(path, datatype, segments, folder, frame_offset, header_bytes),
+        std::move(transform),
+        group_length);
+}
+
+frame_walk::frame_walk(std::unique_ptr<kernel::recording> recording,
+                       const kernel::preamble_folder& folder,
+                       bool integers)
+    : d_recording(std::move(recording)), d_folder(folder), d_integers(integers)
+{
+}
+
+std::uint64_t frame_walk::snapshot() const
+{
+    return d_recording->runs()[d_run].snapshot + d_frame;
+}
+
+int frame_walk::fold(int count, kernel::fc32* folded)
+{
+    const auto& run = d_recording->runs()[d_run];
+    const int frames = std::min<std::uint64_t>(count, run.frames - d_frame);
+    const std::size_t sample = d_integers ? sizeof(kernel::sc16) : sizeof(kernel::fc32);
+    const std::uint64_t byte = run.file_byte + d_frame * d_folder.frame_length() * sample;
+    const char* averaged = d_recording->at(byte);
+    if (d_integers)
+        d_folder.fold(reinterpret_cast<const kernel::sc16*>(averaged), frames, folded);
+    else
+        d_folder.fold(reinterpret_cast<const kernel::fc32*>(averaged), frames, folded);
+    d_recording->release_before(byte);
+    d_folded += frames;
+    d_frame += frames;
+    if (d_frame == run.frames) {
+        d_run++;
+        d_frame = 0;
+    }
+    return frames;
+}
+
+folded_recording_source::folded_recording_source(frame_walk walk)
+    : gr::block("recording_source",
+                gr::io_signature::make(0, 0, 0),
+                gr::io_signature::make(1, 1, FOLDED_BYTES)),
+      d_walk(std::move(walk))
+{
+}
+
+std::uint64_t folded_recording_source::samples_missing() const
+{
+    return d_walk.recording().samples_missing();
+}
+
+std::uint64_t folded_recording_source::samples_left_over() const
+{
+    return d_walk.recording().samples_left_over();
+}
+
+int folded_recording_source::general_work(int noutput_items,
+                                          gr_vector_int&,
+                                          gr_vector_const_void_star&,
+                                          gr_vector_void_star& output_items)
+{
+    auto* out = static_cast<kernel::fc32*>(output_items[0]);
+    int produced = 0;
+    while (produced < noutput_items && !d_walk.at_end()) {
+        if (d_walk.at_run_start())
+            add_item_tag(0,
+                         nitems_written(0) + produced,
+                         snapshot_key,
+                         pmt::from_uint64(d_walk.snapshot()));
+        produced +=
+            d_walk.fold(noutput_items - produced, out + produced * kernel::FFT_LENGTH);
+    }
+    return produced > 0 ? produced : WORK_DONE;
+}
+
+tone_recording_source::tone_recording_source(frame_walk walk,
+                                             std::unique_ptr<doppler_transform> transform,
+                                             int group_length)
+    : gr::block("recording_source",
+                gr::io_signature::make(0, 0, 0),
+                gr::io_signature::make(1, 1, transform->rows() * FOLDED_BYTES)),
+      d_walk(std::move(walk)),
+      d_stream(std::move(transform), group_length, *this)
+{
+    message_port_register_out(incomplete_port);
+}
+
+std::uint64_t tone_recording_source::samples_missing() const
+{
+    return d_walk.recording().samples_missing();
+}
+
+std::uint64_t tone_recording_source::samples_left_over() const
+{
+    return d_walk.recording().samples_left_over();
+}
+
+void tone_recording_source::tag_output(std::uint64_t offset,
+                                       const pmt::pmt_t& key,
+                                       std::uint64_t value)
+{
+    add_item_tag(0, offset, key, pmt::from_uint64(value));
+}
+
+void tone_recording_source::publish_incomplete(const pmt::pmt_t& pdu)
+{
+    message_port_pub(incomplete_port, pdu);
+}
+
+int tone_recording_source::general_work(int noutput_items,
+                                        gr_vector_int&,
+                                        gr_vector_const_void_star&,
+                                        gr_vector_void_star& output_items)
+{
+    auto* out = static_cast<kernel::fc32*>(output_items[0]);
+    int produced = 0;
+    while (produced < noutput_items && !d_walk.at_end()) {
+        const bool cut = d_stream.must_close_before(d_walk.snapshot());
+        if (!cut) {
+            const int count = std::min(BATCH, d_stream.room(d_walk.snapshot()));
+            d_stream.accept(d_walk.fold(count, d_stream.reserve(d_walk.snapshot())));
+        }
+        if (cut || d_stream.is_full())
+            produced += d_stream.close(out + static_cast<std::size_t>(produced) *
+                                                 d_stream.item_length(),
+                                       nitems_written(0) + produced);
+    }
+    return produced > 0 ? produced : WORK_DONE;
+}
+
+} // namespace gr::wiforce

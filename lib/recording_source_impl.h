@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include "group_stream.h"
+#include "kernel/recording.h"
+#include <gnuradio/wiforce/recording_source.h>
+
+#include <memory>
+
+namespace gr::wiforce {
+
+// Walks a recording's whole frames in order.
+class frame_walk
+{
+public:
+    frame_walk(std::unique_ptr<kernel::recording> recording,
+               const kernel::preamble_folder& folder,
+               bool integers);
+
+    const kernel::recording& recording() const { return *d_recording; }
+    std::uint64_t folded() const { return d_folded; } // frames so far
+    bool at_end() const { return d_run == d_recording->runs().size(); }
+    bool at_run_start() const { return d_frame == 0; }
+    std::uint64_t snapshot() const; // index of the next frame
+    // Folds up to `count` frames of the run at hand; returns how many.
+    int fold(int count, kernel::fc32* folded);
+
+private:
+    std::unique_ptr<kernel::recording> d_recording;
+    kernel::preamble_folder d_folder;
+    bool d_integers;
+    std::size_t d_run = 0;
+    std::uint64_t d_frame = 0; // in the run
+    std::uint64_t d_folded = 0;
+};
+
+class folded_recording_source : public recording_source
+{
+public:
+    explicit folded_recording_source(frame_walk walk);
+
+    int general_work(int noutput_items,
+                     gr_vector_int& ninput_items,
+                     gr_vector_const_void_star& input_items,
+                     gr_vector_void_star& output_items) override;
+
+    std::uint64_t snapshots() const override { return d_walk.folded(); }
+    std::uint64_t samples_missing() const override;
+    std::uint64_t samples_left_over() const override;
+
+private:
+    frame_walk d_walk;
+};
+
+class tone_recording_source : public recording_source, private group_outlet
+{
+public:
+    tone_recording_source(frame_walk walk,
+                          std::unique_ptr<doppler_transform> transform,
+                          int group_length);
+
+    int general_work(int noutput_items,
+                     gr_vector_int& ninput_items,
+                     gr_vector_const_void_star& input_items,
+                     gr_vector_void_star& output_items) override;
+
+    std::uint64_t snapshots() const override { return d_walk.folded(); }
+    std::uint64_t samples_missing() const override;
+    std::uint64_t samples_left_over() const override;
+
+private:
+    void
+    tag_output(std::uint64_t offset, const pmt::pmt_t& key, std::uint64_t value) override;
+    void publish_incomplete(const pmt::pmt_t& pdu) override;
+
+    frame_walk d_walk;
+    group_stream d_stream;
+};
+
+} // namespace gr::wiforce

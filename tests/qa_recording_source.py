@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""recording_source against numpy, and against the stream blocks that it stands for."""
+
+import numpy as np
+import pmt
+import pytest
+from gnuradio import blocks, gr, wiforce
+
+FRAME = 720
+
+
+def random_samples(count, datatype, seed=1):
+    rng = np.random.default_rng(seed)
+    if datatype == "ci16_le":
+        return rng.integers(-32768, 32768, size=(count, 2)).astype("<i2")
+    return rng.normal(size=(count, 2)).astype("<f4")
+
+
+def as_complex(samples):
+    scale = 32768 if samples.dtype == np.int16 else 1
+    return (samples[:, 0] + 1j * samples[:, 1]) / scale
+
+
+def run(source, width):
+    """Output, tags {key: {offset: value}} and PDUs of a source."""
+    sink, messages = blocks.vector_sink_c(width), blocks.message_debug()
+    flowgraph = gr.top_block()
+    flowgraph.connect(source, sink)
+    if width > 64:
+        flowgraph.msg_connect((source, "incomplete"), (messages, "store"))
+    flowgraph.run()
+    tags = {}
+    for tag in sink.tags():
+        tags.setdefault(str(tag.key), {})[tag.offset] = pmt.to_uint64(tag.value)
+    pdus = [messages.get_message(n) for n in range(messages.num_messages())]
+    return np.array(sink.data()).reshape(-1, width), tags, pdus
+
+
+def cut(samples, kept):
+    """The file that holds the kept (first, last) runs of a stream, and its segments."""
+    parts = [samples[first:last] for first, last in kept]
+    starts = np.cumsum([0] + [len(part) for part in parts])
+    base = 10**6  # of the device's count
+    segments = [
+        (int(at), base + first, last - first)
+        for at, (first, last) in zip(starts, kept, strict=False)
+    ]
+    return np.concatenate(parts), segments
+
+
+def whole_frames(kept, offset, first, length):
+    """Frames of the grid whose averaged samples all lie in one kept run."""
+    begin = kept[0][0]
+    frames = []
+    for start, end in kept:
+        for f in range((end - begin) // FRAME + 1):
+            at = begin + offset + f * FRAME + first
+            if start <= at and at + length <= end:
+                frames.append(f)
+    return frames
+
+
+KEPT = {
+    "whole": [(0, 30 * FRAME)],
+    "ends inside a preamble": [(0, 30 * FRAME + 250)],
+    "gap in a preamble": [(0, 5 * FRAME + 100), (5 * FRAME + 110, 20 * FRAME)],
+    "gap in a guard": [(0, 5 * FRAME + 400), (5 * FRAME + 410, 20 * FRAME)],
+    "many gaps": [(3, 90), (95, 2000), (9000, 9100), (9500, 17000), (17001, 25000)],
+}
+
+
+@pytest.mark.parametrize("datatype", ["ci16_le", "cf32_le"])
+@pytest.mark.parametrize("offset", [0, 431])
+@pytest.mark.parametrize("kept", KEPT)
+def test_folded_vectors_and_indices_follow_the_grid_over_gaps(tmp_path, datatype, offset, kept):
+    samples = random_samples(40 * FRAME, datatype)
+    data, segments = cut(samples, KEPT[kept])
+    path = tmp_path / "x.sigmf-data"
+    path.write_bytes(b"8 bytes." + data.tobytes())
+    source = wiforce.recording_source(
+        str(path), datatype, segments, FRAME, frame_offset=offset, header_bytes=8
+    )
+    folded, tags, _ = run(source, 64)
+    frames = whole_frames(KEPT[kept], offset, 64, 256)
+    base = KEPT[kept][0][0] + offset + 64
+    signal = as_complex(samples)
+    want = np.array([signal[base + f * FRAME :][:256].reshape(4, 64).mean(0) for f in frames])
+    np.testing.assert_allclose(folded, want, atol=1e-6)  # a few ulp of values near 1
+    found, index = [], None
+    for n in range(len(folded)):
+        index = tags["snapshot"].get(n, None if index is None else index + 1)
+        found.append(index)
+    assert found == frames
+    assert source.snapshots() == len(frames)
+    assert source.samples_missing() == 0
+
+
+@pytest.mark.parametrize("datatype", ["ci16_le", "cf32_le"])
+@pytest.mark.parametrize("kept", KEPT)
+def test_tones_are_those_of_the_stream_blocks_to_the_last_bit(tmp_path, datatype, kept):
+    length = 6
+    rng = np.random.default_rng(3)
+    weights = rng.normal(size=(5, length)) + 1j * rng.normal(size=(5, length))
+    data, segments = cut(random_samples(40 * FRAME, datatype), KEPT[kept])
+    path = tmp_path / "x.bin"
+    path.write_bytes(data.tobytes())
+    tones = wiforce.recording_source.tones(str(path), datatype, segments, weights, length, FRAME)
+    values, tags, pdus = run(tones, 5 * 64)
+
+    source = wiforce.recording_source(str(path), datatype, segments, FRAME)
+    doppler = wiforce.phase_group_doppler(weights, length)
+    sink, messages = blocks.vector_sink_c(5 * 64), blocks.message_debug()
+    flowgraph = gr.top_block()
+    flowgraph.connect(source, doppler, sink)
+    flowgraph.msg_connect((doppler, "incomplete"), (messages, "store"))
+    flowgraph.run()
+    np.testing.assert_array_equal(values, np.array(sink.data()).reshape(-1, 5 * 64))
+    for key in ("group", "missing"):
+        want = {t.offset: pmt.to_uint64(t.value) for t in sink.tags() if str(t.key) == key}
+        assert tags.get(key, {}) == want
+    assert len(values) > 2
+    assert len(pdus) == messages.num_messages()
+    for n, pdu in enumerate(pdus):
+        assert pmt.equal(pdu, messages.get_message(n))
+
+
+def test_a_file_cut_short_is_read_as_far_as_it_goes(tmp_path):
+    samples = random_samples(10 * FRAME, "cf32_le")
+    path = tmp_path / "x.bin"
+    path.write_bytes(samples.tobytes()[: 8 * (7 * FRAME + 100) + 3])
+    source = wiforce.recording_source(str(path), "cf32_le", [(0, 0, 10 * FRAME)], FRAME)
+    folded, _, _ = run(source, 64)
+    assert len(folded) == 7
+    assert source.samples_missing() == 3 * FRAME - 100
+    assert source.samples_left_over() == 100
+
+
+def test_the_guard_of_the_last_frame_is_not_needed(tmp_path):
+    path = tmp_path / "x.bin"
+    path.write_bytes(random_samples(3 * FRAME + 320, "ci16_le").tobytes())
+    source = wiforce.recording_source(str(path), "ci16_le", [(0, 0, 3 * FRAME + 320)], FRAME)
+    assert len(run(source, 64)[0]) == 4
+    assert source.samples_left_over() == 0
+
+
+def test_a_recording_without_a_whole_frame_gives_nothing_and_ends(tmp_path):
+    path = tmp_path / "x.bin"
+    path.write_bytes(random_samples(319, "ci16_le").tobytes())
+    source = wiforce.recording_source(str(path), "ci16_le", [(0, 0, 319)], FRAME)
+    assert len(run(source, 64)[0]) == 0
+    assert source.samples_left_over() == 319
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"path": "/nowhere/x"}, "/nowhere/x cannot be opened"),
+        ({"path": "/"}, "/ must be a regular file"),
+        ({"path": "empty"}, "empty holds no sample"),
+        ({"header_bytes": 8000}, "holds no sample"),
+        ({"header_bytes": 6}, "header_bytes must be a multiple of 4, got 6"),
+        ({"datatype": "cf64_le"}, "datatype must be 'ci16_le' or 'cf32_le', got 'cf64_le'"),
+        ({"segments": []}, "segments must hold one or more"),
+        ({"segments": [(0, 0, 20), (10, 30, 5)]}, "segments must follow each other"),
+        ({"segments": [(0, 50, 20), (20, 60, 5)]}, "segments must follow each other"),
+        ({"frame_length": 300}, "frame_length must be >="),
+    ],
+)
+def test_bad_parameters_are_named(tmp_path, monkeypatch, change, message):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "x").write_bytes(bytes(8000))
+    (tmp_path / "empty").write_bytes(b"")
+    good = {"path": "x", "datatype": "cf32_le", "segments": [(0, 0, 1000)], "frame_length": 720}
+    with pytest.raises(ValueError, match=message):
+        wiforce.recording_source(**{**good, **change})
