@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The reader block: one chain whatever comes in, gaps that cost only what they hit."""
+
+import numpy as np
+import pmt
+import pytest
+from gnuradio import blocks, gr, wiforce
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.estimation.average import SubcarrierAverage
+from gnuradio.wiforce.estimation.reference import ConjugateDifference
+from gnuradio.wiforce.estimation.separation import EndSeparator
+from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.scene.plan import plan
+from gnuradio.wiforce.scene.simulator import simulate
+
+GROUP = 450_000
+
+SCENE = {
+    "sensors": [{"name": "arm", "model": "line-900mhz"}],
+    "reference_s": 0.3,
+    "simulation": {
+        "truth_model": "line-900mhz",
+        "duration_s": 0.9,
+        "seed": 4,
+        "snr_db": 10,
+        "static_clutter_db": 50,
+        "clock_offset_ppm": -60,
+        "presses": [
+            {
+                "sensor": "arm",
+                "start_s": 0.5,
+                "rise_s": 0.02,
+                "hold_s": 0.3,
+                "force_n": 4.0,
+                "end_force_n": 4.0,
+                "location_mm": 37.0,
+            }
+        ],
+    },
+}
+
+
+@pytest.fixture(scope="module")
+def codes(tmp_path_factory):
+    """ADC codes of a short press, int16 pairs; shape (n, 2)."""
+    path = tmp_path_factory.mktemp("capture") / "press"
+    simulate(load_scene(SCENE), path)
+    return np.fromfile(f"{path}.sigmf-data", "<i2").reshape(-1, 2)
+
+
+class array_source(gr.sync_block):
+    """Emits the items of an array, with tags: (offset, key, value)."""
+
+    def __init__(self, items, tags=()):
+        shape = (items.dtype, items.shape[1]) if items.ndim == 2 else items.dtype
+        gr.sync_block.__init__(self, "array_source", in_sig=None, out_sig=[shape])
+        self._items = items
+        self._tags = list(tags)
+        self._at = 0
+
+    def work(self, input_items, output_items):
+        count = min(len(output_items[0]), len(self._items) - self._at)
+        if count == 0:
+            return -1
+        output_items[0][:count] = self._items[self._at : self._at + count]
+        while self._tags and self._tags[0][0] < self._at + count:
+            self.add_item_tag(0, *self._tags.pop(0))
+        self._at += count
+        return count
+
+
+def as_floats(codes):
+    """ADC codes as complex64 of full scale 1."""
+    return codes.astype(np.float32).view(np.complex64).ravel() / 32768
+
+
+def read(samples, tags=(), chunk=None):
+    """Readings of codes (n, 2) or floats (n,) through the reader block."""
+    source = array_source(samples, tags)
+    if chunk is not None:
+        source.set_max_noutput_items(chunk)
+    readings = []
+    input_type = "sc16" if samples.ndim == 2 else "fc32"
+    reader = wiforce.reader(SCENE, input_type=input_type, on_reading=readings.append)
+    flowgraph = gr.top_block()
+    flowgraph.connect(source, reader)
+    flowgraph.run()
+    reader.finish()
+    assert reader.failure is None
+    return readings
+
+
+def rx_time(offset, seconds):
+    value = pmt.make_tuple(pmt.from_uint64(int(seconds)), pmt.from_double(seconds % 1))
+    return offset, pmt.intern("rx_time"), value
+
+
+def test_a_press_is_read_through_the_blocks_where_it_is(codes):
+    readings = read(codes)
+    assert [r.time_s for r in readings] == pytest.approx([0.018 + 0.036 * i for i in range(25)])
+    touched = [r for r in readings if r.touch == 1 and not r.flags]
+    assert len(touched) >= 6
+    assert all(abs(r.force_n - 4) < 0.3 and abs(r.location_mm - 37) < 0.3 for r in touched)
+    assert all(r.flags == ("reference",) for r in readings[:8])
+
+
+def test_floats_and_integers_read_alike(codes):
+    integers, floats = read(codes), read(as_floats(codes))
+    for a, b in zip(integers, floats, strict=True):
+        assert a.touch == b.touch and a.flags == b.flags
+        # Folding of integers is exact, of floats to 2^-24 of the static path 50 dB above the tag.
+        assert b.phase1_deg == pytest.approx(a.phase1_deg, abs=2e-3)
+        assert b.phase2_deg == pytest.approx(a.phase2_deg, abs=2e-3)
+
+
+def test_how_the_samples_arrive_changes_no_reading(codes):
+    assert read(codes) == read(codes, chunk=5000)
+
+
+def test_the_blocks_compute_what_the_numpy_chain_computes(codes):
+    settings = plan(load_scene(SCENE))
+    waveform, table = settings.waveform, settings.table
+    frames = codes[: 25 * GROUP].astype(float).reshape(25, 625, 720, 2) / 32768
+    used = frames[:, :, 64:320, 0] + 1j * frames[:, :, 64:320, 1]
+    folded = used.reshape(25, 625, 4, 64).mean(axis=2)
+    separator = EndSeparator(
+        table, settings.clocks, waveform.averaging_s, waveform.bins, waveform.sample_rate_hz
+    )
+    difference = ConjugateDifference(2, waveform.bins, settings.reference_groups)
+    average = SubcarrierAverage(waveform.bins)
+    rotation = table.derotation(waveform.sample_rate_hz)
+    expected = []
+    for group in range(25):
+        tones = np.fft.fft(table.weights @ folded[group] * rotation) * waveform.equalizer()
+        for separated, ends in separator.process(group, tones):
+            for state, ratios in difference.process(separated, ends):
+                expected.append(average.process(state, ratios)[1])
+    sink = blocks.vector_sink_c(2)
+    source = array_source(codes)
+    reader = wiforce.reader(SCENE, input_type="sc16")
+    reader.connect(reader.average, sink)
+    flowgraph = gr.top_block()
+    flowgraph.connect(source, reader)
+    flowgraph.run()
+    got = np.array(sink.data()).reshape(-1, 2)
+    assert len(got) == len(expected) == 25
+    # Single precision in the C++ blocks and between the Python ones.
+    np.testing.assert_allclose(got, expected, atol=3e-5)
+
+
+@pytest.mark.parametrize(
+    "start, lost", [(10 * GROUP + 77_777, 3_001), (20 * GROUP, 2 * GROUP + 300)]
+)
+def test_lost_samples_cost_the_groups_they_were_in_and_no_other(codes, start, lost):
+    whole = read(codes)
+    kept = np.concatenate([codes[:start], codes[start + lost :]])
+    rate = 12.5e6
+    tags = [rx_time(0, 5.25), rx_time(start, 5.25 + (start + lost) / rate)]
+    readings = read(kept, tags=tags)
+    assert len(readings) == len(whole)
+    hit = set(range(start // GROUP, (start + lost - 1) // GROUP + 1))
+    for i, (a, b) in enumerate(zip(whole, readings, strict=True)):
+        assert a.time_s == b.time_s
+        assert ("gap" in b.flags) == (i in hit)
+        if "gap" not in b.flags:
+            assert b.touch == a.touch
+            assert b.phase1_deg == pytest.approx(a.phase1_deg, abs=0.05)
+            assert b.phase2_deg == pytest.approx(a.phase2_deg, abs=0.05)
+
+
+def test_a_group_with_lost_snapshots_is_read_from_those_it_has(codes):
+    start, lost = 18 * GROUP + 100_000, 36_000
+    kept = np.concatenate([codes[:start], codes[start + lost :]])
+    tags = [rx_time(0, 0.0), rx_time(start, (start + lost) / 12.5e6)]
+    reading = read(kept, tags=tags)[18]
+    assert reading.flags == ("gap",) and reading.touch == 1
+    assert reading.force_n == pytest.approx(4, abs=0.3)
+    assert reading.location_mm == pytest.approx(37, abs=0.3)
+
+
+def test_broken_samples_spoil_no_more_than_their_group(codes):
+    values = as_floats(codes)
+    values[15 * GROUP + 100] = complex(np.nan, np.inf)
+    readings = read(values)
+    assert [i for i, r in enumerate(readings) if "gap" in r.flags] == [15]
+    assert all(np.isfinite([r.phase1_deg, r.phase2_deg]).all() for r in readings)
+
+
+def test_dead_air_invents_no_reading(codes):
+    readings = read(np.zeros_like(codes))
+    assert len(readings) == 25
+    assert all(r.touch is None and r.force_n is None for r in readings)
+
+
+@pytest.mark.parametrize(
+    "arguments, told",
+    [
+        ({"scene": SCENE, "input_type": "sc8"}, "input_type: must be one of"),
+        ({"scene": "none.yaml"}, "none.yaml: cannot be read"),
+        ({"scene": {"sensors": []}}, "sensors"),
+        ({"scene": SCENE, "frame_offset": -1}, "frame_offset"),
+    ],
+)
+def test_bad_parameters_are_named(arguments, told):
+    with pytest.raises(ValueError, match=told) as refusal:
+        wiforce.reader(**arguments)
+    assert isinstance(refusal.value, InputError) or "frame_offset" in told
