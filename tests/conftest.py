@@ -52,3 +52,13 @@ def time_limit(request):
     faulthandler.cancel_dump_traceback_later()
     signal.alarm(0)
     signal.signal(signal.SIGALRM, before)
+
+
+@pytest.fixture(scope="session")
+def qt():
+    """Qt without a screen; one application per process is all that Qt allows."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("QT_QPA_PLATFORM", "offscreen")
+        from PyQt5.QtWidgets import QApplication
+
+        yield QApplication.instance() or QApplication(["tests"])

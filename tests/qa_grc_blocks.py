@@ -12,6 +12,7 @@ import pytest
 import yaml
 from gnuradio import gr, wiforce
 from gnuradio.wiforce import names
+from PyQt5.QtWidgets import QVBoxLayout
 
 FOLDER = Path(__file__).resolve().parent.parent / "grc"
 DESCRIPTIONS = {p.name.split(".")[0]: p for p in sorted(FOLDER.glob("*.block.yml"))}
@@ -41,7 +42,7 @@ def platform():
 
 
 @pytest.fixture
-def make_block(platform):
+def make_block(platform, qt):
     """Makes a block of GRC with parameters; returns it and what GRC says against it."""
 
     def make(block_id, **parameters):
@@ -59,14 +60,14 @@ def make_block(platform):
 
 
 def made_by(block):
-    """What the block's Python code makes."""
-    namespace = {}
+    """What the block's Python code makes, run as a generated flowgraph runs it."""
+    namespace = {"self": SimpleNamespace(top_layout=QVBoxLayout())}
     exec(block.templates.render("imports"), namespace)
     if block.is_variable:
-        namespace["self"] = SimpleNamespace()
         exec(block.templates.render("var_make"), namespace)
-        return namespace[block.name]
-    return eval(block.templates.render("make").strip(), namespace)
+    else:
+        exec(f"self.{block.name} = " + block.templates.render("make").strip(), namespace)
+    return getattr(namespace["self"], block.name)
 
 
 @pytest.mark.parametrize("block_id", DESCRIPTIONS)
@@ -217,6 +218,9 @@ REFUSED = [
     ("wiforce_reader", {"scene": "dome"}),
     ("wiforce_reader", {"frame_offset": -1}),
     ("wiforce_reader", {"output": "readings.txt"}),
+    ("wiforce_force_display", {"force_span_n": 0}),
+    ("wiforce_force_display", {"history_s": 0}),
+    ("wiforce_force_display", {"length_mm": -80}),
     ("variable_wiforce_scene", {"file": "missing.yaml"}),
     ("wiforce_sounding_source", {"frame_length": 319}),
     ("wiforce_sounding_source", {"sample_rate": 0}),

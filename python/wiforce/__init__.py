@@ -23,6 +23,8 @@ _HOMES = {
     "force_inversion": "force_inversion",
     "reader": "reader",
     "backscatter_tag": "backscatter_tag",
+    "force_display": "force_display",
+    "ForceDisplay": "display",
     # what their parameters are made with, and checked by
     "tone_weights": "end_separation",
     "tone_derotation": "end_separation",

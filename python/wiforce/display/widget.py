@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Qt widget: where sensors are pressed, how hard, and how sure that is."""
+
+import time
+from collections import deque
+
+import numpy as np
+from PyQt5.QtCore import QSize, Qt, QTimer, pyqtSignal
+from PyQt5.QtGui import QPalette
+from PyQt5.QtWidgets import (
+    QApplication,
+    QHBoxLayout,
+    QLabel,
+    QPushButton,
+    QScrollArea,
+    QVBoxLayout,
+    QWidget,
+)
+
+from ..errors import InputError
+from .history import History
+from .sensor_view import SensorView
+from .style import PAPER, SENSORS
+from .track import Track, as_reading
+
+_REFRESH_MS = 40
+# Histories are redrawn less often: they cost ten times the rest and change slowly.
+_HISTORY_EVERY = 5
+# Below this height the histories give way to the sensors.
+_HISTORY_FROM_PX = 320
+_STALE_S = 1.0
+_FORGET_S = 10.0
+_MOST_WAITING = 10_000
+
+
+class ForceDisplay(QWidget):
+    """Live picture of readings: every sensor with its press, and the recent past.
+
+    Sensors appear with their first reading, turn grey when no more come, and leave after 10 s.
+    Force is an arrow's length and a number with two standard deviations. Readings in doubt (any
+    flag but ``reference``) have another colour and the flags' names beside them.
+
+    The signal ``tare_requested`` says that the tare button was pressed.
+
+    Parameters
+    ----------
+    length_mm : float
+        Length of the sensors.
+    force_span_n : float
+        Force of the longest arrow.
+    history_s : float
+        Seconds of signal in the histories.
+    parent : QWidget, optional
+
+    Raises
+    ------
+    InputError
+        (A ValueError) for a value that is not positive.
+    RuntimeError
+        When there is no QApplication.
+    """
+
+    tare_requested = pyqtSignal()
+
+    def __init__(self, length_mm=80.0, force_span_n=8.0, history_s=20.0, parent=None):
+        given = {"length_mm": length_mm, "force_span_n": force_span_n, "history_s": history_s}
+        for name, value in given.items():
+            if not 0 < value < np.inf:
+                raise InputError(name, "must be positive", value)
+        if QApplication.instance() is None:  # Qt itself ends the process
+            raise RuntimeError("ForceDisplay: a QApplication must exist")
+        super().__init__(parent)
+        self._length_mm = float(length_mm)
+        self._force_span_n = float(force_span_n)
+        self._history_s = float(history_s)
+        # Readings come from another thread; they wait here for the next refresh.
+        self._waiting = deque(maxlen=_MOST_WAITING)
+        self._tracks = {}
+        self._views = {}
+        self._colors = {}
+        self._seen = {}
+        self._refreshes = 0
+        self._build()
+        self._timer = QTimer(self)
+        self._timer.timeout.connect(self.refresh)
+        self._timer.start(_REFRESH_MS)
+
+    def add(self, reading):
+        """Shows a reading soon. May be called from any thread.
+
+        Parameters
+        ----------
+        reading : Reading or dict
+            As the port ``readings`` gives it; what is unknown may be absent, None or NaN.
+        """
+        self._waiting.append(reading)
+
+    def sensors(self):
+        """Names of the sensors shown, from top to bottom."""
+        return list(self._views)
+
+    def latest(self, sensor):
+        """The reading shown of a sensor."""
+        return self._tracks[sensor].latest
+
+    def clear(self):
+        """Forgets everything shown."""
+        self._waiting.clear()
+        for name in self.sensors():
+            self._forget(name)
+
+    def refresh(self):
+        """Takes what waits and redraws; the widget's own timer calls this 25 times a second."""
+        now = time.monotonic()
+        while self._waiting:
+            reading = as_reading(self._waiting.popleft())
+            if reading is not None:
+                self._track(reading.sensor).add(reading)
+                self._seen[reading.sensor] = now
+        for name in self.sensors():
+            age = now - self._seen[name]
+            if age > _FORGET_S:
+                self._forget(name)
+            else:
+                self._views[name].show_reading(self._tracks[name].latest, age > _STALE_S)
+        self._empty.setVisible(not self._views)
+        self._refreshes += 1
+        if self._refreshes % _HISTORY_EVERY == 0 and self._history.isVisible():
+            self._time.setText(self._newest())
+            self._history.draw(self._tracks, self._colors)
+
+    def sizeHint(self):
+        return QSize(640, 520)
+
+    def resizeEvent(self, event):
+        self._history.setVisible(self.height() >= _HISTORY_FROM_PX)
+        super().resizeEvent(event)
+
+    def _build(self):
+        palette = self.palette()
+        palette.setColor(QPalette.Window, PAPER)
+        self.setPalette(palette)
+        self.setAutoFillBackground(True)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(6, 4, 6, 4)
+        layout.setSpacing(2)
+        layout.addWidget(self._build_rows(), 1)
+        self._history = History(self._history_s, self._length_mm)
+        layout.addWidget(self._history, 1)
+        layout.addLayout(self._build_foot())
+
+    def _build_rows(self):
+        sensors = QWidget()
+        self._rows = QVBoxLayout(sensors)
+        self._rows.setContentsMargins(0, 0, 0, 0)
+        self._empty = QLabel("no readings yet")
+        self._empty.setAlignment(Qt.AlignCenter)
+        self._rows.addWidget(self._empty)
+        scroll = QScrollArea()
+        scroll.setWidgetResizable(True)
+        scroll.setFrameShape(QScrollArea.NoFrame)
+        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarAlwaysOff)
+        scroll.setWidget(sensors)
+        return scroll
+
+    def _build_foot(self):
+        self._time = QLabel()
+        self._tare = QPushButton("Tare")
+        self._tare.setToolTip("Take the untouched reference anew: nothing may press a sensor.")
+        self._tare.clicked.connect(lambda: self.tare_requested.emit())
+        foot = QHBoxLayout()
+        foot.addWidget(self._time)
+        foot.addStretch(1)
+        foot.addWidget(self._tare)
+        return foot
+
+    def _newest(self):
+        times = [track.latest.time_s for track in self._tracks.values()]
+        return f"{max(times):.1f} s of signal" if times else ""
+
+    def _track(self, name):
+        if name not in self._tracks:
+            self._tracks[name] = Track(self._history_s)
+            self._colors[name] = self._free_color()
+            view = SensorView(name, self._colors[name], self._length_mm, self._force_span_n)
+            self._views[name] = view
+            self._rows.addWidget(view)
+        return self._tracks[name]
+
+    def _free_color(self):
+        """The first colour that no sensor has, or the least used one."""
+        return min(SENSORS, key=list(self._colors.values()).count)
+
+    def _forget(self, name):
+        del self._tracks[name], self._seen[name], self._colors[name]
+        view = self._views.pop(name)
+        self._rows.removeWidget(view)
+        view.deleteLater()

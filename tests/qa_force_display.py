@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The force display, offscreen: readings must be seen, and none of them may end it."""
+
+import math
+import sys
+import threading
+
+import pmt
+import pytest
+from gnuradio import blocks, gr, wiforce
+from gnuradio.wiforce.display import track, widget, words
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.readings import Reading
+from PyQt5 import QtCore, QtWidgets
+from PyQt5.QtGui import QColor
+
+PRESSED = {
+    "time_s": 1.0,
+    "sensor": "arm",
+    "touch": 1,
+    "force_n": 4.0,
+    "force_std_n": 0.1,
+    "location_mm": 40.0,
+    "location_std_mm": 0.5,
+    "phase1_deg": 10.0,
+    "phase2_deg": -20.0,
+    "snr_db": 12.0,
+    "flags": "",
+}
+
+
+# pyqtgraph warns of what goes wrong while it draws, and goes on.
+pytestmark = pytest.mark.filterwarnings("error:Ignored exception:RuntimeWarning")
+
+
+@pytest.fixture
+def display(qt, monkeypatch):
+    """A display that is shown and redraws when told to, not by its timer."""
+    raised = []
+    # An exception while Qt draws goes no further than this hook.
+    monkeypatch.setattr(sys, "excepthook", lambda *error: raised.append(error))
+    shown = wiforce.ForceDisplay()
+    shown._timer.stop()
+    shown.resize(640, 520)
+    shown.show()
+    yield shown
+    shown.close()
+    shown.deleteLater()
+    qt.processEvents()
+    assert raised == []
+
+
+def picture(display, qt, *readings):
+    """The pixels after these readings."""
+    for reading in readings:
+        display.add(reading)
+    for _ in range(widget._HISTORY_EVERY):
+        display.refresh()
+    qt.processEvents()
+    return display.grab().toImage()
+
+
+def columns_of(image, color, rows):
+    """Columns in which a colour is seen within some rows, as parts of the width."""
+    wanted = color.rgb()
+    found = [x for x in range(image.width()) if any(image.pixel(x, y) == wanted for y in rows)]
+    return [x / image.width() for x in found]
+
+
+def test_the_press_is_drawn_where_it_is_and_as_long_as_it_is_strong(display, qt):
+    color = QColor("#0072b2")
+    heights = []
+    for location_mm, force_n in ((20.0, 2.0), (60.0, 6.0)):
+        image = picture(
+            display, qt, PRESSED | {"location_mm": location_mm, "force_n": force_n, "time_s": 1.0}
+        )
+        (view,) = display._views.values()
+        top = view.mapTo(display, QtCore.QPoint(0, 0)).y()
+        line = view.fontMetrics().height()
+        rows = range(top + 3 * line // 2, top + view.height())
+        columns = columns_of(image, color, rows)
+        middle = (min(columns) + max(columns)) / 2
+        margin = 22 / image.width()
+        assert middle == pytest.approx(margin + (1 - 2 * margin) * location_mm / 80, abs=0.02)
+        heights.append(
+            sum(any(image.pixel(x, y) == color.rgb() for x in range(image.width())) for y in rows)
+        )
+    assert heights[1] > 2 * heights[0]
+
+
+def test_values_are_written_with_two_standard_deviations_and_their_units():
+    reading = Reading(**PRESSED | {"flags": ()})
+    assert words.values(reading) == "4.00 \u00b1 0.20 N   40.0 \u00b1 1.0 mm"
+    assert words.values(reading, bounds=False) == "4.00 N   40.0 mm"
+    assert words.notes(reading) == "SNR 12.0 dB"
+
+
+def test_what_is_not_known_is_not_shown_as_a_number():
+    assert words.values(Reading(1.0, "arm")) == "no reading"
+    assert words.values(Reading(1.0, "arm", touch=0)) == "not touched"
+    lost = Reading(1.0, "arm", touch=1, location_mm=30.0, flags=("force-unobservable",))
+    assert words.values(lost) == "? N   30.0 mm"
+    assert words.doubts(lost) == ["force-unobservable"]
+    assert words.doubts(Reading(1.0, "arm", touch=0, flags=("reference",))) == []
+
+
+ODD_VALUES = [None, math.nan, math.inf, -math.inf, -3.0, 1e9, "4", True, []]
+
+
+@pytest.mark.parametrize("key", [k for k in PRESSED if k != "flags"])
+def test_empty_infinite_and_absurd_values_are_survived(display, qt, key):
+    for value in ODD_VALUES:
+        picture(display, qt, PRESSED | {key: value})
+    picture(display, qt, {k: v for k, v in PRESSED.items() if k != key})
+    picture(display, qt, PRESSED)
+    assert display.latest("arm").force_n == 4.0
+
+
+def test_what_is_no_reading_at_all_is_passed_over(display, qt):
+    picture(display, qt, {}, None, 3, "reading", {"sensor": "arm"}, {"time_s": 1.0})
+    assert display.sensors() == []
+
+
+def test_every_flag_is_survived_alone_and_all_at_once(display, qt):
+    from gnuradio.wiforce.readings import FLAGS
+
+    for flags in (*FLAGS, " ".join(FLAGS), FLAGS, "unheard-of"):
+        picture(display, qt, PRESSED | {"flags": flags})
+    assert display.latest("arm").flags == ()
+
+
+def test_a_reading_in_doubt_looks_other_than_one_without(display, qt):
+    plain = picture(display, qt, PRESSED)
+    doubtful = picture(display, qt, PRESSED | {"flags": "weak"})
+    assert plain != doubtful
+
+
+def test_sensors_that_stop_turn_grey_and_leave_while_others_stay(display, qt, monkeypatch):
+    clock = {"now": 0.0}
+    monkeypatch.setattr(widget.time, "monotonic", lambda: clock["now"])
+    other = PRESSED | {"sensor": "finger", "location_mm": 70.0}
+    live = picture(display, qt, PRESSED, other)
+    clock["now"] = 2.0
+    stale = picture(display, qt, PRESSED)
+    assert stale != live
+    assert display.sensors() == ["arm", "finger"]
+    clock["now"] = 11.5
+    picture(display, qt, PRESSED)
+    assert display.sensors() == ["arm"]
+    picture(display, qt, PRESSED, other)
+    assert display.sensors() == ["arm", "finger"]
+    colors = {view._color.name() for view in display._views.values()}
+    assert len(colors) == 2
+
+
+def test_it_can_be_made_as_small_as_300_by_200_and_large_again(display, qt):
+    two = (PRESSED, PRESSED | {"sensor": "finger", "flags": "weak ambiguous"})
+    for width, height in ((300, 200), (1600, 1000), (300, 200), (640, 520)):
+        display.resize(width, height)
+        image = picture(display, qt, *two)
+        assert (image.width(), image.height()) == (width, height)
+        for view in display._views.values():
+            assert view.width() <= width
+    assert display._history.isVisible()
+    display.resize(300, 200)
+    qt.processEvents()
+    assert not display._history.isVisible()
+
+
+def test_a_run_that_begins_anew_begins_a_new_history():
+    kept = track.Track(20.0)
+    for time_s in (1.0, 2.0, 3.0, 0.5):
+        kept.add(Reading(time_s, "arm", touch=1, force_n=time_s))
+    assert kept.series("force_n")[0].tolist() == [0.5]
+
+
+def test_the_history_keeps_its_span_and_leaves_gaps_where_nothing_is_known():
+    kept = track.Track(2.0)
+    for time_s in range(6):
+        force_n = None if time_s == 4 else float(time_s)
+        kept.add(Reading(float(time_s), "arm", touch=1, force_n=force_n))
+    times, forces = kept.series("force_n")
+    assert times.tolist() == [3.0, 4.0, 5.0]
+    assert forces[0] == 3.0 and math.isnan(forces[1]) and forces[2] == 5.0
+
+
+def test_readings_may_come_from_another_thread_faster_than_they_are_drawn(display, qt):
+    def send():
+        for n in range(5000):
+            display.add(PRESSED | {"time_s": n * 0.001})
+
+    thread = threading.Thread(target=send)
+    thread.start()
+    while thread.is_alive():
+        display.refresh()
+    picture(display, qt)
+    assert display.latest("arm").time_s == pytest.approx(4.999)
+
+
+@pytest.mark.parametrize("parameter", ["length_mm", "force_span_n", "history_s"])
+@pytest.mark.parametrize("value", [0, -1, math.nan, math.inf])
+def test_sizes_that_make_no_sense_are_refused(qt, parameter, value):
+    with pytest.raises(InputError, match=f"{parameter}: must be positive"):
+        wiforce.ForceDisplay(**{parameter: value})
+
+
+class Collector(gr.basic_block):
+    """Keeps the messages that it gets."""
+
+    def __init__(self):
+        gr.basic_block.__init__(self, "collector", None, None)
+        self.messages = []
+        self.got_one = threading.Event()
+        self.message_port_register_in(pmt.intern("in"))
+        self.set_msg_handler(pmt.intern("in"), self._on_message)
+
+    def _on_message(self, message):
+        self.messages.append(message)
+        self.got_one.set()
+
+
+def test_the_block_shows_readings_by_message_and_its_button_sends_tare(qt):
+    flowgraph = gr.top_block()
+    source = blocks.message_strobe(pmt.to_pmt(PRESSED), 5)
+    block = wiforce.force_display()
+    block.widget._timer.stop()
+    collector = Collector()
+    flowgraph.msg_connect(source, "strobe", block, "readings")
+    flowgraph.msg_connect(block, "tare", collector, "in")
+    flowgraph.start()
+    try:
+        while "arm" not in block.widget.sensors():
+            block.widget.refresh()
+        block.widget._tare.click()
+        assert collector.got_one.wait(20)
+    finally:
+        flowgraph.stop()
+        flowgraph.wait()
+    assert block.widget.latest("arm").location_mm == 40.0
+    assert len(collector.messages) == 1
+    assert isinstance(block.widget, QtWidgets.QWidget)
