@@ -21,7 +21,10 @@ def scene(sensors=({},), **simulation):
                 {"name": f"s{i}", "model": "line-900mhz"} | sensor
                 for i, sensor in enumerate(sensors)
             ],
-            "environment": {"moving_clutter_hz": simulation.pop("moving_hz", 0)},
+            "environment": {
+                "moving_clutter_hz": simulation.pop("moving_hz", 0),
+                "reader_clock": simulation.pop("reader_clock", "shared"),
+            },
             "simulation": QUIET | simulation,
         }
     )
@@ -172,12 +175,39 @@ def test_level_db_of_a_tag_is_its_strength_against_the_scenes():
     assert 20 * np.log10(weak.mean()) == pytest.approx(-3, abs=0.05)
 
 
+def test_a_free_receiver_turns_by_its_carrier_offset():
+    shared, free = (
+        scene(static_clutter_db=60, reader_clock="free", carrier_offset_hz=hz)
+        for hz in (0.0, 1234.5)
+    )
+    a, b = (
+        AirChannel(one).process(np.tile(one.waveform().frame(), 60), 0) for one in (shared, free)
+    )
+    loud = np.abs(a) > 0.1
+    turned = b[loud] / a[loud] * np.exp(-2j * np.pi * 1234.5 * np.flatnonzero(loud) / 12.5e6)
+    assert np.abs(turned - 1).max() < 1e-4
+
+
+def test_phase_noise_walks_by_its_linewidth():
+    one = scene(static_clutter_db=60, reader_clock="free", phase_noise_hz=20.0)
+    channel = AirChannel(one)
+    channel.sensors["s0"].on = False
+    phase = np.unwrap(np.angle(snapshots(channel, one, 17361)[1:, 20]))
+    for lag in (10, 100):
+        steps = phase[lag:] - phase[:-lag]
+        assert np.var(steps) == pytest.approx(2 * np.pi * 20.0 * lag * T, rel=0.35)
+    assert np.abs(np.diff(phase)).max() < 0.5
+
+
 BUSY = dict(
     static_clutter_db=50,
     moving_clutter_db=30,
     moving_hz=60,
     snr_db=10,
     tag_coherence_hz=2e6,
+    reader_clock="free",
+    carrier_offset_hz=500.0,
+    phase_noise_hz=1.0,
     presses=[{"start_s": 0.5, "rise_s": 0.001, "hold_s": 0.3, "force_n": 4, "location_mm": 33}],
 )
 

@@ -154,6 +154,12 @@ def test_what_is_no_finite_number_is_not_taken_for_one(typed):
         ("simulation.seed", 1.5, "simulation.seed: must be an integer"),
         ("simulation.adc_bits", 17, "simulation.adc_bits: must be an integer from 2 to 16"),
         ("simulation.moving_clutter_db", 20, "moving_clutter_db: must be null when nothing moves"),
+        (
+            "simulation.carrier_offset_hz",
+            100,
+            "must be 0 when environment.reader_clock is",
+        ),
+        ("simulation.phase_noise_hz", 1, "must be 0 when environment.reader_clock is"),
         ("simulation.truth_model", "no-such", "no-such"),
         ("simulation.presses.0.sensor", "leg", "presses[0].sensor: must be the name of a sensor"),
         ("simulation.presses.0.location_mm", 80.1, "must lie on the line, 0 to 80 mm, got 80.1"),

@@ -8,6 +8,7 @@ tag's own clock. The walk of a piece of signal is :meth:`AirChannel._piece`.
 
 import numpy as np
 
+from .oscillators import FreeOscillators
 from .paths import MOVING_PATHS as _MOVING_PATHS
 from .paths import Fir, MovingPath, Ramp, mean_power, static_taps, tag_taps
 from .presses import PressedSensor
@@ -44,8 +45,9 @@ class AirChannel:
 
     def __init__(self, scene, amplitude=1.0, through=False):
         simulation, waveform = scene.simulation, scene.waveform()
-        seeds = np.random.SeedSequence(simulation.seed).spawn(4)
-        paths_rng, clocks_rng, movers_rng, noise_rng = map(np.random.default_rng, seeds)
+        seeds = np.random.SeedSequence(simulation.seed).spawn(5)
+        generators = map(np.random.default_rng, seeds)
+        paths_rng, clocks_rng, movers_rng, noise_rng, oscillators_rng = generators
         self._rate = scene.radio.sample_rate_hz
         self._ramp = Ramp(self._rate)
         self._noise_rng = noise_rng
@@ -91,6 +93,13 @@ class AirChannel:
         self._tags = [
             (Fir(self.scale * taps), tag) for taps, tag in zip(tag_fades, tags, strict=True)
         ]
+        self._oscillators = FreeOscillators(
+            simulation.carrier_offset_hz,
+            simulation.phase_noise_hz,
+            oscillators_rng,
+            self._ramp,
+            self._rate,
+        )
         firs = [self._static, *(fir for fir, _ in self._movers + self._tags)]
         self._memory = max(fir.memory for fir in firs)
         self._scratch = np.empty((2, _PIECE), np.complex64)
@@ -157,6 +166,7 @@ class AirChannel:
                 fir.apply(sent, count, path, scratch)
                 path *= tag.reflection(first, count)
                 received += path
+            self._oscillators.turn(first, received)
         else:
             received[:] = 0
         self._add_noise(received)

@@ -106,6 +106,8 @@ class Simulation:
     moving_clutter_db: float | None
     moving_clutter_hz: float
     tag_coherence_hz: float | None
+    carrier_offset_hz: float
+    phase_noise_hz: float
     adc_bits: int | None
     tags: tuple
     presses: tuple
@@ -336,6 +338,13 @@ def _simulation(section, sensors, environment, reference_s):
     if moving_db is not None and moving_hz == 0:
         rule = "must be null when nothing moves (moving_clutter_hz is 0)"
         raise section.error("moving_clutter_db", rule, moving_db)
+    oscillators = [
+        section.number("carrier_offset_hz", 0.0, low=-1e6, high=1e6),
+        section.number("phase_noise_hz", 0.0, low=0, high=1e4),
+    ]
+    for key, value in zip(("carrier_offset_hz", "phase_noise_hz"), oscillators, strict=True):
+        if value and environment.reader_clock == "shared":
+            raise section.error(key, "must be 0 when environment.reader_clock is 'shared'", value)
     simulation = Simulation(
         duration_s=section.number("duration_s", 3.0, above=0, high=1e6),
         seed=section.integer("seed", 1, low=0, high=2**63 - 1),
@@ -346,6 +355,8 @@ def _simulation(section, sensors, environment, reference_s):
         moving_clutter_db=moving_db,
         moving_clutter_hz=moving_hz,
         tag_coherence_hz=section.number("tag_coherence_hz", above=0, high=1e9, optional=True),
+        carrier_offset_hz=oscillators[0],
+        phase_noise_hz=oscillators[1],
         adc_bits=section.integer("adc_bits", 14, low=2, high=16, optional=True),
         tags=tags,
         presses=_presses(section.sections("presses", MAX_PRESSES), names, reference_s),
