@@ -2,6 +2,7 @@
 """What every test runs under: the right interpreter, its own HOME, and an end."""
 
 import faulthandler
+import os
 import signal
 import sys
 
@@ -9,6 +10,8 @@ import pytest
 from software_usrp import software_usrp  # noqa: F401
 
 TIMEOUT_S = 120
+# Threads only slow down matrices as small as ours. To be set before NumPy is imported.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def pytest_configure(config):

@@ -356,8 +356,7 @@ def test_edges_inside_a_sample_count_by_their_exact_place(shape):
         if i == 0:
             on = np.abs(u - np.round(u)) < 1 / 8
         else:
-            on = np.abs((2 * u) % 1 - 0.5) < 1 / 8
-            on = ~on if shape == "overlapping" else on
+            on = np.abs((2 * u) % 1 - 0.5) < (3 / 8 if shape == "overlapping" else 1 / 8)
         wanted = on.reshape(count, fine).mean(axis=1)
         np.testing.assert_allclose(got[i], wanted, atol=1.5 / fine)
         assert 0.1 < got[i].mean() < 0.9

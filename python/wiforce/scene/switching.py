@@ -9,8 +9,8 @@ import numpy as np
 # the frequency, 25 % duty and pulses about +-1/4 (SPEC: never high together with clock 1).
 PULSES = {
     "pulses": (((-1 / 8, 1 / 8),), ((3 / 16, 5 / 16), (11 / 16, 13 / 16))),
-    # Clock 2 at a true 75 % duty: the switch is on whenever it should be off.
-    "overlapping": (((-1 / 8, 1 / 8),), ((5 / 16, 11 / 16), (13 / 16, 19 / 16))),
+    # Clock 2 at a true 75 % duty about the same centres: both switches are on for Ts/16 at a time.
+    "overlapping": (((-1 / 8, 1 / 8),), ((1 / 16, 7 / 16), (9 / 16, 15 / 16))),
 }
 
 
