@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`gr-wiforce read` and `demo` as a user runs them, and what they say of bad input."""
+
+import csv
+import json
+import shutil
+import subprocess
+
+import pytest
+import yaml
+
+
+def run(*arguments, cwd=None):
+    return subprocess.run(
+        ["gr-wiforce", *map(str, arguments)], capture_output=True, text=True, timeout=100, cwd=cwd
+    )
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory):
+    """The demo's folder and what it printed."""
+    folder = tmp_path_factory.mktemp("demo")
+    return folder, run("demo", "--folder", folder)
+
+
+@pytest.fixture(scope="module")
+def read_args(demo):
+    folder, _ = demo
+    return ["read", folder / "demo", "--scene", folder / "scene.yaml"]
+
+
+@pytest.fixture(scope="module")
+def printed(read_args):
+    """The demo's capture read to standard output."""
+    return run(*read_args)
+
+
+def test_the_demo_keeps_its_promise_and_draws_a_picture(demo):
+    folder, done = demo
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "median error over" in done.stdout
+    assert (folder / "readings.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_readings_come_as_csv_on_stdout_or_json_lines_in_a_file_and_agree(
+    printed, read_args, tmp_path
+):
+    output = tmp_path / "out.jsonl"
+    assert run(*read_args, "-o", output, "--plot", tmp_path / "p.png").returncode == 0
+    rows = list(csv.DictReader(printed.stdout.splitlines()))
+    lines = [json.loads(line) for line in output.read_text().splitlines()]
+    assert printed.stderr == "" and len(rows) == len(lines) == 83
+    for row, line in zip(rows, lines, strict=True):
+        assert row == {key: "" if value is None else str(value) for key, value in line.items()}
+    assert (tmp_path / "p.png").stat().st_size > 10_000
+
+
+def test_the_same_capture_gives_the_same_bytes(printed, demo):
+    assert printed.stdout == (demo[0] / "readings.csv").read_text()
+
+
+def cut(demo, tmp_path, size):
+    """The demo's capture with its data cut to ``size`` bytes."""
+    for suffix in (".sigmf-meta", ".sigmf-data"):
+        shutil.copy(demo[0] / f"demo{suffix}", tmp_path / f"cut{suffix}")
+    with open(tmp_path / "cut.sigmf-data", "r+b") as data:
+        data.truncate(size)
+    return tmp_path / "cut"
+
+
+def test_a_capture_cut_inside_a_frame_is_read_to_its_last_whole_group(
+    demo, printed, read_args, tmp_path
+):
+    capture = cut(demo, tmp_path, 4 * (20 * 450_000 + 1234))
+    done = run("read", capture, *read_args[2:])
+    assert done.returncode == 0
+    assert len(done.stderr.splitlines()) == 1 and "ends inside a frame" in done.stderr
+    whole = printed.stdout.splitlines()
+    rows = done.stdout.splitlines()
+    assert len(rows) == 1 + 20
+    # The last group has no neighbour after it; all others read as in the whole capture.
+    assert rows[:-1] == whole[:20]
+
+
+@pytest.mark.parametrize("size, told", [(0, "is empty"), (4 * 450_000 * 3, "must hold 14 phase")])
+def test_a_capture_too_short_to_read_is_refused(demo, read_args, tmp_path, size, told):
+    done = run("read", cut(demo, tmp_path, size), *read_args[2:], "-o", tmp_path / "out.csv")
+    assert done.returncode == 2 and told in done.stderr
+    assert len(done.stderr.splitlines()) == 1 and not (tmp_path / "out.csv").exists()
+
+
+@pytest.mark.parametrize(
+    "section, change, told",
+    [
+        ("radio", {"sample_rate_hz": 10e6}, "sample rate must be the scene's"),
+        ("radio", {"center_frequency_hz": 2.4e9}, "2.4"),
+        ("phase_group", {"snapshots": "many"}, "phase_group.snapshots"),
+        ("phase_group", {"snapshot": 625}, "snapshot"),
+        ("reference_s", 0.01, "reference_s"),
+    ],
+)
+def test_a_scene_that_cannot_be_is_refused_in_one_line(demo, tmp_path, section, change, told):
+    folder, _ = demo
+    scene = yaml.safe_load((folder / "scene.yaml").read_text())
+    if isinstance(change, dict):
+        scene.setdefault(section, {}).update(change)
+    else:
+        scene[section] = change
+    scene["sensors"][0]["model"] = str(folder / "sensor.yaml")
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(scene))
+    done = run("read", folder / "demo", "--scene", tmp_path / "scene.yaml")
+    assert done.returncode == 2 and told in done.stderr, done.stderr
+    assert len(done.stderr.splitlines()) == 1 and done.stdout == ""
+
+
+@pytest.mark.parametrize(
+    "options, told",
+    [
+        (["-o", "out.txt"], "must end in .csv or .jsonl"),
+        (["-o", "none/out.csv"], "none/out.csv: cannot be written"),
+        (["--plot", "out.gif"], "picture must end in"),
+        (["--datatype", "ci8"], "datatype: must be one of"),
+        (["--frame-offset", "-1"], "--frame-offset"),
+    ],
+)
+def test_options_that_cannot_be_are_refused_before_reading(read_args, tmp_path, options, told):
+    done = run(*read_args, *options, cwd=tmp_path)
+    assert done.returncode == 2 and told in done.stderr
+    assert len(done.stderr.splitlines()) == 1 and list(tmp_path.iterdir()) == []
+
+
+def test_raw_samples_are_read_with_their_type_given(demo, printed, read_args):
+    raw = run("read", demo[0] / "demo.sigmf-data", *read_args[2:], "--datatype", "ci16_le")
+    assert raw.returncode == 0
+    assert raw.stdout == printed.stdout
+
+
+def test_a_capture_that_begins_inside_a_frame_is_aligned_and_reads_the_same(
+    demo, read_args, tmp_path
+):
+    whole = (demo[0] / "demo.sigmf-data").read_bytes()
+    (tmp_path / "late.bin").write_bytes(whole[4 * 500 : 4 * 450_000 * 30])
+    done = run("read", tmp_path / "late.bin", *read_args[2:], "--datatype", "ci16_le")
+    assert done.returncode == 0 and "frames begin at sample" in done.stderr
+    rows = list(csv.DictReader(done.stdout.splitlines()))
+    touched = [row for row in rows if row["touch"] == "1" and not row["flags"]]
+    assert touched and all(abs(float(row["location_mm"]) - 45) < 0.3 for row in touched)
