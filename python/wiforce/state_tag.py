@@ -31,12 +31,17 @@ def from_pmt(value):
 
 def _value_to_pmt(value):
     if isinstance(value, tuple):
-        return pmt.to_pmt([dataclasses.asdict(clock) for clock in value])
+        return pmt.to_pmt([_plain(dataclasses.asdict(clock)) for clock in value])
     if isinstance(value, np.ndarray):
         if value.dtype == bool:
             return pmt.init_u8vector(len(value), value.astype(np.uint8).tolist())
         return pmt.init_f64vector(len(value), value.astype(float).tolist())
     return pmt.from_uint64(value)
+
+
+def _plain(fields):
+    """NumPy's scalars as Python's own, which is all that pmt takes."""
+    return {k: v.item() if isinstance(v, np.generic) else v for k, v in fields.items()}
 
 
 def _value_from_pmt(name, item):
