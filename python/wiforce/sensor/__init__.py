@@ -12,10 +12,12 @@ from .tables import (
     read_vna_csv,
     write_vna_csv,
 )
+from .tracker import PressTracker, smooth_press
 
 __all__ = [
     "CalibrationTable",
     "LineModel",
+    "PressTracker",
     "SensorModel",
     "calibrate",
     "load_sensor",
@@ -26,6 +28,7 @@ __all__ = [
     "sensor_from_dict",
     "sensor_to_dict",
     "shipped_sensors",
+    "smooth_press",
     "write_sensor",
     "write_vna_csv",
 ]

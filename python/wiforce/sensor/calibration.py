@@ -14,11 +14,11 @@ from .fit import CurveFitter, force_knots, noise_and_misfit
 from .location import learn_interpolation
 
 LOCATION_STEPS = ("nearest", "given", "line")
-FORM_CHOICES = ("auto", *curves.FORMS)
+FORM_CHOICES = ("auto", "auto-beyond", *curves.FORMS)
 _BLOCKS = 6
 _FORCES_COMPARED = 9
-# Errors within this ratio do not tell two forms apart.
-_ALIKE = 1.02
+# Samples from which a curve is drawn when some are left out.
+_LEAST_LEFT = 5
 # No press is so wide that it moves a short by more than this beyond what the line does.
 _LARGEST_EXTENT_MM = 30.0
 
@@ -30,6 +30,7 @@ class _Curve:
     force_n: np.ndarray
     added_deg: np.ndarray
     press: np.ndarray
+    copied: bool = False  # the mirror image of another
 
 
 @dataclass(frozen=True)
@@ -65,8 +66,9 @@ def calibrate(
     name : str
     length_mm : float
     form : str
-        ``cubic`` (the paper), ``power``, ``spline``, or ``auto``: whichever predicts best what it
-        has not seen (:func:`validate_forms`).
+        ``cubic`` (the paper), ``power``, ``spline``; ``auto``: whichever predicts best what it has
+        not seen within the calibrated forces; ``auto-beyond``: likewise, a little beyond them
+        included (:func:`validate_forms`).
     onset_force_n : float, optional
         Force at which the line is first shorted. By default midway between the last untouched and
         the first touched force where sweeps start before the contact, else half the least
@@ -108,8 +110,8 @@ def calibrate(
     elif location_steps == "given":
         assumed.append("phases of different locations as given, multiples of 360 deg included")
     validation = validate_forms(data)
-    if form == "auto":
-        form = best_form(validation["forms"])
+    if form in validation["best"]:
+        form = validation["best"][form]
     forces = np.concatenate([curve.force_n for d in data for curve in d.all_curves()])
     knots = force_knots(form, forces)
     carriers = [_fit_carrier(d, form, knots, length_mm, permittivity) for d in data]
@@ -177,12 +179,16 @@ def _carrier_data(table, frequency, length_mm, permittivity, mirror, assumed):
             f"{length_mm:g} mm: the table has none"
         )
     touched, below, above = _without_untouched_sweeps(table, untouched)
+    own = np.unique(touched.location_mm)
     if mirror:
         touched = _mirrored(touched, length_mm, assumed)
     check_places(touched)
     places = np.unique(touched.location_mm)
     rows = [
-        [_curve(touched, place, port, length_mm, permittivity) for place in places]
+        [
+            _curve(touched, place, port, length_mm, permittivity, place not in own)
+            for place in places
+        ]
         for port in (1, 2)
     ]
     return _CarrierData(frequency, places, rows, untouched, (below, above))
@@ -235,7 +241,7 @@ def _mirrored(table, length_mm, assumed):
     return replace(table, **joined)
 
 
-def _curve(table, place, port, length_mm, permittivity):
+def _curve(table, place, port, length_mm, permittivity, copied):
     rows = table.take((table.location_mm == place) & (table.port == port))
     distance = place if port == 1 else length_mm - place
     base = line.short_phase_deg(distance, rows.frequency_hz[0], permittivity)
@@ -251,7 +257,7 @@ def _curve(table, place, port, length_mm, permittivity):
         presses.append(one.press[order])
     force, value = np.concatenate(forces), np.concatenate(added)
     order = np.argsort(force, kind="stable")
-    return _Curve(force[order], value[order], np.concatenate(presses)[order])
+    return _Curve(force[order], value[order], np.concatenate(presses)[order], copied)
 
 
 def _anchor(data):
@@ -353,54 +359,85 @@ def validate_forms(data):
     """Errors of each form on data it has not seen.
 
     Where locations were pressed more than once, a press is left out at a time; else a block of
-    neighbouring forces, the first and the last of a location excepted.
+    neighbouring forces. The first and the last block of a location lie beyond what is left.
 
     Returns
     -------
     dict
-        ``left_out`` (``press`` or ``forces``) and ``forms``: for each form the rms error in
-        degrees and the number of samples predicted.
+        ``left_out`` (``press`` or ``forces``); ``best``, the form chosen by :func:`best_form`,
+        ``auto`` without the blocks that lie beyond and ``auto-beyond`` with them; ``forms``: for
+        each form the rms errors in degrees and the number of samples predicted.
     """
     several = any(len(set(c.press)) > 1 for d in data for c in d.all_curves())
-    forms = {}
-    for form in curves.FORMS:
-        errors = np.concatenate([_left_out_errors(d, form, several) for d in data] or [np.zeros(0)])
-        if errors.size:
-            forms[form] = {
-                "rms_deg": round(float(np.sqrt(np.mean(errors**2))), 4),
-                "samples": int(errors.size),
+    squares = {
+        form: [fold for d in data for fold in _left_out(d, form, several)] for form in curves.FORMS
+    }
+    inside = {form: [s for s, rim in folds if not rim] for form, folds in squares.items()}
+    everywhere = {form: [s for s, _ in folds] for form, folds in squares.items()}
+    return {
+        "left_out": "press" if several else "forces",
+        "best": {"auto": best_form(inside), "auto-beyond": best_form(everywhere)},
+        "forms": {
+            form: {
+                "inside_deg": _root_mean(inside[form]),
+                "everywhere_deg": _root_mean(everywhere[form]),
+                "samples": sum(map(len, everywhere[form])),
             }
-    return {"left_out": "press" if several else "forces", "forms": forms}
+            for form in curves.FORMS
+            if inside[form]
+        },
+    }
 
 
-def best_form(forms):
-    """The form with the least error on what it has not seen; the simpler of two alike."""
-    if not forms:
+def _root_mean(squares):
+    return round(float(np.sqrt(np.mean(np.concatenate(squares)))), 4)
+
+
+def best_form(squares):
+    """The simplest form that does as well as the best on what it has not seen.
+
+    As well: the mean difference of squared errors over what was left out is within its own standard
+    error (the one-standard-error rule, L. Breiman et al., *Classification and Regression Trees*,
+    1984, section 3.4.3).
+
+    Parameters
+    ----------
+    squares : dict
+        For each form a list of squared errors, an array for everything left out together.
+    """
+    means = {form: np.array([np.mean(s) for s in folds]) for form, folds in squares.items()}
+    if not all(mean.size for mean in means.values()):
         return "power"
-    least = min(entry["rms_deg"] for entry in forms.values())
-    simplest_first = ("power", "cubic", "spline")
-    return next(f for f in simplest_first if forms[f]["rms_deg"] <= _ALIKE * least)
+    best = min(means, key=lambda form: means[form].mean())
+    for form in ("power", "cubic", "spline"):
+        worse = means[form] - means[best]
+        error = np.std(worse, ddof=1) / np.sqrt(worse.size) if worse.size > 1 else 0.0
+        if worse.mean() <= error:
+            return form
+    return best
 
 
-def _left_out_errors(data, form, by_press):
+def _left_out(data, form, by_press):
+    """Squared errors of everything left out in turn, and whether it lies beyond what is left."""
     knots = force_knots(form, np.concatenate([c.force_n for c in data.all_curves()]))
     samples = [(c.force_n, c.added_deg) for c in data.all_curves()]
     fitter = CurveFitter(form, knots, samples)
-    errors = []
+    folds = []
     for curve in data.all_curves():
-        for out in _folds(curve, by_press):
-            if np.count_nonzero(~out) < max(fitter.size + 1, 5):
+        for out, rim in [] if curve.copied else _folds(curve, by_press):
+            if np.count_nonzero(~out) < _LEAST_LEFT:
                 continue
             fit = fitter.fit(curve.force_n[~out], curve.added_deg[~out])
-            errors.append(curve.added_deg[out] - fitter.value(fit, curve.force_n[out]))
-    return np.concatenate(errors) if errors else np.zeros(0)
+            error = curve.added_deg[out] - fitter.value(fit, curve.force_n[out])
+            folds.append((error**2, rim))
+    return folds
 
 
 def _folds(curve, by_press):
     if by_press:
-        return [curve.press == press for press in dict.fromkeys(curve.press)]
+        return [(curve.press == press, False) for press in dict.fromkeys(curve.press)]
     block = np.minimum(np.arange(curve.force_n.size) * _BLOCKS // curve.force_n.size, _BLOCKS - 1)
-    return [block == b for b in range(1, _BLOCKS - 1)]
+    return [(block == b, b in (0, _BLOCKS - 1)) for b in range(_BLOCKS)]
 
 
 def _leave_locations_out(data, carrier, form, knots, length_mm):

@@ -69,30 +69,34 @@ class Inverter:
     model : SensorModel
     carriers : tuple of int
         Indices of the model's carriers whose phases are given, in this order.
+
+    Attributes
+    ----------
+    forward : ForwardMap
     """
 
     def __init__(self, model, carriers):
         self._model = model
         self._carriers = carriers
-        self._forward = ForwardMap(model, carriers)
-        self._search = Search(self._forward)
-        self._limit = chi2.ppf(_INCONSISTENT, self._forward.size)
-        self._local_n = _LOCAL * np.ptp(self._forward.force_n)
-        self._low, self._high = self._forward.force_n[[0, -1]]
-        self._left, self._right = self._forward.location_mm[[0, -1]]
+        self.forward = ForwardMap(model, carriers)
+        self._search = Search(self.forward)
+        self._limit = chi2.ppf(_INCONSISTENT, self.forward.size)
+        self._local_n = _LOCAL * np.ptp(self.forward.force_n)
+        self._low, self._high = self.forward.force_n[[0, -1]]
+        self._left, self._right = self.forward.location_mm[[0, -1]]
 
     @cached_property
     def _table(self):
-        return InverseTable(self._forward, self._model.in_span)
+        return InverseTable(self.forward, self._model.in_span)
 
     def invert(self, phases_deg, std_deg=None, location_mm=None):
         """See :meth:`SensorModel.invert`."""
         phases = np.asarray(phases_deg, float)
-        if phases.size == 2 and self._forward.size == 2 and location_mm is None:
+        if phases.size == 2 and self.forward.size == 2 and location_mm is None:
             return self._single(phases.reshape(1, 2), std_deg)
         phases = np.atleast_2d(phases)
-        if phases.ndim != 2 or phases.shape[1] != self._forward.size:
-            rule = f"must have {self._forward.size} columns"
+        if phases.ndim != 2 or phases.shape[1] != self.forward.size:
+            rule = f"must have {self.forward.size} columns"
             raise InputError("phases_deg", rule, np.shape(phases_deg))
         std = _standard_deviations(std_deg, phases.shape)
         if location_mm is not None:
@@ -116,7 +120,7 @@ class Inverter:
         for start in range(0, count, _CHUNK):
             part = slice(start, min(start + _CHUNK, count))
             self._batch_part(phases[part], std[part], values[part], flags, start)
-        return _inversion(values, flags)
+        return inversion_of(values, flags)
 
     def _batch_part(self, phases, std, values, flags, start):
         """Fills ``values`` (n, 5): force, location, and their variances and covariance."""
@@ -164,10 +168,12 @@ class Inverter:
 
     def _extrapolated(self, force, location, force_variance, location_variance):
         """Whether a solution lies outside the span by more than its standard deviation."""
-        inside = np.zeros(np.shape(force), bool)
+        inside = np.asarray(self._model.in_span(force, location))
+        if np.all(inside):
+            return ~inside
         for a in (-1, 0, 1):
             for b in (-1, 0, 1):
-                inside |= self._model.in_span(
+                inside = inside | self._model.in_span(
                     force + a * np.sqrt(force_variance), location + b * np.sqrt(location_variance)
                 )
         return ~inside
@@ -179,7 +185,7 @@ class Inverter:
         std_1, std_2 = _two_standard_deviations(std_deg)
         psi_1, psi_2 = phases[0].tolist()
         if not (abs(psi_1) < 1e9 and abs(psi_2) < 1e9):
-            return _inversion(np.full((1, 5), np.nan), [("inconsistent",)])
+            return inversion_of(np.full((1, 5), np.nan), [("inconsistent",)])
         std = np.array([std_1, std_2])
         psi_1, psi_2 = psi_1 * CELLS_PER_DEG, psi_2 * CELLS_PER_DEG
         cell_1, cell_2 = int(psi_1 // 1), int(psi_2 // 1)
@@ -202,21 +208,21 @@ class Inverter:
                 spread = max(std_1, std_2, 1.0)
                 steep = (abs(a) + abs(b)) * spread > _UNOBSERVABLE_N
                 if row[IN_SPAN] and not steep:
-                    return _inversion(np.array([values]), [()])
+                    return inversion_of(np.array([values]), [()])
                 names = _names(
                     extrapolated=not row[IN_SPAN] and bool(self._extrapolated(*values[:4])),
                     unobservable=bool(self._unobservable((a, b, c, d), std)),
                 )
-                return _inversion(np.array([values]), [names])
+                return inversion_of(np.array([values]), [names])
         values, names = self._searched(phases[0], std)
-        return _inversion(values[None], [names])
+        return inversion_of(values[None], [names])
 
     # anything else: the search
 
     def _one_by_one(self, phases, std):
         results = [self._searched(p, s) for p, s in zip(phases, std, strict=True)]
         values = np.array([r[0] for r in results]).reshape(-1, 5)
-        return _inversion(values, [r[1] for r in results])
+        return inversion_of(values, [r[1] for r in results])
 
     def _searched(self, phases, std):
         """Force, location, variances and covariance of one reading (5,), and its flags."""
@@ -250,11 +256,45 @@ class Inverter:
         return np.array(values), names
 
     def _search_unobservable(self, mean, std):
-        slopes = self._forward.slopes(mean[:1], mean[1:])[0] / np.maximum(std, 1.0)[:, None]
-        normal = slopes.T @ slopes
-        determinant = max(np.linalg.det(normal), 1e-300)
-        free, known = normal[1, 1] / determinant, 1.0 / max(normal[0, 0], 1e-300)
-        return free > _UNOBSERVABLE_N**2 and free > _UNOBSERVABLE_RATIO**2 * known
+        """Whether force cannot be told from location at a (force, location)."""
+        if np.max(std) <= 1.0:
+            force, location = self.forward.force_n, self.forward.location_mm
+            i = min(int(np.searchsorted(force, mean[0])), len(force) - 1)
+            j = min(int(np.searchsorted(location, mean[1])), len(location) - 1)
+            return bool(self._unobservable_nodes[i, j])
+        slopes = self.forward.slopes(mean[:1], mean[1:])
+        return bool(_hardly_observable(slopes / np.maximum(std, 1.0)[:, None])[0])
+
+    @cached_property
+    def _unobservable_nodes(self):
+        """For phases good to 1 deg, at the forward map's nodes."""
+        grid = np.meshgrid(self.forward.force_n, self.forward.location_mm, indexing="ij")
+        slopes = self.forward.slopes(grid[0].ravel(), grid[1].ravel())
+        return _hardly_observable(slopes).reshape(grid[0].shape)
+
+    def flags_at(self, found, std, ambiguous, inconsistent):
+        """Flags of a (force, its std, location, its std) that was found in another way."""
+        force, force_std, location, location_std = found
+        return _names(
+            extrapolated=bool(self._extrapolated(force, location, force_std**2, location_std**2)),
+            ambiguous=ambiguous,
+            unobservable=self._search_unobservable(np.array([force, location]), std),
+            inconsistent=inconsistent,
+        )
+
+    def systematic(self, force_n, location_mm):
+        """Covariance (2, 2) of force and location that the model's own error leaves.
+
+        It is the same at every reading of a press, however many are averaged.
+        """
+        at = np.array([force_n]), np.array([location_mm])
+        slopes = self.forward.slopes(*at)[0]
+        variance = np.maximum(self.forward.variances(*at)[0], 1e-12)
+        normal = slopes.T @ (slopes / variance[:, None])
+        # no more can be unknown than the domain is wide
+        normal[0, 0] += 12.0 / (self._high - self._low) ** 2
+        normal[1, 1] += 12.0 / (self._right - self._left) ** 2
+        return np.linalg.inv(normal)
 
     # location known
 
@@ -276,7 +316,16 @@ class Inverter:
                     ambiguous=several,
                     inconsistent=misfit > self._limit,
                 )
-        return _inversion(values, flags)
+        return inversion_of(values, flags)
+
+
+def _hardly_observable(slopes):
+    """By slopes (n, P, 2) in standard deviations of the phases; bool (n,)."""
+    normal = np.einsum("npa,npb->nab", slopes, slopes)
+    determinant = np.maximum(np.linalg.det(normal), 1e-300)
+    free = normal[:, 1, 1] / determinant
+    known = 1.0 / np.maximum(normal[:, 0, 0], 1e-300)
+    return (free > _UNOBSERVABLE_N**2) & (free > _UNOBSERVABLE_RATIO**2 * known)
 
 
 def _standard_deviations(std_deg, shape):
@@ -323,7 +372,8 @@ def _names(extrapolated=False, ambiguous=False, unobservable=False, inconsistent
     return tuple(name for name, raised in names if raised)
 
 
-def _inversion(values, flags):
+def inversion_of(values, flags):
+    """Inversion of rows (n, 5): force, location, their variances, and their covariance."""
     covariance = values[:, [2, 4, 4, 3]].reshape(-1, 2, 2)
     return Inversion(
         force_n=values[:, 0],

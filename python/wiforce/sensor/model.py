@@ -148,6 +148,12 @@ class SensorModel:
             self._inverters[carriers] = self._inverters[frequency_hz] = found
         return found
 
+    def tracker(self, group_period_s, frequency_hz=None, **settings):
+        """A :class:`~.tracker.PressTracker` of this sensor."""
+        from .tracker import PressTracker
+
+        return PressTracker(self, group_period_s, frequency_hz, **settings)
+
     @cached_property
     def _inverters(self):
         return {}

@@ -172,6 +172,7 @@ class Search:
             step = np.sum(weight * slope * error, axis=1) / curvature
             _, location = self._forward.clip(force, location + np.clip(step, -2.0, 2.0))
         misfit = self._misfit(force, location, phases_deg, variance_deg2)
+        misfit -= np.sum(np.log(weight), axis=1)
         width = 1.0 / curvature
         likelihood = np.exp(-0.5 * (misfit - misfit.min())) * np.sqrt(width) * np.gradient(force)
         likelihood /= likelihood.sum()
@@ -215,26 +216,29 @@ class KnownLocation:
         """
         weight = 1.0 / (variance_deg2 + self._variance)
         error = wrap_deg(phases_deg - self._phase)
-        misfit = np.sum(weight * error**2, axis=1)
-        best = int(np.argmin(misfit))
+        # where the model itself is vague every phase fits: the logarithms weigh that
+        surprise = np.sum(weight * error**2 - np.log(weight), axis=1)
+        best = int(np.argmin(surprise))
         information = np.sum(weight[best] * self._slope[best] ** 2)
         step = np.sum(weight[best] * self._slope[best] * error[best]) / max(information, 1e-300)
-        low, high = self._force[max(best - 1, 0)], self._force[min(best + 1, len(misfit) - 1)]
+        low, high = self._force[max(best - 1, 0)], self._force[min(best + 1, len(weight) - 1)]
         force = float(np.clip(self._force[best] + step, low, high))
-        likelihood = np.exp(-0.5 * (misfit - misfit[best])) * np.gradient(self._force)
+        likelihood = np.exp(-0.5 * (surprise - surprise[best])) * np.gradient(self._force)
         likelihood /= likelihood.sum()
         mean = likelihood @ self._force
         spread = likelihood @ (self._force - mean) ** 2 + (mean - force) ** 2
         local = 1.0 / max(information, 1e-300)
         variance = local if local < (high - low) ** 2 else float(spread)
-        return force, variance, float(misfit[best]), self._several(misfit, best)
+        misfit = float(weight[best] @ error[best] ** 2)
+        return force, variance, misfit, _several(surprise, best)
 
-    def _several(self, misfit, best):
-        """Whether another minimum fits as well, behind a barrier that noise does not explain."""
-        alike = misfit < misfit[best] + 1.0
-        barrier = misfit > misfit[best] + _WORSE
-        regions = np.cumsum(np.diff(np.concatenate([[0], barrier.astype(int)])) == 1)
-        return bool(np.unique(regions[alike & ~barrier]).size > 1)
+
+def _several(surprise, best):
+    """Whether another minimum fits as well, behind a barrier that noise does not explain."""
+    alike = surprise < surprise[best] + 1.0
+    barrier = surprise > surprise[best] + _WORSE
+    regions = np.cumsum(np.diff(np.concatenate([[0], barrier.astype(int)])) == 1)
+    return bool(np.unique(regions[alike & ~barrier]).size > 1)
 
 
 def _bounded_step(normal, right, force, location, forward):
