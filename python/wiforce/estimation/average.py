@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import InputError
 from .reference import subcarrier_weights
 
-# A group further from the average than this has changed: false once in 3 000 groups.
+# Squared standard deviations by which the newer part of a window must differ from the older.
 _CHANGE = 8.0
 
 
@@ -81,10 +81,11 @@ def ratio_variance(state):
 
 
 class AdaptiveAverage:
-    """Mean over the last groups for as long as nothing has changed.
+    """Mean over the last groups for as long as nothing changes.
 
-    The newest group is held against the mean of those before it; when it differs by more than
-    noise explains, the window starts anew with it.
+    At every group the window is split at each place; while the newer part differs in phase from
+    the older by more than noise explains, the oldest group is dropped. A step empties the window
+    at once, a slow change shortens it.
 
     Parameters
     ----------
@@ -100,11 +101,22 @@ class AdaptiveAverage:
         if not np.all(np.isfinite(variance)):
             self._window.clear()
             return ratios, variance
-        if self._window:
-            older = np.mean([ratio for ratio, _ in self._window], axis=0)
-            spread = variance + np.mean([v for _, v in self._window], axis=0) / len(self._window)
-            if np.any(np.abs(ratios - older) ** 2 > _CHANGE * spread):
-                self._window.clear()
-        self._window.append((ratios, variance))
-        mean = np.mean([ratio for ratio, _ in self._window], axis=0)
-        return mean, np.mean([v for _, v in self._window], axis=0) / len(self._window)
+        self._window.append((ratios / variance, 1 / variance))
+        while True:
+            # Sums over the newest 1, 2, ... groups.
+            sums = np.cumsum([item[0] for item in reversed(self._window)], axis=0)
+            precision = np.cumsum([item[1] for item in reversed(self._window)], axis=0)
+            mean = sums[-1] / precision[-1]
+            if len(sums) == 1 or not _changed(sums, precision, mean):
+                return mean, 1 / precision[-1]
+            self._window.popleft()
+
+
+def _changed(sums, precision, mean):
+    """Whether the phase of some newer part differs from that of the rest."""
+    newer, older = precision[:-1], precision[-1] - precision[:-1]
+    difference = sums[:-1] / newer - (sums[-1] - sums[:-1]) / older
+    across = (difference * mean.conj()).imag
+    # Half of a complex variance lies across the mean.
+    spread = (1 / newer + 1 / older) / 2 * np.abs(mean) ** 2
+    return bool(np.any(across**2 > _CHANGE * spread))
