@@ -132,6 +132,10 @@ class Cable:
         samples = self.tuning.to_receive_carrier(samples, chain, tick, spacing)
         return samples * amplitude(self.tuning.rx_gain_db)
 
+    def status(self):
+        """What there is to say beyond the device's own status."""
+        return {}
+
     def check_sensor(self, sensor):
         """Raises InputError: there is no sensor on a cable."""
         raise InputError("sensor", "needs a scene on the air", sensor)

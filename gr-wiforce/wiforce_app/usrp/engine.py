@@ -23,7 +23,7 @@ from .frontend import DAUGHTERBOARDS, FrontEnd
 from .pacing import HostBacklog, Throttle, WallClock
 from .receive import ReceiveChain
 from .registers import Registers
-from .sockets import Sockets
+from .sockets import Sockets, check_loopback
 from .transmit import TransmitChain
 from .wire import (
     CONTROL_PORT,
@@ -76,7 +76,7 @@ class Device:
     """
 
     def __init__(self, air, address="127.0.0.1", board="SBX", speed=1.0, lossless=True, faults=()):
-        self.address = address
+        self.address = check_loopback(address)
         self.air = air
         self.clock = air.clock = DeviceClock()
         self.counters = Tally()
@@ -146,6 +146,8 @@ class Device:
         return {
             "device_time_s": self.clock.time / 1e8,
             "streaming_s": 0.0 if self._origin is None else (self.clock.ticks - self._origin) / 1e8,
+            "rx_streaming": any(chain.active for chain in self.receive),
+            "tx_streaming": self.transmit.in_burst,
             "tx_carrier_hz": self.tuning.tx_carrier_hz,
             "rx_carrier_hz": self.tuning.rx_carrier_hz(self.receive[0].dsp),
             "tx_gain_db": self.tuning.tx_gain_db,
@@ -155,7 +157,8 @@ class Device:
             "tx_underflows": self.transmit.underflows,
             "tx_late_packets": self.transmit.late_packets,
             "tx_sequence_errors": self.transmit.sequence_errors,
-            **{name: self.counters[name] for name in ("malformed", "foreign")},
+            **{name: self.counters[name] for name in ("malformed", "foreign", "faults")},
+            **self.air.status(),
         }
 
     def _registers(self):

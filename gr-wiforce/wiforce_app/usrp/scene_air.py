@@ -54,7 +54,7 @@ class SceneAir(Cable):
     def receive(self, chain, tick, spacing, count):
         if chain.stream_start is None:
             return np.zeros(count, np.complex64)
-        if self._leader in (None, chain):
+        if self._leader is None or self._leader is chain:
             self._follow(chain, tick, spacing)
         self._advance(chain, tick + (count - 1) * spacing)
         return self._received.take(tick, spacing, count)
@@ -63,6 +63,11 @@ class SceneAir(Cable):
         if sensor not in self._channel.sensors:
             known = ", ".join(self._channel.sensors)
             raise InputError("sensor", f"must be one of the scene's ({known})", sensor)
+
+    def status(self):
+        """Force, location and touch of each sensor now."""
+        states = self._channel.touch_state([self._next * self._spacing / TICK_RATE])
+        return {"sensors": {name: _plain(state) for name, state in states.items()}}
 
     def press(self, sensor, force_n, location_mm):
         """Press a sensor from now on, whatever the scene says.
@@ -148,3 +153,13 @@ class SceneAir(Cable):
         samples = codes.astype(np.float32) / np.float32(FULL_SCALE)
         self._received.append(tick, spacing, samples.view(np.complex64))
         self._next += count
+
+
+def _plain(state):
+    """A touch state of one moment as plain values."""
+    location_mm = float(state.location_mm[0])
+    return {
+        "touch": bool(state.touch[0]),
+        "force_n": float(state.force_n[0]),
+        "location_mm": None if np.isnan(location_mm) else location_mm,
+    }

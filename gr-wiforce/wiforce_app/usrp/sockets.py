@@ -45,13 +45,12 @@ class Sockets:
     Raises
     ------
     InputError
-        For another address, or when one of the ports is taken there.
+        When one of the ports is taken there.
     """
 
     def __init__(self, address):
         self._sockets = {}
         self._segmentation = True
-        check_loopback(address)
         try:
             for port in ALL_PORTS:
                 self._sockets[port] = _bound(address, port)
