@@ -17,7 +17,10 @@ from PyQt5.QtWidgets import QVBoxLayout
 FOLDER = Path(__file__).resolve().parent.parent / "grc"
 DESCRIPTIONS = {p.name.split(".")[0]: p for p in sorted(FOLDER.glob("*.block.yml"))}
 # What a block needs before it can be made: any file will do here.
-NEEDED = {"wiforce_recording_source": {"path": __file__}}
+NEEDED = {
+    "wiforce_recording_source": {"path": __file__},
+    "wiforce_capture_source": {"recording": __file__, "datatype": "ci16_le"},
+}
 
 
 @pytest.fixture(scope="module")
@@ -218,6 +221,12 @@ REFUSED = [
     ("wiforce_reader", {"scene": "dome"}),
     ("wiforce_reader", {"frame_offset": -1}),
     ("wiforce_reader", {"output": "readings.txt"}),
+    ("wiforce_capture_source", {"recording": "/nowhere/press.sigmf-meta", "datatype": "auto"}),
+    ("wiforce_capture_source", {"recording": __file__, "datatype": "auto"}),
+    ("wiforce_capture_source", {"scene": "dome"}),
+    ("wiforce_capture_source", {"frame_offset": -1}),
+    ("wiforce_clock_offset", {"sensors": 0}),
+    ("wiforce_clock_offset", {"length": 0}),
     ("wiforce_force_display", {"force_span_n": 0}),
     ("wiforce_force_display", {"history_s": 0}),
     ("wiforce_force_display", {"length_mm": -80}),

@@ -75,17 +75,8 @@ def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False):
     """
     from gnuradio import gr, wiforce
 
-    waveform = scene.waveform()
     flowgraph = gr.top_block("gr-wiforce read", catch_exceptions=False)
-    source = wiforce.recording_source(
-        path=str(recording.path),
-        datatype=recording.datatype,
-        segments=[(s.file_sample, s.global_index, s.length) for s in recording.segments],
-        frame_length=waveform.frame_length,
-        first_averaged=waveform.first_averaged,
-        repetitions=waveform.repetitions,
-        frame_offset=frame_offset,
-    )
+    source = wiforce.capture_source(recording, scene, frame_offset)
     reader = wiforce.reader(scene, input_type="folded", tracked=tracked, on_reading=on_reading)
     flowgraph.connect(source, reader)
     flowgraph.run()

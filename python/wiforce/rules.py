@@ -44,6 +44,13 @@ def is_amplitude_of(waveform, amplitude):
     return 0 < amplitude <= largest_amplitude(sounding_waveform(waveform).frame())
 
 
+def is_capture(capture, datatype=None):
+    """Whether a recording can be opened: a SigMF pair, or raw samples of ``datatype``."""
+    from .capture import open_capture
+
+    return _accepted(lambda: open_capture(capture, datatype))
+
+
 def is_tone_design(*settings):
     """Whether ``tone_weights(*settings)`` finds weights."""
     from .end_separation import tone_weights

@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The clock offset that a flowgraph shows is the one that the separation found."""
+
+import numpy as np
+import pmt
+import pytest
+from gnuradio import blocks, gr, wiforce
+from gnuradio.wiforce import names, state_tag
+from gnuradio.wiforce.estimation.state import ClockState, GroupState
+
+
+def state(group, *clocks):
+    return GroupState(group, 0, clocks, np.ones(62), np.ones(4), np.ones(4))
+
+
+def state_tag_at(offset, state):
+    tag = gr.tag_t()
+    tag.offset, tag.key, tag.value = offset, pmt.intern(names.STATE), state_tag.to_pmt(state)
+    return tag
+
+
+def test_offsets_of_all_tags_come_out_per_group_and_nan_while_a_clock_is_not_found():
+    states = [
+        state(0, ClockState(True, 0.1, 40.0), ClockState(False)),
+        state(1, ClockState(True, 0.2, 41.5), ClockState(True, 0.0, -65.25)),
+    ]
+    tags = [state_tag_at(n, s) for n, s in enumerate(states)]
+    source = blocks.vector_source_c([0j] * 3 * 256, False, 256, tags)
+    block = wiforce.clock_offset(sensors=2, length=256)
+    sink = blocks.vector_sink_f(2)
+    flowgraph = gr.top_block()
+    flowgraph.connect(source, block, sink)
+    flowgraph.run()
+    found = np.array(sink.data()).reshape(3, 2)
+    np.testing.assert_array_equal(found, [[40, np.nan], [41.5, -65.25], [np.nan, np.nan]])
+
+
+@pytest.mark.parametrize("parameters", [{"sensors": 0}, {"length": 0}])
+def test_sizes_below_one_are_refused(parameters):
+    with pytest.raises(ValueError, match=f"{next(iter(parameters))}: must be at least 1"):
+        wiforce.clock_offset(**parameters)
