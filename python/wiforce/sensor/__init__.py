@@ -4,6 +4,7 @@
 from .calibration import calibrate
 from .file import load_sensor, sensor_from_dict, sensor_to_dict, shipped_sensors, write_sensor
 from .model import LineModel, SensorModel
+from .refine import refine
 from .tables import (
     CalibrationTable,
     measure_vna,
@@ -25,6 +26,7 @@ __all__ = [
     "read_tap_csv",
     "read_touchstone_index",
     "read_vna_csv",
+    "refine",
     "sensor_from_dict",
     "sensor_to_dict",
     "shipped_sensors",

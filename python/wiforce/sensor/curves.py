@@ -162,6 +162,10 @@ class CurveModel(SensorModel):
             for c in self.carriers
         ]
 
+    def interpolation(self, carrier):
+        """The :class:`~.location.LocationInterpolation` of a carrier, by index."""
+        return self._interpolations[carrier]
+
     def noise_deg(self, frequency_hz=None):
         """Scatter of the calibration data about the curves, per port."""
         return self.carriers[self.carrier_index(frequency_hz)].noise_deg
@@ -184,7 +188,7 @@ class CurveModel(SensorModel):
         curves = self.carriers[carrier].coefficients_deg
         return np.einsum("pjk,...k->...pj", curves, self._basis(force))
 
-    def _short_deg(self, force, location, carrier):
+    def short_deg(self, force, location, carrier):
         interpolation = self._interpolations[carrier]
         values = self._at_locations(force, carrier)
         added = np.stack(

@@ -42,7 +42,7 @@ class ForwardMap:
         self.location_mm = np.linspace(start, stop, count)
         force, location = np.meshgrid(self.force_n, self.location_mm, indexing="ij")
         self.phase_deg = np.concatenate(
-            [model._short_deg(force, location, c) for c in carriers], axis=-1
+            [model.short_deg(force, location, c) for c in carriers], axis=-1
         )
         variance = np.concatenate(
             [model._model_std_deg(force, location, c) ** 2 for c in carriers], axis=-1

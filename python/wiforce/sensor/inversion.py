@@ -27,12 +27,14 @@ from .search import Search
 DEFAULT_STD_DEG = 1.0
 # Force is hardly observable where an error of 1 deg (or of the reading's own standard deviation, if
 # larger) costs this much, and knowing the location would cut it by this factor.
-_UNOBSERVABLE_N, _UNOBSERVABLE_RATIO = 1.5, 2.5
+_UNOBSERVABLE_N, _UNOBSERVABLE_RATIO = 0.5, 2.5
 # Below this part of the domain's forces a standard deviation from the slopes at the solution is
 # trusted; above, the likelihood is integrated.
 _LOCAL = 0.08
 # Phases fit no press when all solutions are this improbable.
 _INCONSISTENT = 0.9973
+# Part of the likelihood that lies where force is hidden, from which on it counts as hidden.
+_MOSTLY = 0.2
 _CHUNK = 8192
 
 
@@ -239,7 +241,11 @@ class Inverter:
         covariance = found.covariance[chosen]
         inconsistent = found.misfit[chosen] > self._limit
         if covariance[0, 0] > self._local_n**2 and not inconsistent:
-            mean, covariance = self._search.moments(phases, variance)
+            mean, covariance, points, likelihood = self._search.moments(phases, variance)
+            hidden = [self._search_unobservable(point, std) for point in points]
+            unobservable = likelihood @ np.array(hidden) > _MOSTLY
+        else:
+            unobservable = self._search_unobservable(mean, std)
         ambiguous = np.count_nonzero(rivals) > 1
         if ambiguous:
             away = np.column_stack([found.force_n, found.location_mm])[rivals] - mean
@@ -249,7 +255,7 @@ class Inverter:
         names = _names(
             extrapolated=bool(self._extrapolated(*mean, covariance[0, 0], covariance[1, 1])),
             ambiguous=ambiguous,
-            unobservable=self._search_unobservable(mean, std),
+            unobservable=bool(unobservable),
             inconsistent=inconsistent,
         )
         values = [*mean, covariance[0, 0], covariance[1, 1], covariance[0, 1]]
@@ -257,20 +263,25 @@ class Inverter:
 
     def _search_unobservable(self, mean, std):
         """Whether force cannot be told from location at a (force, location)."""
-        if np.max(std) <= 1.0:
-            force, location = self.forward.force_n, self.forward.location_mm
-            i = min(int(np.searchsorted(force, mean[0])), len(force) - 1)
-            j = min(int(np.searchsorted(location, mean[1])), len(location) - 1)
-            return bool(self._unobservable_nodes[i, j])
-        slopes = self.forward.slopes(mean[:1], mean[1:])
-        return bool(_hardly_observable(slopes / np.maximum(std, 1.0)[:, None])[0])
+        force, location = self.forward.force_n, self.forward.location_mm
+        i = min(int(np.searchsorted(force, mean[0])), len(force) - 1)
+        j = min(int(np.searchsorted(location, mean[1])), len(location) - 1)
+        free, ratio = self._sensitivity[:, i, j]
+        return bool(free * max(np.max(std), 1.0) > _UNOBSERVABLE_N and ratio > _UNOBSERVABLE_RATIO)
 
     @cached_property
-    def _unobservable_nodes(self):
-        """For phases good to 1 deg, at the forward map's nodes."""
+    def _sensitivity(self):
+        """At the forward map's nodes: newtons per degree of phase error, and by what factor a known
+
+        location would cut that; shape (2, forces, locations).
+        """
         grid = np.meshgrid(self.forward.force_n, self.forward.location_mm, indexing="ij")
         slopes = self.forward.slopes(grid[0].ravel(), grid[1].ravel())
-        return _hardly_observable(slopes).reshape(grid[0].shape)
+        normal = np.einsum("npa,npb->nab", slopes, slopes)
+        determinant = np.maximum(np.linalg.det(normal), 1e-300)
+        free = np.sqrt(normal[:, 1, 1] / determinant)
+        ratio = free * np.sqrt(normal[:, 0, 0])
+        return np.stack([free, ratio]).reshape(2, *grid[0].shape)
 
     def flags_at(self, found, std, ambiguous, inconsistent):
         """Flags of a (force, its std, location, its std) that was found in another way."""
@@ -317,15 +328,6 @@ class Inverter:
                     inconsistent=misfit > self._limit,
                 )
         return inversion_of(values, flags)
-
-
-def _hardly_observable(slopes):
-    """By slopes (n, P, 2) in standard deviations of the phases; bool (n,)."""
-    normal = np.einsum("npa,npb->nab", slopes, slopes)
-    determinant = np.maximum(np.linalg.det(normal), 1e-300)
-    free = normal[:, 1, 1] / determinant
-    known = 1.0 / np.maximum(normal[:, 0, 0], 1e-300)
-    return (free > _UNOBSERVABLE_N**2) & (free > _UNOBSERVABLE_RATIO**2 * known)
 
 
 def _standard_deviations(std_deg, shape):

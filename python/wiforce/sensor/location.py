@@ -67,8 +67,7 @@ def _kernel(at, scale):
 class LocationInterpolation:
     """Weights of the calibrated locations at any location, and the variance of the result.
 
-    Outside the calibrated span the weights stay those of its nearer end, so that the line's physics
-    alone carries the location on.
+    Outside the calibrated span the trends go on, and the variance grows.
 
     Attributes
     ----------
@@ -86,9 +85,7 @@ class LocationInterpolation:
     @cached_property
     def _tables(self):
         """Splines over location, per port: mean weights, their covariance, residual variance."""
-        at = self.location_mm
-        count = int(np.ceil((at[-1] - at[0]) / _STEP_MM)) + 1
-        grid = np.linspace(at[0], at[-1], count)
+        grid = np.linspace(0.0, self.length_mm, int(np.ceil(self.length_mm / _STEP_MM)) + 1)
         probability = self.hypotheses[:, 4]
         tables = []
         for port in (0, 1):
@@ -140,7 +137,7 @@ class LocationInterpolation:
         )
 
     def _inside(self, location_mm):
-        return np.clip(np.asarray(location_mm, float), self.location_mm[0], self.location_mm[-1])
+        return np.clip(np.asarray(location_mm, float), 0.0, self.length_mm)
 
 
 def learn_interpolation(location_mm, length_mm, values, noise_variance, physical=True):

@@ -19,7 +19,7 @@ CARRIER_TOLERANCE = 1e-3
 class SensorModel:
     """A sensor: force and location to the phases of its two ends.
 
-    Subclasses give ``_short_deg`` (phases of the pressed line, not wrapped), ``_model_std_deg``
+    Subclasses give ``short_deg`` (phases of the pressed line, not wrapped), ``_model_std_deg``
     (one sigma of what calibration left open) and ``_untouched_deg``.
 
     Attributes
@@ -104,7 +104,7 @@ class SensorModel:
         force, location = np.broadcast_arrays(
             np.asarray(force_n, float), np.asarray(location_mm, float)
         )
-        pressed = self._short_deg(np.maximum(force, self.onset_force_n), location, carrier)
+        pressed = self.short_deg(np.maximum(force, self.onset_force_n), location, carrier)
         touched = (force >= self.onset_force_n)[..., None]
         return wrap_deg(np.where(touched, pressed, self._untouched_deg(carrier)))
 
@@ -179,7 +179,7 @@ class LineModel(SensorModel):
         psi = line.open_phase_deg(self.length_mm, self.frequencies_hz[carrier], self.permittivity)
         return psi + np.asarray(self.port_offset_deg)
 
-    def _short_deg(self, force, location, carrier):
+    def short_deg(self, force, location, carrier):
         distance = line.shorting_points_mm(self.contact, force, location, self.length_mm)
         psi = line.short_phase_deg(distance, self.frequencies_hz[carrier], self.permittivity)
         return psi + np.asarray(self.port_offset_deg)

@@ -159,6 +159,10 @@ class Search:
         -------
         mean : ndarray, shape (2,)
         covariance : ndarray, shape (2, 2)
+        points : ndarray, shape (m, 2)
+            The curve.
+        likelihood : ndarray, shape (m,)
+            Its weights; they sum to 1.
         """
         force = self._force
         residual = wrap_deg(phases_deg - self._phase) ** 2
@@ -181,7 +185,7 @@ class Search:
         away = points - mean
         covariance = np.einsum("n,na,nb->ab", likelihood, away, away)
         covariance[1, 1] += likelihood @ width
-        return mean, covariance
+        return mean, covariance, points, likelihood
 
 
 class KnownLocation:

@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A model brought closer to what a reader sees, by a few taps of known force and place.
+
+Between the bench and the air a sensor's phases differ by some degrees, mostly by a constant and
+most at low forces. The curves' coefficients are given that freedom as a prior and updated with the
+taps (Bayesian linear regression; noise Student-t, by iteratively reweighted least squares).
+"""
+
+import datetime
+from dataclasses import replace
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from ..angles import wrap_deg
+from ..errors import InputError
+from . import curves
+from .checks import check_table
+
+# How far bench and air may differ, per location: a constant, and what changes over the span as
+# touch-down does.
+_OFFSET_STD_DEG, _SHAPE_STD_DEG = 10.0, 10.0
+_NOISE_FREEDOM = 4.0
+_LEAST_NOISE_DEG = 0.05
+_ROUNDS = 20
+
+
+def refine(model, table, name=None, date=None):
+    """The model after a few taps.
+
+    Parameters
+    ----------
+    model : CurveModel
+    table : CalibrationTable
+        Taps of known force and location, see :func:`~.tables.read_tap_csv`. Untouched rows replace
+        the untouched phases.
+    name, date : str, optional
+        The model's own name and today by default.
+
+    Returns
+    -------
+    CurveModel
+
+    Raises
+    ------
+    InputError
+        For a model without curves, or taps that do not suit it.
+    """
+    if not isinstance(model, curves.CurveModel):
+        raise InputError("sensor", "must have calibrated curves to be refined", model.name)
+    check_table(table, model.length_mm)
+    carriers = list(model.carriers)
+    for index in sorted({_carrier_of(model, table, row) for row in range(table.row.size)}):
+        frequency = model.frequencies_hz[index]
+        rows = table.take(np.abs(table.frequency_hz - frequency) <= 1e-3 * frequency)
+        carriers[index] = _refined_carrier(model, index, rows)
+    spans = np.concatenate([carrier.force_span_n for carrier in carriers])
+    provenance = dict(model.provenance)
+    provenance["source"] = f"{provenance['source']}; refined by taps of {table.source}"
+    provenance["date"] = date or datetime.date.today().isoformat()
+    return replace(
+        model,
+        name=name or model.name,
+        carriers=tuple(carriers),
+        force_span_n=(float(spans[:, 0].min()), float(spans[:, 1].max())),
+        provenance=provenance,
+    )
+
+
+def _carrier_of(model, table, row):
+    try:
+        return model.carrier_index(table.frequency_hz[row])
+    except InputError as error:
+        raise InputError(table.at(row), f"must be at a carrier of the model ({error})") from error
+
+
+def _refined_carrier(model, index, rows):
+    carrier = model.carriers[index]
+    taps = rows.take(~rows.untouched)
+    low, high = model.location_span_mm
+    for i in np.flatnonzero((taps.location_mm < low) | (taps.location_mm > high)):
+        rule = f"must lie within the model's {low:g} to {high:g} mm"
+        raise InputError(f"{taps.at(i)}: location_mm", rule, float(taps.location_mm[i]))
+    freedom = _bench_to_air(model, carrier)
+    coefficients, covariance, noise = [], [], []
+    for port in (0, 1):
+        update = _update_port(model, index, port, taps.take(taps.port == port + 1), freedom)
+        coefficients.append(update[0])
+        covariance.append(update[1])
+        noise.append(update[2])
+    span = carrier.force_span_n.copy()
+    for j, place in enumerate(carrier.location_mm):
+        here = taps.force_n[np.abs(taps.location_mm - place) < 1.0]
+        if here.size:
+            span[j] = min(span[j, 0], here.min()), max(span[j, 1], here.max())
+    return replace(
+        carrier,
+        untouched_deg=_untouched(rows, carrier.untouched_deg),
+        force_span_n=span,
+        coefficients_deg=np.array(coefficients),
+        covariance_deg2=np.array(covariance),
+        noise_deg=tuple(noise),
+    )
+
+
+def _untouched(rows, before):
+    untouched = rows.take(rows.untouched)
+    if set(untouched.port) != {1, 2}:
+        return before
+    means = [
+        np.mean(np.exp(1j * np.deg2rad(untouched.phase_deg[untouched.port == p]))) for p in (1, 2)
+    ]
+    return tuple(float(np.rad2deg(np.angle(mean))) for mean in means)
+
+
+def _bench_to_air(model, carrier):
+    """Prior covariance (K, K) of the coefficients' difference between bench and air."""
+    force = np.geomspace(carrier.force_span_n.min(), carrier.force_span_n.max(), 40)
+    basis = curves.force_basis(model.form, model.knots_n)(force)
+    shape = curves.touch_down(force)
+    shape = (shape - shape.mean()) / np.ptp(shape)
+    modes = np.column_stack([np.full(len(force), _OFFSET_STD_DEG), _SHAPE_STD_DEG * shape])
+    projected = np.linalg.lstsq(basis, modes, rcond=None)[0]
+    return projected @ projected.T
+
+
+def _update_port(model, index, port, taps, freedom):
+    """Coefficients (J, K), their covariances (J, K, K) and the noise (deg) of one port."""
+    carrier = model.carriers[index]
+    count, size = carrier.coefficients_deg.shape[1:]
+    prior = block_diag(*(carrier.covariance_deg2[port] + freedom))
+    basis = curves.force_basis(model.form, model.knots_n)(taps.force_n)
+    weights = model.interpolation(index).weights(taps.location_mm, port)
+    design = (weights[:, :, None] * basis[:, None, :]).reshape(len(basis), -1)
+    expected = model.short_deg(taps.force_n, taps.location_mm, index)[:, port]
+    difference = wrap_deg(taps.phase_deg - expected)
+    noise = max(carrier.noise_deg[port], 1.0)
+    weight = np.ones(len(difference))
+    for _ in range(_ROUNDS):
+        total = design @ prior @ design.T + np.diag(noise**2 / weight)
+        gain = np.linalg.solve(total, design @ prior).T
+        step = gain @ difference
+        residual = difference - design @ step
+        # what the fit takes from the residuals goes back into the noise
+        kept = max(1.0 - np.trace(design @ gain) / max(len(residual), 1), 0.1)
+        square = (residual / noise) ** 2
+        weight = (_NOISE_FREEDOM + 1) / (_NOISE_FREEDOM + square)
+        noise = max(float(np.sqrt(np.mean(weight * residual**2) / kept)), _LEAST_NOISE_DEG)
+    covariance = prior - gain @ design @ prior
+    blocks = covariance.reshape(count, size, count, size)
+    diagonal = np.arange(count)
+    return (
+        carrier.coefficients_deg[port] + step.reshape(count, size),
+        blocks[diagonal, :, diagonal, :],
+        noise,
+    )
