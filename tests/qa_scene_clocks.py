@@ -99,9 +99,7 @@ def test_end_1_stands_alone_at_odd_lines_and_end_2_at_the_fourth():
 
 
 def test_aliases_are_seen_where_snapshots_fold_them():
-    tenth = next(
-        x for x in assess_clocks([1000], WAVEFORM, 625).ends[0].lines if x.harmonic == 10
-    )
+    tenth = next(x for x in assess_clocks([1000], WAVEFORM, 625).ends[0].lines if x.harmonic == 10)
     times = np.arange(6250) * WAVEFORM.snapshot_period_s
     spectrum = np.abs(np.fft.rfft(np.cos(2 * np.pi * 10_000 * times)))
     resolution_hz = 1 / (len(times) * WAVEFORM.snapshot_period_s)

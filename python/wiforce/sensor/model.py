@@ -88,6 +88,23 @@ class SensorModel:
         psi = wrap_deg(self._untouched_deg(self.carrier_index(frequency_hz)))
         return float(psi[0]), float(psi[1])
 
+    def is_untouched(self, phases_deg, std_deg=None, frequency_hz=None):
+        """Whether phases are those of the untouched sensor.
+
+        Parameters
+        ----------
+        phases_deg : ndarray, shape (n, 2)
+        std_deg : float, optional
+            Of the phases; 1 deg by default.
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+            Both phases within three standard deviations.
+        """
+        change = wrap_deg(np.asarray(phases_deg) - self.untouched_deg(frequency_hz))
+        return np.all(np.abs(change) <= 3 * (1.0 if std_deg is None else std_deg), axis=-1)
+
     def phases_deg(self, force_n, location_mm, frequency_hz=None):
         """psi_1, psi_2 for forces and locations, in (-180, 180].
 

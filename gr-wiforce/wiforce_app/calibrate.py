@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``gr-wiforce calibrate``: known presses to a sensor model, with a report of what it can do."""
+
+from pathlib import Path
+
+import click
+import numpy as np
+from gnuradio.wiforce.errors import InputError
+
+_REPORTED_FORCES_N = (2.0, 4.0, 6.0, 8.0)
+_FORMS = ("auto", "cubic", "power", "spline")
+
+
+@click.command()
+@click.argument("table", type=click.Path())
+@click.option("-o", "--output", required=True, type=click.Path(), help="SENSOR.yaml to write.")
+@click.option("--frequency-hz", type=float, help="Carrier, where the file does not say.")
+@click.option("--kind", type=click.Choice(["vna", "touchstone", "taps"]), default="vna")
+@click.option("--name", help="Name of the sensor; the output's name by default.")
+@click.option("--length-mm", type=float, default=80.0, show_default=True)
+@click.option("--form", type=click.Choice(_FORMS), default="auto", show_default=True)
+@click.option("--onset-force-n", type=float, help="Force at which the line is first shorted.")
+@click.option("--plot", "plot_path", type=click.Path(), help="Picture of data and curves, PNG.")
+def calibrate(table, output, frequency_hz, kind, name, length_mm, form, onset_force_n, plot_path):
+    """Make a sensor model of a TABLE of known presses.
+
+    TABLE is a VNA's CSV (freq_mhz, location_mm, port, force_n, phase_deg; rows with force 0 and no
+    location are the untouched sensor), an index CSV of Touchstone files (file, force_n,
+    location_mm), or taps read over the air (phase1_deg, phase2_deg, force_n, location_mm).
+    """
+    from gnuradio.wiforce import sensor
+
+    if Path(output).suffix.lower() not in (".yaml", ".yml"):
+        raise InputError(output, "sensor file must end in .yaml")
+    if not Path(output).absolute().parent.is_dir():
+        raise InputError(output, "folder does not exist")
+    if plot_path is not None:
+        from .plots import check_picture
+
+        check_picture(plot_path)
+    data = _read(sensor, table, kind, frequency_hz)
+    model = sensor.calibrate(
+        data,
+        name or Path(output).stem,
+        length_mm=length_mm,
+        form=form,
+        onset_force_n=onset_force_n,
+    )
+    sensor.write_sensor(model, output)
+    for line in report(model):
+        click.echo(line)
+    if plot_path is not None:
+        from .plots import plot_calibration
+
+        plot_calibration(data, model, plot_path)
+    click.echo(f"written: {output}")
+
+
+def _read(sensor, table, kind, frequency_hz):
+    if kind == "vna":
+        return sensor.read_vna_csv(table, frequency_hz)
+    if frequency_hz is None:
+        raise InputError("--frequency-hz", f"must be given for {kind}")
+    reader = {"touchstone": sensor.read_touchstone_index, "taps": sensor.read_tap_csv}[kind]
+    return reader(table, frequency_hz)
+
+
+def report(model):
+    """Lines that say what a calibrated model holds and how far it can be trusted.
+
+    Parameters
+    ----------
+    model : CurveModel
+
+    Returns
+    -------
+    list of str
+    """
+    lines = [
+        f"sensor {model.name}: {model.form} curves of force, first shorted at "
+        f"{model.onset_force_n:g} N",
+        f"calibrated {model.force_span_n[0]:g}..{model.force_span_n[1]:g} N, "
+        f"{model.location_span_mm[0]:g}..{model.location_span_mm[1]:g} mm",
+    ]
+    for carrier in model.carriers:
+        lines += [
+            "",
+            f"{carrier.frequency_hz / 1e6:g} MHz, locations "
+            + ", ".join(f"{location:g}" for location in carrier.location_mm)
+            + " mm",
+            "  noise of the phases "
+            + " / ".join(f"{value:.2f}" for value in carrier.noise_deg)
+            + " deg, misfit of the curves "
+            + " / ".join(f"{value:.2f}" for value in carrier.misfit_deg)
+            + " deg (port 1 / 2)",
+            *_expected(model, carrier),
+        ]
+    lines += _left_out(model.cross_validation)
+    lines += [f"assumed: {line}" for line in model.provenance.get("assumed", [])]
+    return lines
+
+
+def _expected(model, carrier):
+    """Standard deviations of readings whose phases carry no noise of their own."""
+    low, high = model.force_span_n
+    forces = [force for force in _REPORTED_FORCES_N if low <= force <= high] or [low, high]
+    lines = ["  expected std of force (N) and location (mm) from the calibration alone:"]
+    lines.append("    at mm   " + "".join(f"{force:>8g} N      " for force in forces))
+    start, stop = model.location_span_mm
+    for location in np.linspace(start, stop, 5):
+        phases = model.phases_deg(forces, location, carrier.frequency_hz)
+        result = model.invert(phases, 1e-3, frequency_hz=carrier.frequency_hz)
+        cells = [
+            f"{f:6.2f} {p:5.2f}{'!' if flags else ' '}  "
+            for f, p, flags in zip(
+                result.force_std_n, result.location_std_mm, result.flags, strict=True
+            )
+        ]
+        lines.append(f"    {location:5.1f}   " + " ".join(cells))
+    lines.append("    (! flagged: force hardly observable, ambiguous or beyond the calibration)")
+    return lines
+
+
+def _left_out(validation):
+    if not validation:
+        return []
+    lines = [
+        "",
+        f"cross-validation, phase error where the fit has not seen the data (left out: "
+        f"{validation['left_out']}):",
+    ]
+    for form, row in validation["forms"].items():
+        lines.append(f"  {form:7s} {row['inside_deg']:.2f} deg within the span")
+    for row in validation.get("locations", []):
+        lines.append(
+            f"  location {row['location_mm']:g} mm left out, port {row['port']}: "
+            f"{row['rms_deg']:.2f} deg (the model says {row['expected_deg']:.2f})"
+        )
+    if not validation.get("locations"):
+        lines.append("  too few locations to leave one out: between them nothing is tested")
+    return lines

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`gr-wiforce calibrate` and `invert` as a researcher runs them."""
+
+import csv
+import subprocess
+
+import numpy as np
+import pytest
+from gnuradio.wiforce.sensor import load_sensor, measure_vna, write_vna_csv
+
+
+def run(*arguments):
+    return subprocess.run(
+        ["gr-wiforce", *map(str, arguments)], capture_output=True, text=True, timeout=100
+    )
+
+
+@pytest.fixture(scope="module")
+def line():
+    return load_sensor("line-900mhz")
+
+
+@pytest.fixture(scope="module")
+def folder(line, tmp_path_factory):
+    """A VNA table of the line and the sensor made of it."""
+    folder = tmp_path_factory.mktemp("calibration")
+    table = measure_vna(line, (20, 30, 40, 50, 60), np.arange(1, 8.1, 0.5), 0.1, seed=2)
+    write_vna_csv(table, folder / "vna.csv")
+    done = run("calibrate", folder / "vna.csv", "-o", folder / "s.yaml", "--plot", folder / "s.png")
+    assert done.returncode == 0, done.stderr
+    (folder / "report.txt").write_text(done.stdout)
+    return folder
+
+
+def test_the_report_tells_noise_span_and_what_was_left_out(folder):
+    report = (folder / "report.txt").read_text()
+    for told in ("1..8 N, 20..60 mm", "noise of the phases 0.1", "location 40 mm left out"):
+        assert told in report
+    assert (folder / "s.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_phases_become_force_and_location_between_the_calibrated_ones(folder, line):
+    forces, places = np.array([2.5, 4.0, 6.5]), np.array([25.0, 45.0, 55.0])
+    phases = line.phases_deg(forces, places)
+    with open(folder / "phases.csv", "w", newline="") as stream:
+        rows = csv.writer(stream)
+        rows.writerow(["time_s", "sensor", "phase1_deg", "phase2_deg", "location_mm"])
+        for i in range(3):
+            # As input an angle counts modulo 360; a known location is taken as known.
+            rows.writerow([i, "arm", phases[i, 0] + 360 * i, phases[i, 1], places[i] if i else ""])
+        rows.writerow([3, "arm", *line.untouched_deg(), ""])
+    done = run("invert", folder / "phases.csv", "--sensor", folder / "s.yaml", "--std-deg", 0.1)
+    assert done.returncode == 0, done.stderr
+    readings = list(csv.DictReader(done.stdout.splitlines()))
+    for i in range(3):
+        assert float(readings[i]["force_n"]) == pytest.approx(forces[i], abs=0.25)
+        assert float(readings[i]["location_mm"]) == pytest.approx(places[i], abs=0.3)
+        assert readings[i]["touch"] == "1" and readings[i]["sensor"] == "arm"
+    assert float(readings[1]["location_std_mm"]) == 0
+    assert readings[3]["touch"] == "0" and readings[3]["force_n"] == ""
+
+
+@pytest.mark.parametrize(
+    "content, told",
+    [
+        ("", "must have a column phase1_deg"),
+        ("phase1_deg,phase2_deg\n", "holds no row"),
+        ("phase1_deg\n1\n", "must have a column phase2_deg"),
+        ("phase1_deg,phase2_deg\n1,x\n", "row 2: phase2_deg: must be a finite number, got 'x'"),
+        ("phase1_deg,phase2_deg\n1,nan\n", "row 2: phase2_deg: must be a finite number"),
+        ("phase1_deg,phase2_deg,location_mm\n1,2,90\n", "location"),
+    ],
+)
+def test_phases_that_cannot_be_are_refused_by_row(folder, tmp_path, content, told):
+    (tmp_path / "p.csv").write_text(content)
+    done = run(
+        "invert", tmp_path / "p.csv", "--sensor", folder / "s.yaml", "-o", tmp_path / "o.csv"
+    )
+    assert done.returncode == 2 and told in done.stderr, done.stderr
+    assert len(done.stderr.splitlines()) == 1 and not (tmp_path / "o.csv").exists()
+
+
+@pytest.mark.parametrize(
+    "change, told",
+    [
+        (("900,40", "900,41x"), "location_mm"),
+        (("900,40", "900,95"), "location_mm"),
+        (("phase_deg", "angle"), "phase_deg"),
+    ],
+)
+def test_a_table_that_cannot_be_is_refused_and_no_sensor_is_written(folder, tmp_path, change, told):
+    text = (folder / "vna.csv").read_text().replace("900.0,", "900,").replace(*change)
+    (tmp_path / "vna.csv").write_text(text)
+    done = run("calibrate", tmp_path / "vna.csv", "-o", tmp_path / "s.yaml")
+    assert done.returncode == 2 and told in done.stderr, done.stderr
+    assert len(done.stderr.splitlines()) == 1 and not (tmp_path / "s.yaml").exists()
+
+
+def test_outputs_are_checked_before_any_work(folder, tmp_path):
+    for options in (["-o", tmp_path / "s.txt"], ["-o", tmp_path / "no" / "s.yaml"]):
+        assert run("calibrate", folder / "vna.csv", *options).returncode == 2
+    done = run("calibrate", folder / "vna.csv", "-o", tmp_path / "s.yaml", "--kind", "taps")
+    assert done.returncode == 2 and "--frequency-hz: must be given" in done.stderr
