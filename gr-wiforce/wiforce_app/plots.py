@@ -142,4 +142,4 @@ def _plot_port(table, model, carrier, port, axis):
     axis.set_xlabel("force (N)")
     axis.set_ylabel("phase (deg)")
     axis.grid(alpha=0.3)
-    axis.legend(fontsize=7, ncols=2)
+    axis.legend(fontsize=7, loc="center left", bbox_to_anchor=(1, 0.5))

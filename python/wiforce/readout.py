@@ -183,7 +183,7 @@ class Readout:
         ]
         sensors = range(len(held.fields))
         changed = [_changed_inside(i, held, neighbours) for i in sensors]
-        if any(changed):
+        if any(changed) or any(_touch_changes(i, held, neighbours) for i in sensors):
             # One sensor's change disturbs what is read of the others.
             changed = [c or _disturbed(i, held, neighbours) for i, c in enumerate(changed)]
         readings = []
@@ -219,6 +219,12 @@ def _changed_inside(sensor, held, neighbours):
     noise = np.radians(held.std_deg[ends]) * levels
     dip = levels - held.levels[ends]
     return bool(np.any((held.levels[ends] < _DIP * levels) & (dip > 3.5 * noise)))
+
+
+def _touch_changes(sensor, held, neighbours):
+    """Whether touch begins or ends between a group and a neighbour."""
+    touches = {n.fields[sensor].get("touch") for n in (held, *neighbours)}
+    return {0, 1} <= touches
 
 
 def _disturbed(sensor, held, neighbours):
