@@ -30,6 +30,8 @@ class _SensorReadout:
         self._untouched = np.array(model.untouched_deg(frequency_hz))
         self._touch = TouchDetector(self._image(), group_period_s)
         self._tracker = model.tracker(group_period_s, frequency_hz) if tracked else None
+        if not tracked:
+            model.inverter(frequency_hz).prepare()  # not while samples wait
 
     def tare(self):
         self._touch.tare()

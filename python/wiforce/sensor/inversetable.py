@@ -1,27 +1,28 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The inverse of a model as a table over the two phases of one carrier.
 
-The plane of (psi_1, psi_2) is cut into cells of half a degree. For every cell that the model's
-image reaches, and every solution there, a row holds the solution at the cell's centre and its first
-and second derivatives by the phases. A reading then costs one look-up and a Taylor step: a Newton
-step whose Jacobian was computed beforehand.
+The plane of (psi_1, psi_2) is cut into cells of half a degree, or one degree where the image is
+large, as it is at high carriers: there a degree moves force and location less. For every cell that
+the model's image reaches, and every solution there, a row holds the solution at the cell's centre
+and its first and second derivatives by the phases. A reading then costs one look-up and a Taylor
+step: a Newton step whose Jacobian was computed beforehand.
 """
 
 import numpy as np
 
 from ..angles import wrap_deg
 
-CELLS_PER_DEG = 2
-CELLS = 360 * CELLS_PER_DEG
 # Columns of a row: solution, inverse Jacobian, second derivatives (11, 12, 22) of each, variances
 # of the model, and whether all of the cell lies within the calibrated span.
 FORCE, LOCATION = 0, 1
 JACOBIAN, SECOND_FORCE, SECOND_LOCATION, VARIANCE, IN_SPAN = 2, 6, 9, 12, 14
 COLUMNS = 15
 
+# Largest image, in square degrees, that is cut into cells of half a degree.
+_LARGE_IMAGE_DEG2 = 8000.0
 # Steps of the fine grid with which the image is drawn, in cells.
-_FINE = 0.6
-_NEWTON_STEPS = 4
+_FINE = 0.7
+_NEWTON_STEPS = 3
 # Two solutions in a cell are different when they are this far apart.
 _APART_MM = 3.0
 # Beyond these a Taylor step from the centre of a cell is not trusted: relative size of the second
@@ -41,21 +42,25 @@ class InverseTable:
 
     Attributes
     ----------
+    per_deg, cells : int
+        Cells per degree and in 360 degrees.
     rows : ndarray, shape (R, 15)
         Ordered by cell.
-    first, count : ndarray of int32, shape (720 * 720,)
+    first, count : ndarray of int32, shape (cells * cells,)
         First row and number of rows of each cell; cells that need a search have count -1.
     """
 
     def __init__(self, forward, in_span):
         self._forward = forward
+        self.per_deg = 1 if _image_area(forward) > _LARGE_IMAGE_DEG2 else 2
+        self.cells = 360 * self.per_deg
         cells, force, location, extent = self._draw()
-        target = _centres(cells)
+        target = self._centres(cells)
         force, location, error = self._newton(force, location, target)
         slopes = forward.slopes(force, location)
         inverse = _inverse(slopes)
         second = _second_derivatives(inverse, forward.curvatures(force, location))
-        good = _trusted(error, inverse, second, extent)
+        good = _trusted(error, inverse, second, extent, 0.5 / self.per_deg)
         rows = np.column_stack(
             [
                 force,
@@ -63,14 +68,14 @@ class InverseTable:
                 inverse.reshape(-1, 4),
                 second.reshape(-1, 6),
                 forward.variances(force, location),
-                _all_in_span(in_span, force, location, inverse),
+                _all_in_span(in_span, force, location, 0.6 / self.per_deg * inverse),
             ]
         )
         doubtful = np.unique(cells[~good])
         kept = np.isfinite(rows).all(axis=1)
         cells, self.rows = cells[kept], np.ascontiguousarray(rows[kept])
-        self.first = np.zeros(CELLS * CELLS, np.int32)
-        self.count = np.zeros(CELLS * CELLS, np.int32)
+        self.first = np.zeros(self.cells**2, np.int32)
+        self.count = np.zeros(self.cells**2, np.int32)
         present, first, count = np.unique(cells, return_index=True, return_counts=True)
         self.first[present], self.count[present] = first, count
         self.count[doubtful] = -1
@@ -89,8 +94,8 @@ class InverseTable:
         )
         force, location = (axis.ravel() for axis in np.meshgrid(force, location, indexing="ij"))
         phase = phase.reshape(-1, 2)
-        cells = cell_index(phase)
-        offset = np.abs(wrap_deg(phase - _centres(cells))).max(axis=1)
+        cells = self._index(phase)
+        offset = np.abs(wrap_deg(phase - self._centres(cells))).max(axis=1)
         order = np.lexsort((location, cells))
         cells, force, location, offset = (v[order] for v in (cells, force, location, offset))
         fresh = np.ones(len(cells), bool)
@@ -106,7 +111,7 @@ class InverseTable:
 
     def _fine_grid(self):
         """Axes on which neighbouring phases differ by less than a cell."""
-        steps = _FINE / CELLS_PER_DEG
+        steps = _FINE / self.per_deg
         along_force = np.abs(np.diff(self._forward.phase_deg, axis=0)).max(axis=(1, 2))
         along_location = np.abs(np.diff(self._forward.phase_deg, axis=1)).max(axis=(0, 2))
         return (
@@ -127,10 +132,25 @@ class InverseTable:
         residual = wrap_deg(target - self._forward.phases(force, location))
         return force, location, np.abs(residual).max(axis=1)
 
+    def _index(self, phases_deg):
+        """Cell of each pair of phases (n, 2)."""
+        cell = np.floor(phases_deg * self.per_deg).astype(np.int64) % self.cells
+        return cell[:, 0] * self.cells + cell[:, 1]
 
-def _trusted(error, inverse, second, extent):
+    def _centres(self, cells):
+        halves = np.stack([cells // self.cells, cells % self.cells], axis=-1) + 0.5
+        return halves / self.per_deg
+
+
+def _image_area(forward):
+    """Area of the model's image, in square degrees."""
+    by_force, by_location = np.gradient(forward.phase_deg, axis=(0, 1))
+    areas = by_force[..., 0] * by_location[..., 1] - by_force[..., 1] * by_location[..., 0]
+    return np.sum(np.abs(areas))
+
+
+def _trusted(error, inverse, second, extent, half):
     """Whether the Taylor step holds all over the cell and finds all there is; bool (R,)."""
-    half = 0.5 / CELLS_PER_DEG
     first_order = half * np.abs(inverse).sum(axis=2)
     second_order = half**2 * np.abs(second).sum(axis=2)
     with np.errstate(invalid="ignore"):
@@ -141,25 +161,15 @@ def _trusted(error, inverse, second, extent):
     return (error < 1e-3) & straight & single & ~steep
 
 
-def _all_in_span(in_span, force, location, inverse):
+def _all_in_span(in_span, force, location, reach):
     """Whether the cell's four corners, and a little beyond, lie within the span; bool (R,)."""
-    reach = 0.6 / CELLS_PER_DEG * np.abs(inverse).sum(axis=2)
+    reach = np.abs(reach).sum(axis=2)
     inside = np.ones(len(force), bool)
     with np.errstate(invalid="ignore"):
         for a in (-1, 1):
             for b in (-1, 1):
                 inside &= in_span(force + a * reach[:, 0], location + b * reach[:, 1])
     return inside
-
-
-def cell_index(phases_deg):
-    """Cell of each pair of phases (n, 2)."""
-    cell = np.floor(np.asarray(phases_deg) * CELLS_PER_DEG).astype(np.int64) % CELLS
-    return cell[:, 0] * CELLS + cell[:, 1]
-
-
-def _centres(cells):
-    return (np.stack([cells // CELLS, cells % CELLS], axis=-1) + 0.5) / CELLS_PER_DEG
 
 
 def _subdivide(nodes, pieces):

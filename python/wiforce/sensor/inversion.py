@@ -10,8 +10,6 @@ from scipy.stats import chi2
 from ..errors import InputError
 from .forward import ForwardMap
 from .inversetable import (
-    CELLS,
-    CELLS_PER_DEG,
     FORCE,
     IN_SPAN,
     JACOBIAN,
@@ -91,6 +89,11 @@ class Inverter:
     def _table(self):
         return InverseTable(self.forward, self._model.in_span)
 
+    def prepare(self):
+        """Builds the table now, which takes a second or so, instead of at the first reading."""
+        if len(self._carriers) == 1:
+            _ = self._table
+
     def invert(self, phases_deg, std_deg=None, location_mm=None):
         """See :meth:`SensorModel.invert`."""
         phases = np.asarray(phases_deg, float)
@@ -128,11 +131,11 @@ class Inverter:
         """Fills ``values`` (n, 5): force, location, and their variances and covariance."""
         table = self._table
         finite = np.isfinite(phases).all(axis=1)
-        scaled = np.where(finite[:, None], phases, 0.0) * CELLS_PER_DEG
+        scaled = np.where(finite[:, None], phases, 0.0) * table.per_deg
         cell = np.floor(scaled)
-        first, second = ((scaled - cell - 0.5) / CELLS_PER_DEG).T
-        cell = np.mod(cell, CELLS).astype(np.int64)
-        cell = cell[:, 0] * CELLS + cell[:, 1]
+        first, second = ((scaled - cell - 0.5) / table.per_deg).T
+        cell = np.mod(cell, table.cells).astype(np.int64)
+        cell = cell[:, 0] * table.cells + cell[:, 1]
         quick = (table.count[cell] == 1) & finite
         row = table.rows[np.where(quick, table.first[cell], 0)].T
         force = row[FORCE] + _taylor(row, first, second, JACOBIAN, SECOND_FORCE)
@@ -189,13 +192,14 @@ class Inverter:
         if not (abs(psi_1) < 1e9 and abs(psi_2) < 1e9):
             return inversion_of(np.full((1, 5), np.nan), [("inconsistent",)])
         std = np.array([std_1, std_2])
-        psi_1, psi_2 = psi_1 * CELLS_PER_DEG, psi_2 * CELLS_PER_DEG
+        per_deg, cells = table.per_deg, table.cells
+        psi_1, psi_2 = psi_1 * per_deg, psi_2 * per_deg
         cell_1, cell_2 = int(psi_1 // 1), int(psi_2 // 1)
-        cell = cell_1 % CELLS * CELLS + cell_2 % CELLS
+        cell = cell_1 % cells * cells + cell_2 % cells
         if table.count[cell] == 1:
             row = table.rows[table.first[cell]].tolist()
-            first = (psi_1 - cell_1 - 0.5) / CELLS_PER_DEG
-            second = (psi_2 - cell_2 - 0.5) / CELLS_PER_DEG
+            first = (psi_1 - cell_1 - 0.5) / per_deg
+            second = (psi_2 - cell_2 - 0.5) / per_deg
             force = row[FORCE] + _taylor(row, first, second, JACOBIAN, SECOND_FORCE)
             location = row[LOCATION] + _taylor(row, first, second, JACOBIAN + 2, SECOND_LOCATION)
             a, b, c, d = _jacobian(row, first, second)
@@ -242,10 +246,9 @@ class Inverter:
         inconsistent = found.misfit[chosen] > self._limit
         if covariance[0, 0] > self._local_n**2 and not inconsistent:
             mean, covariance, points, likelihood = self._search.moments(phases, variance)
-            hidden = [self._search_unobservable(point, std) for point in points]
-            unobservable = likelihood @ np.array(hidden) > _MOSTLY
+            unobservable = likelihood @ self._hidden(*points.T, std) > _MOSTLY
         else:
-            unobservable = self._search_unobservable(mean, std)
+            unobservable = self._hidden(*mean, std)
         ambiguous = np.count_nonzero(rivals) > 1
         if ambiguous:
             away = np.column_stack([found.force_n, found.location_mm])[rivals] - mean
@@ -261,13 +264,13 @@ class Inverter:
         values = [*mean, covariance[0, 0], covariance[1, 1], covariance[0, 1]]
         return np.array(values), names
 
-    def _search_unobservable(self, mean, std):
-        """Whether force cannot be told from location at a (force, location)."""
-        force, location = self.forward.force_n, self.forward.location_mm
-        i = min(int(np.searchsorted(force, mean[0])), len(force) - 1)
-        j = min(int(np.searchsorted(location, mean[1])), len(location) - 1)
-        free, ratio = self._sensitivity[:, i, j]
-        return bool(free * max(np.max(std), 1.0) > _UNOBSERVABLE_N and ratio > _UNOBSERVABLE_RATIO)
+    def _hidden(self, force, location, std):
+        """Whether force cannot be told from location, at the nearest nodes; broadcast."""
+        i = np.searchsorted(self.forward.force_n, force)
+        j = np.searchsorted(self.forward.location_mm, location)
+        shape = self._sensitivity.shape[1:]
+        free, ratio = self._sensitivity[:, np.minimum(i, shape[0] - 1), np.minimum(j, shape[1] - 1)]
+        return (free * max(np.max(std), 1.0) > _UNOBSERVABLE_N) & (ratio > _UNOBSERVABLE_RATIO)
 
     @cached_property
     def _sensitivity(self):
@@ -289,7 +292,7 @@ class Inverter:
         return _names(
             extrapolated=bool(self._extrapolated(force, location, force_std**2, location_std**2)),
             ambiguous=ambiguous,
-            unobservable=self._search_unobservable(np.array([force, location]), std),
+            unobservable=bool(self._hidden(force, location, std)),
             inconsistent=inconsistent,
         )
 
