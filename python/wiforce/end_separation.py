@@ -6,18 +6,17 @@ import pmt
 
 from . import names
 from .errors import InputError
-from .estimation.paper import PaperSeparator
-from .estimation.separation import EndSeparator, TagClock
+from .estimation.estimators import estimator_named
+from .estimation.separation import TagClock
 from .estimation.weights import design_weights, tag_lines
 from .group_block import GroupBlock
 from .waveform import sounding_waveform
 
-_SEPARATORS = {"harmonic": EndSeparator, "paper": PaperSeparator}
 
-
-def _design(clocks_hz, group_length, frame_length, sample_rate, clutter_hz, harmonics):
+def _design(clocks_hz, group_length, frame_length, sample_rate, clutter_hz, harmonics, estimator):
     period = _snapshot_period(frame_length, sample_rate)
-    return design_weights(clocks_hz, group_length, period, clutter_hz, harmonics)
+    rectangular = estimator_named(estimator).rectangular
+    return design_weights(clocks_hz, group_length, period, clutter_hz, harmonics, rectangular)
 
 
 def _snapshot_period(frame_length, sample_rate):
@@ -31,6 +30,7 @@ def tone_weights(
     sample_rate=12.5e6,
     clutter_hz=0.0,
     harmonics=8,
+    estimator="harmonic",
 ):
     """Weight table for ``phase_group_doppler`` that suits ``end_separation`` of the same settings.
 
@@ -39,7 +39,7 @@ def tone_weights(
     ndarray of complex64, shape (M, group_length)
     """
     settings = (clocks_hz, group_length, frame_length, sample_rate, clutter_hz, harmonics)
-    return _design(*settings).weights.astype(np.complex64)
+    return _design(*settings, estimator).weights.astype(np.complex64)
 
 
 def tone_count(
@@ -70,7 +70,7 @@ def tone_derotation(
     ndarray of complex64, shape (M, 64)
     """
     settings = (clocks_hz, group_length, frame_length, sample_rate, clutter_hz, harmonics)
-    return _design(*settings).derotation(sample_rate).astype(np.complex64)
+    return _design(*settings, "harmonic").derotation(sample_rate).astype(np.complex64)
 
 
 def _tolerances(tolerance_ppm, tags):
@@ -109,7 +109,8 @@ class end_separation(GroupBlock):
     tolerance_ppm : float or sequence of float
         How far each tag's clock may be off.
     estimator : str
-        ``harmonic``, or ``paper``: lines +1 and +4 alone, clock not tracked (paper, section 3.3).
+        ``harmonic``; ``paper``: lines +1 and +4 alone, clock not tracked (paper, section 3.3);
+        ``sideband``: the product of lines +-1 and of +-4, the square of each end.
     derotated : bool
         Whether the channel estimator was given ``tone_derotation(...)`` of the same settings.
 
@@ -133,12 +134,12 @@ class end_separation(GroupBlock):
         derotated=True,
     ):
         sounding = sounding_waveform(waveform, frame_length, sample_rate)
-        table = _design(clocks_hz, group_length, frame_length, sample_rate, clutter_hz, harmonics)
+        table = _design(
+            clocks_hz, group_length, frame_length, sample_rate, clutter_hz, harmonics, estimator
+        )
         tolerances = _tolerances(tolerance_ppm, len(clocks_hz))
         clocks = [TagClock(f, float(ppm)) for f, ppm in zip(clocks_hz, tolerances, strict=True)]
-        if estimator not in _SEPARATORS:
-            raise InputError("estimator", f"must be one of {', '.join(_SEPARATORS)}", estimator)
-        self.separator = _SEPARATORS[estimator](
+        self.separator = estimator_named(estimator).separator(
             table, clocks, sounding.averaging_s, sounding.bins, sample_rate if derotated else None
         )
         self._table = table

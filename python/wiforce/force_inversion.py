@@ -32,6 +32,9 @@ class force_inversion(GroupBlock):
         G_off / rho per sensor: complex, or two of them when the switches differ.
     tracked : bool
         Follow each press over time instead of inverting each group by itself.
+    ratios : str
+        What the R are: ``change`` against the untouched sensor, ``step`` against the group
+        before (paper, section 3.3), or ``square`` of the change (estimator ``sideband``).
     on_reading : callable, optional
         Called with every :class:`Reading` in the block's thread. For programs that must not lose
         the last readings of a finite stream, as message ports do.
@@ -50,6 +53,7 @@ class force_inversion(GroupBlock):
         sensor_names=None,
         off_reflections=None,
         tracked=False,
+        ratios="change",
         on_reading=None,
     ):
         if not models:
@@ -66,7 +70,7 @@ class force_inversion(GroupBlock):
             raise InputError("off_reflections", "must be below 1 in magnitude", offs)
         loaded = [load_sensor(m) if isinstance(m, str) else m for m in models]
         sensors = list(zip(labels, loaded, offs, strict=True))
-        self.readout = Readout(sensors, center_frequency, group_period, tracked)
+        self.readout = Readout(sensors, center_frequency, group_period, tracked, ratios)
         self._on_reading = on_reading
         GroupBlock.__init__(self, "force_inversion", 2 * len(models), 0)
         self.message_port_register_out(pmt.intern(names.READINGS))

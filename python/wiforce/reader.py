@@ -9,6 +9,7 @@ from . import names
 from .conjugate_difference import conjugate_difference
 from .end_separation import end_separation
 from .errors import InputError
+from .estimation.estimators import estimator_named
 from .force_inversion import force_inversion
 from .scene.plan import plan as plan_of
 from .scene.schema import Scene, load_scene
@@ -113,7 +114,7 @@ class reader(gr.hier_block2):
         self.difference = conjugate_difference(
             sensors=sensors,
             reference_groups=settings.reference_groups,
-            against="previous" if settings.estimator == "paper" else "untouched",
+            against=estimator_named(settings.estimator).against,
             waveform=waveform.name,
         )
         self.average = subcarrier_average(
@@ -126,6 +127,7 @@ class reader(gr.hier_block2):
             sensor_names=[sensor.name for sensor in scene.sensors],
             off_reflections=[np.asarray(sensor.off_reflection) for sensor in scene.sensors],
             tracked=tracked,
+            ratios=estimator_named(settings.estimator).ratios,
             on_reading=on_reading,
         )
 

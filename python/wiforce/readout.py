@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 
+from .estimation.estimators import RatioUnfolder
 from .estimation.off_state import corrected_phase_deg
 from .estimation.touch import TouchDetector
 from .readings import Reading
@@ -125,10 +126,13 @@ class Readout:
     tracked : bool
         Follow every press over time (location constant, force a random walk) instead of inverting
         each group by itself.
+    ratios : str
+        What the R are: ``change``, ``step`` or ``square`` (see ``estimation.estimators``).
     """
 
-    def __init__(self, sensors, frequency_hz, group_period_s, tracked=False):
+    def __init__(self, sensors, frequency_hz, group_period_s, tracked=False, ratios="change"):
         self._period = group_period_s
+        self._unfolder = RatioUnfolder(ratios, 2 * len(sensors))
         self._sensors = [
             _SensorReadout(name, model, frequency_hz, off, group_period_s, tracked)
             for name, model, off in sensors
@@ -140,11 +144,13 @@ class Readout:
 
     def tare(self):
         """Forgets the slow tare: the phases that follow count from a new reference."""
+        self._unfolder.tare()
         for sensor in self._sensors:
             sensor.tare()
 
     def process(self, state, ratios):
         """Takes the ratios R (2S,) of one group; gives the readings that are ready, in order."""
+        state, ratios = self._unfolder.process(state, ratios)
         ready = self._fill(state.group) if self._waiting else []
         time_s = (state.group + 0.5) * self._period
         fields = []

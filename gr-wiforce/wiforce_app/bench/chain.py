@@ -3,11 +3,8 @@
 
 import numpy as np
 from gnuradio.wiforce.estimation.average import SubcarrierAverage
-from gnuradio.wiforce.estimation.paper import PaperSeparator
+from gnuradio.wiforce.estimation.estimators import RatioUnfolder, estimator_named
 from gnuradio.wiforce.estimation.reference import ConjugateDifference
-from gnuradio.wiforce.estimation.separation import EndSeparator
-
-_SEPARATORS = {"harmonic": EndSeparator, "paper": PaperSeparator}
 
 
 class SnapshotChain:
@@ -21,14 +18,15 @@ class SnapshotChain:
     def __init__(self, plan):
         waveform = plan.waveform
         self.table, self._bins = plan.table, waveform.bins
-        self.separator = _SEPARATORS[plan.estimator](
+        estimator, ends = estimator_named(plan.estimator), 2 * len(plan.clocks)
+        self.separator = estimator.separator(
             plan.table, plan.clocks, waveform.averaging_s, waveform.bins
         )
-        against = "previous" if plan.estimator == "paper" else "untouched"
         self.difference = ConjugateDifference(
-            2 * len(plan.clocks), waveform.bins, plan.reference_groups, against
+            ends, waveform.bins, plan.reference_groups, estimator.against
         )
         self.average = SubcarrierAverage(waveform.bins, plan.smoothing_groups)
+        self.unfolder = RatioUnfolder(estimator.ratios, ends)
 
     def process(self, group, snapshots, present=None):
         """Takes H (N, K) of one group; gives (GroupState, R (2S,)) of the groups that are ready.
@@ -51,11 +49,14 @@ class SnapshotChain:
     def flush(self):
         """Gives the groups still held back."""
         ready = self._onward(self.separator.flush())
-        return ready + [self.average.process(*item) for item in self.difference.flush()]
+        return ready + [self._finish(*item) for item in self.difference.flush()]
 
     def _onward(self, separated):
         return [
-            self.average.process(*item)
+            self._finish(*item)
             for state, vectors in separated
             for item in self.difference.process(state, vectors)
         ]
+
+    def _finish(self, state, vectors):
+        return self.unfolder.process(*self.average.process(state, vectors))

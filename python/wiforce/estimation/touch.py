@@ -14,16 +14,16 @@ _STATE_SPREAD_DEG = 1.5
 _EVIDENCE = 12.0
 # Both ends moved alike when their difference is below this many standard deviations.
 _COMMON = 3.5
-# The tare looks back so far, leaves out the newest groups, and follows a drift that is so many
-# standard deviations from none over so many groups.
+# The tare looks back so far, leaves out the newest groups, and follows a drift common to both ends
+# that is so many standard deviations from none over so many groups.
 _TARE_S = 1.0
 _TARE_DELAY_GROUPS = 2
-_SIGNIFICANT_DRIFT = 5.0
-_DRIFT_GROUPS = 12
-# A group further from the tare than this, in standard deviations and degrees, does not join it ...
+_SIGNIFICANT_DRIFT = 4.0
+_DRIFT_GROUPS = 8
+# A group whose ends part by more than this, in standard deviations and degrees, stays out ...
 _OUTLIER = 4.0
 _OUTLIER_DEG = 0.3
-# ... unless so many in a row agree that the tare is wrong.
+# ... unless so many in a row say that the tare is wrong.
 _OUTLIERS = 5
 
 
@@ -58,6 +58,7 @@ class TouchDetector:
         self._untouched = deque(maxlen=max(_DRIFT_GROUPS, round(_TARE_S / group_period_s)))
         self._outliers = []
         self._drift = np.zeros(2)
+        self._moving = False
         self._touch = 0
 
     def tare(self):
@@ -90,27 +91,37 @@ class TouchDetector:
             self._touch = 0
         else:
             self._touch, moved = self._decide(change, np.hypot(std_deg, _STATE_SPREAD_DEG))
-        if moved:
+        if moved and self._moving:
             self._shift(change)
-        if self._touch == 0:
-            self._follow(time_s, phases_deg, np.asarray(std_deg))
-        else:
+        if self._touch:
             self._recent.clear()
             self._outliers.clear()
+        elif self._moving or not moved:
+            self._follow(time_s, phases_deg, np.asarray(std_deg))
+        # One group may be a press that began inside it; the tare moves from the second on.
+        self._moving = moved
         return TouchDecision(self._touch, moved, self._drift.copy())
 
     def _decide(self, change, spread):
+        """Touch of a group, and whether both ends turned alike instead."""
         untouched = np.sum((change / spread) ** 2)
-        touched = np.min(np.sum((wrap_deg(self._image - change) / spread) ** 2, axis=1))
-        if self._touch:
-            if untouched + _EVIDENCE < touched or untouched < 1:
-                return 0, False
-        elif untouched < _EVIDENCE or untouched < touched + _EVIDENCE / 4:
+        touched = self._distance(change, spread)
+        if self._touch and not (untouched + _EVIDENCE < touched or untouched < 1):
+            return 1, False
+        if untouched < _EVIDENCE:
             return 0, False
-        difference = wrap_deg(change[0] - change[1])
-        common = difference**2 / np.sum(spread**2)
-        moved = common < _COMMON**2 and touched > common + _EVIDENCE
-        return (0, True) if moved else (1, False)
+        common = wrap_deg(change[0] - change[1]) ** 2 / np.sum(spread**2)
+        if common < _COMMON**2 and touched > common + _EVIDENCE:
+            return 0, True
+        # Nothing but a touch turns one end without the other, even one that no model holds.
+        return 1, False
+
+    def _distance(self, change, spread):
+        """Squared standard deviations to the nearest touch of the model."""
+        turns = self._image - change
+        turns -= 360 * np.rint(turns / 360)
+        turns *= turns
+        return (turns @ (1 / spread**2)).min()
 
     def _shift(self, change):
         self._drift = self._drift + change
@@ -121,8 +132,9 @@ class TouchDetector:
     def _follow(self, time_s, phases_deg, std_deg):
         """Tare from groups that have proved untouched: those a little in the past."""
         change = wrap_deg(phases_deg - self._drift)
-        group = (time_s, self._drift + change)
-        if np.any(np.abs(change) > np.maximum(_OUTLIER * std_deg, _OUTLIER_DEG)):
+        group = (time_s, *(self._drift + change))
+        apart = abs(change[0] - change[1])
+        if apart > max(_OUTLIER * np.hypot(*std_deg), _OUTLIER_DEG):
             self._outliers.append(group)
             if len(self._outliers) < _OUTLIERS:
                 return
@@ -137,14 +149,17 @@ class TouchDetector:
             self._drift = self._extrapolate(time_s)
 
     def _extrapolate(self, time_s):
-        times = np.array([t for t, _ in self._untouched])
-        phases = np.array([p for _, p in self._untouched])
-        mean = phases.mean(0)
+        groups = np.array(self._untouched)
+        times, phases = groups[:, 0], groups[:, 1:]
+        mean = phases.mean(axis=0)
         if len(times) < _DRIFT_GROUPS:
             return mean
         elapsed = times - times.mean()
-        slope = elapsed @ (phases - mean) / (elapsed @ elapsed)
-        left = phases - mean - np.outer(elapsed, slope)
-        error = np.sqrt(np.sum(left**2, axis=0) / (len(times) - 2) / (elapsed @ elapsed))
-        significant = np.abs(slope) > _SIGNIFICANT_DRIFT * error
-        return mean + np.where(significant, slope * (time_s - times.mean()), 0.0)
+        moments = elapsed @ elapsed
+        common = phases.mean(axis=1)
+        slope = elapsed @ (common - common.mean()) / moments
+        left = common - common.mean() - elapsed * slope
+        error = np.sqrt(left @ left / (len(times) - 2) / moments)
+        if abs(slope) > _SIGNIFICANT_DRIFT * error:
+            mean = mean + slope * (time_s - times.mean())
+        return mean

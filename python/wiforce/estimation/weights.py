@@ -50,8 +50,8 @@ class ToneTable:
         (N - 1) / 2. Rows of opposite frequency are conjugates of each other. The values are
         exactly representable in single precision, so that a kernel in floats applies the very
         table that the mixing matrix is computed with.
-    basis : ndarray of complex, shape (N, M + clutter order)
-        Tones, then clutter.
+    basis : ndarray of complex, shape (N, M + clutter order), or None
+        Tones, then clutter; None for a plain Fourier sum over the group.
     snapshot_period_s : float
     """
 
@@ -106,6 +106,9 @@ class ToneTable:
         PartialWeights or None
             None when the snapshots present do not determine the tones.
         """
+        if self.basis is None:
+            weights = self.weights[:, mask] * (len(mask) / max(mask.sum(), 1))
+            return PartialWeights(mask, weights) if mask.any() else None
         present = self.basis[mask]
         if present.shape[0] <= present.shape[1]:
             return None
@@ -113,7 +116,7 @@ class ToneTable:
         noise_gain = np.sum(np.abs(weights) ** 2, axis=1) * self.group_length
         if noise_gain.max() > _WORST_PARTIAL_GAIN:
             return None
-        return PartialWeights(mask, weights, _whitener(weights))
+        return PartialWeights(mask, weights)
 
 
 @dataclass(frozen=True)
@@ -124,12 +127,15 @@ class PartialWeights:
     ----------
     mask : ndarray of bool, shape (N,)
     weights : ndarray of complex, shape (M, count of present)
-    whitener : ndarray of complex, shape (M, M)
     """
 
     mask: np.ndarray
     weights: np.ndarray
-    whitener: np.ndarray
+
+    @cached_property
+    def whitener(self):
+        """As :attr:`ToneTable.whitener`."""
+        return _whitener(self.weights)
 
     @property
     def missing(self):
@@ -209,7 +215,9 @@ def _shared(tone, owner, line_hz):
     return Tone(tone.frequency_hz, (*tone.owners, owner), slower)
 
 
-def design_weights(clocks_hz, group_length, snapshot_period_s, clutter_hz=0.0, harmonics=8):
+def design_weights(
+    clocks_hz, group_length, snapshot_period_s, clutter_hz=0.0, harmonics=8, rectangular=False
+):
     """Weight table for the lines of all tags of a scene.
 
     Parameters
@@ -223,6 +231,9 @@ def design_weights(clocks_hz, group_length, snapshot_period_s, clutter_hz=0.0, h
         Highest Doppler frequency of anything that moves; 0 when nothing does.
     harmonics : int
         Lines +-1..+-harmonics are used; at least 4.
+    rectangular : bool
+        A plain Fourier sum over the group for every line instead, as the paper has it: clutter
+        and the lines themselves leak into one another.
 
     Returns
     -------
@@ -253,6 +264,9 @@ def design_weights(clocks_hz, group_length, snapshot_period_s, clutter_hz=0.0, h
     n = np.arange(group_length) - (group_length - 1) / 2
     frequencies = np.array([tone.frequency_hz for tone in tones])
     lines = np.exp(2j * np.pi * snapshot_period_s * np.outer(n, frequencies))
+    if rectangular:
+        weights = (lines.conj().T / group_length).astype(np.complex64).astype(complex)
+        return ToneTable(tones, weights, None, snapshot_period_s)
     basis = np.hstack([lines, clutter_basis(group_length, snapshot_period_s, clutter_hz)])
     if basis.shape[0] <= basis.shape[1]:
         rule = f"must exceed the {basis.shape[1]} lines and clutter sequences of the scene"

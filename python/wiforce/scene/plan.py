@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from ..errors import InputError
+from ..estimation.estimators import estimator_named
 from ..estimation.separation import TagClock
 from ..estimation.weights import design_weights
 from ..waveform import Waveform
@@ -30,7 +31,7 @@ class Plan:
     reference_groups : int
     smoothing_groups : int
     estimator : str
-        ``harmonic``, or ``paper`` for the published one.
+        One of ``estimation.estimators.ESTIMATORS``.
     """
 
     waveform: Waveform = field(repr=False)
@@ -55,6 +56,7 @@ class Plan:
             self.waveform.snapshot_period_s,
             self.clutter_hz,
             self.harmonics,
+            estimator_named(self.estimator).rectangular,
         )
 
 
@@ -71,6 +73,7 @@ def plan(scene):
     if reference_groups < 1:
         rule = f"must hold at least one phase group of {period:.4g} s"
         raise InputError("reference_s", rule, scene.reference_s)
+    estimator = estimator_named(scene.phase_group.estimator)
     clocks = tuple(TagClock(s.clock_hz, s.clock_tolerance_ppm) for s in scene.sensors)
     return Plan(
         scene.waveform(),
@@ -79,5 +82,7 @@ def plan(scene):
         scene.environment.moving_clutter_hz,
         8,
         reference_groups,
-        max(1, round(_SMOOTHING_S / period)),
+        # What is compared with the group before must not be averaged over groups.
+        max(1, round(_SMOOTHING_S / period)) if estimator.against == "untouched" else 1,
+        scene.phase_group.estimator,
     )

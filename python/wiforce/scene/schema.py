@@ -32,7 +32,10 @@ class Sounding:
 
 @dataclass(frozen=True)
 class PhaseGroup:
+    """Snapshots per reading, and how phases are had from them (``estimation.estimators``)."""
+
     snapshots: int
+    estimator: str
 
 
 @dataclass(frozen=True)
@@ -258,7 +261,10 @@ def _sounding(section, radio):
 
 
 def _phase_group(section):
-    group = PhaseGroup(section.integer("snapshots", 625, low=32, high=100_000))
+    group = PhaseGroup(
+        section.integer("snapshots", 625, low=32, high=100_000),
+        section.choice("estimator", ("harmonic", "sideband", "paper"), "harmonic"),
+    )
     section.finish()
     return group
 

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The estimators kept for comparison: the paper's, and half the angle of the sideband product."""
+
+import numpy as np
+import pytest
+from gnuradio.wiforce.angles import wrap_deg
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.estimation.estimators import RatioUnfolder, estimator_named
+from gnuradio.wiforce.estimation.state import GroupState
+from gnuradio.wiforce.estimation.weights import design_weights
+from plain import TA, WAVEFORM, T, errors_deg, make_air, make_plan, run_chain
+from wiforce_app.bench.air import TagOnAir
+
+STILL = TagOnAir(start_cycles=0.2, untouched_deg=(20.0, -70.0), touched_deg=(75.0, -10.0))
+
+
+def test_its_tones_are_a_plain_fourier_sum_over_the_group():
+    table = design_weights([1000.0], 600, T, rectangular=True)
+    snapshots = np.random.default_rng(1).standard_normal((600, 3)) + 0j
+    times = (np.arange(600) - 299.5) * T
+    for row, tone in enumerate(table.tones):
+        turns = np.exp(-2j * np.pi * tone.frequency_hz * times)
+        expected = [sum(column[n] * turns[n] for n in range(600)) for column in snapshots.T]
+        assert table.weights[row] @ snapshots == pytest.approx(np.array(expected) / 600, abs=1e-6)
+
+
+def test_lost_snapshots_count_as_nothing_in_that_sum():
+    table = design_weights([1000.0], 625, T, rectangular=True)
+    mask = np.arange(625) % 5 > 0
+    partial = table.for_present(mask)
+    assert partial.weights == pytest.approx(table.weights[:, mask] * 1.25)
+    assert table.for_present(np.zeros(625, bool)) is None
+
+
+def test_the_paper_reads_a_still_scene_with_an_exact_clock():
+    air = make_air(625, [STILL], 2, 40.0, static_db=60)
+    results = run_chain(make_plan(estimator="paper", reference_groups=1), air, 30)
+    errors = errors_deg(results, [STILL], 1)
+    assert np.max(np.abs(errors)) < 0.1
+
+
+def test_the_papers_phase_runs_away_with_the_clock():
+    """A constant offset o turns end 1 by 2 pi fs o per second, end 2 by four times that."""
+    tag = TagOnAir(offset_ppm=40.0, untouched_deg=(20.0, -70.0), touched_deg=(20.0, -70.0))
+    results = run_chain(make_plan(estimator="paper"), make_air(625, [tag], 3, 40.0), 40)
+    times = [state.group * 625 * T for state, _ in results]
+    phases = np.unwrap(np.angle([ratios for _, ratios in results]), axis=0)
+    slopes = np.polyfit(times, phases, 1)[0]
+    assert slopes == pytest.approx(2 * np.pi * 1000 * 40e-6 * np.array([1, 4]), rel=0.02)
+
+
+@pytest.mark.parametrize("estimator, losses_db", [("paper", (7.6, 10.5)), ("sideband", (2.1, 4.7))])
+def test_losses_in_plain_noise_are_those_of_the_documents(estimator, losses_db):
+    plan = make_plan(estimator=estimator, reference_groups=40)
+    tag = TagOnAir(untouched_deg=(20.0, -70.0), touched_deg=(20.0, -70.0))
+    air = make_air(625, [tag], 4, 10.0, coherence_hz=None)
+    results = run_chain(plan, air, 240)
+    phases = np.degrees(np.angle([ratios for state, ratios in results if state.group >= 40]))
+    # The paper's phases add up; its error is that of a change from group to group.
+    errors = np.diff(phases, axis=0) if estimator == "paper" else phases
+    bound = np.degrees(np.sqrt(1 / (2 * 10 * 62 * 625 * np.array([0.158, 0.152]))))
+    loss = 20 * np.log10(np.std(errors, axis=0) / bound)
+    # 200 groups: +-.9 dB.
+    assert loss == pytest.approx(losses_db, abs=1.0)
+
+
+def test_the_sideband_product_takes_the_clock_out():
+    tag = TagOnAir(
+        offset_ppm=80.0, drift_ppm_per_s=0.5, untouched_deg=(20.0, -70.0), touched_deg=(75.0, -10.0)
+    )
+    results = run_chain(make_plan(estimator="sideband"), make_air(625, [tag], 5, 40.0), 40)
+    assert np.max(np.abs(errors_deg(results, [tag]))) < 0.2
+
+
+@pytest.mark.parametrize("estimator", ["paper", "sideband"])
+def test_their_standard_deviation_is_right_where_they_work(estimator):
+    relative, snr = [], []
+    for seed in range(8):
+        air = make_air(625, [STILL], [6, seed], 10.0)
+        results = run_chain(make_plan(estimator=estimator, reference_groups=4), air, 16)
+        stated = [state.std_deg for state, _ in results if state.group >= 4]
+        relative.append(errors_deg(results, [STILL], 4) / stated)
+        snr += [state.snr_db for state, _ in results]
+    # The group that all are compared with is common to a run: eight runs know it to 20 %.
+    assert np.sqrt(np.mean(np.square(relative))) == pytest.approx(1.0, abs=0.3)
+    assert np.mean(snr, axis=0) == pytest.approx([10 - 12.96] * 2, abs=0.5)
+
+
+@pytest.mark.parametrize("estimator", ["paper", "sideband"])
+def test_a_broken_group_gives_nothing(estimator):
+    table = design_weights([1000.0], 625, T)
+    plan = make_plan(estimator=estimator)
+    separator = estimator_named(estimator).separator(table, plan.clocks, TA, WAVEFORM.bins)
+    for broken in (np.zeros((16, 64)), np.full((16, 64), np.nan)):
+        ((state, vectors),) = separator.process(0, broken)
+        assert not state.clocks[0].locked and np.all(np.isinf(state.gain)) and not vectors.any()
+    assert separator.flush() == []
+
+
+def state_with(std_deg):
+    return GroupState(0, 0, (), None, None, None, std_deg=np.asarray(std_deg, float))
+
+
+def test_steps_add_up_to_the_change_and_a_lost_group_adds_nothing():
+    unfolder = RatioUnfolder("step", 2)
+    steps, stds = [[1, 1], [2j, 1], [1j, 0], [1j, -1j]], [1, 1, 1, 1]
+    angles = []
+    for step, std in zip(steps, stds, strict=True):
+        _, ratios = unfolder.process(state_with([std, np.inf if step[1] == 0 else std]), step)
+        angles.append(np.degrees(np.angle(ratios)))
+    assert wrap_deg(angles) == pytest.approx(
+        np.array([[0, 0], [90, 0], [180, 0], [-90, -90]]), abs=1e-9
+    )
+    unfolder.tare()
+    assert unfolder.process(state_with([1, 1]), np.array([1j, 1.0]))[1] == pytest.approx([1j, 1])
+
+
+def test_half_the_angle_stays_on_the_side_where_the_group_before_was():
+    unfolder = RatioUnfolder("square", 1)
+    for turn in np.radians(np.arange(0, 400, 50.0)):
+        state, ratios = unfolder.process(state_with([3.0]), np.array([0.8 * np.exp(2j * turn)]))
+        assert ratios == pytest.approx([np.sqrt(0.8) * np.exp(1j * turn)])
+    assert state.std_deg == [1.5]
+
+
+def test_unknown_estimators_are_named():
+    with pytest.raises(InputError, match="estimator: must be one of harmonic, sideband, paper"):
+        estimator_named("music")
+    with pytest.raises(InputError, match="ratios"):
+        RatioUnfolder("cube", 2)

@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Touch, tare and motion, from phase changes alone."""
+
+import numpy as np
+import pytest
+from gnuradio.wiforce.angles import wrap_deg
+from gnuradio.wiforce.estimation.touch import TouchDetector
+from gnuradio.wiforce.sensor import load_sensor
+
+PERIOD_S = 0.036
+MODEL = load_sensor("line-900mhz")
+UNTOUCHED = np.array(MODEL.untouched_deg())
+
+
+def turned(force_n, location_mm):
+    """Phase changes of a press."""
+    return wrap_deg(MODEL.phases_deg(force_n, location_mm) - UNTOUCHED)
+
+
+@pytest.fixture
+def detector():
+    forces, locations = np.geomspace(0.9, 9, 40), np.arange(0, 80.5)
+    grid = np.stack(np.meshgrid(forces, locations), -1).reshape(-1, 2)
+    return TouchDetector(turned(grid[:, 0], grid[:, 1]), PERIOD_S)
+
+
+def run(detector, phases, std_deg, rng=None, reference=0):
+    """Decisions over phases (groups, 2) to which noise of ``std_deg`` is added."""
+    noise = 0 if rng is None else std_deg * rng.standard_normal(phases.shape)
+    return [
+        detector.update(g * PERIOD_S, wrap_deg(value), np.full(2, std_deg), g < reference)
+        for g, value in enumerate(phases + noise)
+    ]
+
+
+def touches(decisions):
+    return np.array([-1 if d.touch is None else d.touch for d in decisions])
+
+
+# snr_db -15 is gamma -2 dB: .75 deg per group of 625.
+@pytest.mark.parametrize("std_deg", [0.02, 0.2, 0.75, 2.0, 5.0])
+def test_at_most_one_untouched_group_in_a_hundred_is_taken_for_a_touch(detector, std_deg):
+    decisions = run(detector, np.zeros((4000, 2)), std_deg, np.random.default_rng(1))
+    assert np.mean(touches(decisions) == 1) <= 0.01
+    assert np.mean([d.moved for d in decisions]) <= 0.002
+
+
+@pytest.mark.parametrize("location_mm", [12.0, 40.0, 68.0])
+@pytest.mark.parametrize("force_n", [1.2, 3.0, 7.0])
+@pytest.mark.parametrize("std_deg", [0.05, 0.75])
+def test_a_press_is_seen_from_its_first_group_to_its_last(detector, force_n, location_mm, std_deg):
+    phases = np.zeros((90, 2))
+    phases[30:60] = turned(force_n, location_mm)
+    decisions = run(detector, phases, std_deg, np.random.default_rng(2), reference=13)
+    assert np.array_equal(touches(decisions) == 1, (np.arange(90) >= 30) & (np.arange(90) < 60))
+    assert not any(d.moved for d in decisions)
+
+
+def test_the_tare_follows_a_slow_drift_and_stays_still_in_a_touch(detector):
+    drift = np.outer(np.linspace(0, 30, 300), [1.0, 1.0])
+    phases = drift.copy()
+    phases[200:] = drift[200] + turned(4.0, 30.0)
+    decisions = run(detector, phases, 0.2, np.random.default_rng(3), reference=13)
+    followed = np.array([d.drift_deg for d in decisions])
+    assert not np.any(touches(decisions)[:200]) and np.all(touches(decisions)[200:])
+    # A quarter of the change of one group is left where the drift is steady.
+    assert np.max(np.abs(followed[60:200] - drift[60:200])) < 0.5
+    assert np.ptp(followed[200:], axis=0) == pytest.approx([0, 0], abs=1e-12)
+
+
+def test_a_still_tag_pays_nothing_for_the_tare(detector):
+    decisions = run(detector, np.zeros((1000, 2)), 0.3, np.random.default_rng(4))
+    drift = np.array([d.drift_deg for d in decisions])[100:]
+    # The mean over a second of groups: .3/sqrt(28), against .3/sqrt(13) of the reference.
+    assert np.sqrt(np.mean(drift**2)) < 0.3 / np.sqrt(28) * 1.6
+
+
+@pytest.mark.parametrize("step_deg", [25.0, -60.0, 150.0])
+def test_a_step_common_to_both_ends_is_motion_not_a_touch(detector, step_deg):
+    phases = np.zeros((80, 2))
+    phases[40:] = step_deg
+    decisions = run(detector, phases, 0.3, np.random.default_rng(5), reference=13)
+    # One group alone may be a press that began inside it.
+    assert [g for g, d in enumerate(decisions) if d.moved] == [40, 41]
+    assert not np.any(touches(decisions))
+    assert decisions[-1].drift_deg == pytest.approx([step_deg] * 2, abs=0.5)
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5, 0.8])
+def test_a_press_that_begins_inside_a_group_is_not_taken_for_motion(detector, share):
+    """The group's phase is that of a chord, and may turn both ends alike."""
+    touched = turned(4.0, 45.0)
+    chord = (1 - share) + share * np.exp(1j * np.radians(touched))
+    phases = np.zeros((60, 2))
+    phases[30] = np.degrees(np.angle(chord))
+    phases[31:] = touched
+    decisions = run(detector, phases, 0.1, np.random.default_rng(8), reference=13)
+    assert np.all(touches(decisions)[31:] == 1)
+    assert np.max(np.abs(decisions[-1].drift_deg)) < 0.2
+
+
+def test_a_press_after_motion_counts_from_where_the_tag_then_was(detector):
+    phases = np.zeros((100, 2))
+    phases[30:] += 25.0
+    phases[70:] += turned(3.0, 25.0)
+    decisions = run(detector, phases, 0.2, np.random.default_rng(6), reference=13)
+    assert np.all(touches(decisions)[70:] == 1)
+    measured = wrap_deg(phases[80] - decisions[80].drift_deg)
+    assert measured == pytest.approx(turned(3.0, 25.0), abs=0.3)
+
+
+def test_a_group_without_phases_cannot_be_told(detector):
+    run(detector, np.zeros((30, 2)), 0.2)
+    decision = detector.update(1.2, np.zeros(2), np.array([0.2, np.inf]))
+    assert decision.touch is None and not decision.moved
+
+
+def test_a_tare_on_request_forgets_drift_and_touch(detector):
+    phases = np.concatenate([np.full((40, 2), 3.0), np.tile(turned(3.0, 30.0) + 3.0, (10, 1))])
+    assert run(detector, phases, 0.1)[-1].touch == 1
+    detector.tare()
+    decision = detector.update(2.0, np.zeros(2), np.full(2, 0.1), True)
+    assert decision.touch == 0 and np.all(decision.drift_deg == 0)
