@@ -9,6 +9,7 @@
 namespace gr::wiforce {
 
 namespace {
+constexpr int INPUT_BUFFER_SNAPSHOTS = 256; // 128 kB
 const pmt::pmt_t incomplete_port = pmt::mp(names::INCOMPLETE);
 const pmt::pmt_t snapshot_key = pmt::mp(names::SNAPSHOT);
 } // namespace
@@ -35,7 +36,9 @@ phase_group_doppler_impl::phase_group_doppler_impl(
                     1, 1, transform->rows() * kernel::FFT_LENGTH * sizeof(kernel::fc32))),
       d_stream(std::move(transform), group_length, *this)
 {
-    set_relative_rate(1, group_length);
+    // By this rate the scheduler chooses the input buffer, as in preamble_fold. It is to
+    // hold what a full buffer of samples folds to, and no more than the cache does.
+    set_relative_rate(1, INPUT_BUFFER_SNAPSHOTS / 2);
     set_tag_propagation_policy(TPP_DONT);
     message_port_register_out(incomplete_port);
 }

@@ -12,6 +12,8 @@ namespace gr::wiforce {
 
 namespace {
 
+constexpr int INPUT_BUFFER_BYTES = 1 << 20;
+
 const pmt::pmt_t rx_time_key = pmt::mp(names::RX_TIME);
 const pmt::pmt_t snapshot_key = pmt::mp(names::SNAPSHOT);
 
@@ -65,7 +67,12 @@ preamble_fold_impl<Sample>::preamble_fold_impl(const kernel::preamble_folder& fo
       d_sample_rate(sample_rate),
       d_first_window(frame_offset + folder.first_averaged())
 {
-    set_relative_rate(1, folder.frame_length());
+    // The scheduler gives the block before this one a buffer of twice what relative_rate
+    // says is needed for one output. With its default of 8192 samples it would spend its
+    // time switching threads; a megabyte stays in the second cache. Nothing else looks at
+    // the rate, since tags are not propagated, and small packets are still taken as they
+    // come.
+    set_relative_rate(1, INPUT_BUFFER_BYTES / 2 / sizeof(Sample));
     set_tag_propagation_policy(TPP_DONT);
 }
 

@@ -13,46 +13,73 @@ namespace {
 constexpr int LANES = WIFORCE_LANES;
 typedef float lanes __attribute__((vector_size(4 * LANES), aligned(4), may_alias));
 
-template <class Component, class Sum>
-void fold(const Component* in,
+typedef std::int32_t integer_lanes __attribute__((vector_size(4 * LANES)));
+typedef std::int16_t short_lanes
+    __attribute__((vector_size(2 * LANES), aligned(2), may_alias));
+
+struct fc32_samples {
+    using component = float;
+    using sum = lanes;
+    static sum load(const float* x) { return *reinterpret_cast<const lanes*>(x); }
+    static lanes to_float(sum s) { return s; }
+};
+
+struct sc16_samples {
+    using component = std::int16_t;
+    using sum = integer_lanes;
+    static sum load(const std::int16_t* x)
+    {
+        return __builtin_convertvector(*reinterpret_cast<const short_lanes*>(x),
+                                       integer_lanes);
+    }
+    static lanes to_float(sum s) { return __builtin_convertvector(s, lanes); }
+};
+
+// Frames lie apart, so the processor's own prefetcher meets each one anew. Two frames
+// ahead cover the latency of memory.
+constexpr int FRAMES_AHEAD = 2;
+constexpr int CACHE_LINE = 64; // bytes
+
+// REPETITIONS = 0: known at run time only.
+template <class Samples, int REPETITIONS>
+void fold(const typename Samples::component* in,
           std::size_t stride,
           std::size_t frames,
           int repetitions,
           float scale,
           float* folded)
 {
+    constexpr int STEP = CACHE_LINE / sizeof(*in); // components per cache line
+    const int count = REPETITIONS ? REPETITIONS : repetitions;
     for (std::size_t frame = 0; frame < frames; frame++) {
-        const Component* x = in + frame * stride;
+        const auto* x = in + frame * stride;
         float* out = folded + frame * WIDTH;
-        Sum sum[WIDTH];
-        for (int n = 0; n < WIDTH; n++)
-            sum[n] = x[n];
-        for (int r = 1; r < repetitions; r++)
-            for (int n = 0; n < WIDTH; n++)
-                sum[n] += x[r * WIDTH + n];
-        for (int n = 0; n < WIDTH; n++)
-            out[n] = scale * static_cast<float>(sum[n]);
+        for (int n = 0; n < WIDTH; n += LANES) {
+            auto sum = Samples::load(x + n);
+            for (int r = 1; r < count; r++)
+                sum += Samples::load(x + r * WIDTH + n);
+            if (n % STEP == 0)
+                for (int r = 0; r < count; r++)
+                    __builtin_prefetch(x + FRAMES_AHEAD * stride + r * WIDTH + n);
+            *reinterpret_cast<lanes*>(out + n) = scale * Samples::to_float(sum);
+        }
     }
 }
 
-void fold_fc32(const float* in,
-               std::size_t stride,
-               std::size_t frames,
-               int repetitions,
-               float scale,
-               float* folded)
+template <class Samples>
+void fold_any(const typename Samples::component* in,
+              std::size_t stride,
+              std::size_t frames,
+              int repetitions,
+              float scale,
+              float* folded)
 {
-    fold<float, float>(in, stride, frames, repetitions, scale, folded);
-}
-
-void fold_sc16(const std::int16_t* in,
-               std::size_t stride,
-               std::size_t frames,
-               int repetitions,
-               float scale,
-               float* folded)
-{
-    fold<std::int16_t, std::int32_t>(in, stride, frames, repetitions, scale, folded);
+    if (repetitions == 4)
+        fold<Samples, 4>(in, stride, frames, repetitions, scale, folded);
+    else if (repetitions == 2)
+        fold<Samples, 2>(in, stride, frames, repetitions, scale, folded);
+    else
+        fold<Samples, 0>(in, stride, frames, repetitions, scale, folded);
 }
 
 // A tile of ROWS x (COLUMNS * LANES) sums stays in registers over all snapshots.
@@ -131,8 +158,10 @@ bool is_finite(const float* vector)
 } // namespace
 
 extern const simd_kernels kernels;
-const simd_kernels kernels = {
-    WIFORCE_SIMD_NAME, fold_fc32, fold_sc16, accumulate, is_finite
-};
+const simd_kernels kernels = { WIFORCE_SIMD_NAME,
+                               fold_any<fc32_samples>,
+                               fold_any<sc16_samples>,
+                               accumulate,
+                               is_finite };
 
 } // namespace gr::wiforce::kernel::WIFORCE_SIMD
