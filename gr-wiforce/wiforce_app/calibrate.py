@@ -8,25 +8,58 @@ import numpy as np
 from gnuradio.wiforce.errors import InputError
 
 _REPORTED_FORCES_N = (2.0, 4.0, 6.0, 8.0)
-_FORMS = ("auto", "cubic", "power", "spline")
+_FORMS = ("auto", "auto-beyond", "cubic", "power", "spline")
+_STEPS = ("nearest", "given", "line")
 
 
 @click.command()
 @click.argument("table", type=click.Path())
 @click.option("-o", "--output", required=True, type=click.Path(), help="SENSOR.yaml to write.")
 @click.option("--frequency-hz", type=float, help="Carrier, where the file does not say.")
-@click.option("--kind", type=click.Choice(["vna", "touchstone", "taps"]), default="vna")
+@click.option(
+    "--kind",
+    type=click.Choice(["vna", "touchstone", "taps"]),
+    help="What TABLE is; by its columns when not given.",
+)
 @click.option("--name", help="Name of the sensor; the output's name by default.")
 @click.option("--length-mm", type=float, default=80.0, show_default=True)
-@click.option("--form", type=click.Choice(_FORMS), default="auto", show_default=True)
+@click.option(
+    "--permittivity",
+    type=float,
+    default=1.0,
+    show_default=True,
+    help="Effective relative permittivity of the line.",
+)
+@click.option(
+    "--form",
+    type=click.Choice(_FORMS),
+    default="auto",
+    show_default=True,
+    help="Curves of force; auto: by cross-validation, auto-beyond: outside the forces too.",
+)
 @click.option("--onset-force-n", type=float, help="Force at which the line is first shorted.")
+@click.option(
+    "--location-steps",
+    type=click.Choice(_STEPS),
+    default="nearest",
+    show_default=True,
+    help="Phases from one location to the next: as measured, turns of 360 deg by the line; as "
+    "given; or those of the line, only the movement with force measured.",
+)
+@click.option(
+    "--mirror", is_flag=True, help="Take absent locations from the other half, ports swapped."
+)
+@click.option(
+    "--refine", "refined", metavar="SENSOR", help="Refine this sensor with TABLE instead."
+)
 @click.option("--plot", "plot_path", type=click.Path(), help="Picture of data and curves, PNG.")
-def calibrate(table, output, frequency_hz, kind, name, length_mm, form, onset_force_n, plot_path):
+def calibrate(table, output, frequency_hz, kind, name, refined, plot_path, **settings):
     """Make a sensor model of a TABLE of known presses.
 
     TABLE is a VNA's CSV (freq_mhz, location_mm, port, force_n, phase_deg; rows with force 0 and no
     location are the untouched sensor), an index CSV of Touchstone files (file, force_n,
-    location_mm), or taps read over the air (phase1_deg, phase2_deg, force_n, location_mm).
+    location_mm), or taps read over the air (phase1_deg, phase2_deg, force_n, location_mm). A column
+    press or trial tells presses at one location apart.
     """
     from gnuradio.wiforce import sensor
 
@@ -38,17 +71,17 @@ def calibrate(table, output, frequency_hz, kind, name, length_mm, form, onset_fo
         from .plots import check_picture
 
         check_picture(plot_path)
-    data = _read(sensor, table, kind, frequency_hz)
-    model = sensor.calibrate(
-        data,
-        name or Path(output).stem,
-        length_mm=length_mm,
-        form=form,
-        onset_force_n=onset_force_n,
-    )
+    name = name or Path(output).stem
+    data = _read(sensor, table, kind or sensor.table_kind(table), frequency_hz)
+    if refined is not None:
+        model = sensor.refine(sensor.load_sensor(refined), data, name)
+    else:
+        model = sensor.calibrate(data, name, **settings)
     sensor.write_sensor(model, output)
     for line in report(model):
         click.echo(line)
+    for doubt in sensor.doubts(model):
+        click.echo(f"warning: {doubt}")
     if plot_path is not None:
         from .plots import plot_calibration
 

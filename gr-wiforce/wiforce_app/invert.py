@@ -6,8 +6,10 @@ import math
 
 import click
 import numpy as np
+from gnuradio.wiforce.angles import wrap_deg
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.readings import Reading, open_writer
+from gnuradio.wiforce.readings import WEAK_FORCE_N, WEAK_PHASE_DEG, Reading, open_writer
+from gnuradio.wiforce.sensor.inversion import DEFAULT_STD_DEG
 
 _NEEDED = ("phase1_deg", "phase2_deg")
 
@@ -20,7 +22,9 @@ _NEEDED = ("phase1_deg", "phase2_deg")
 @click.option(
     "--std-deg", type=float, help="Standard deviation of the phases; 1 deg when not given."
 )
-def invert(phases, model, output, frequency_hz, std_deg):
+@click.option("--tracked", is_flag=True, help="Follow each press over time_s, as a live reader.")
+@click.option("--smoothed", is_flag=True, help="Read each press as a whole, over time_s.")
+def invert(phases, model, output, frequency_hz, std_deg, tracked, smoothed):
     """Invert a CSV of PHASES (phase1_deg, phase2_deg; optionally time_s, sensor, location_mm).
 
     Where location_mm is given it is taken as known.
@@ -29,9 +33,15 @@ def invert(phases, model, output, frequency_hz, std_deg):
 
     if std_deg is not None and not (math.isfinite(std_deg) and std_deg > 0):
         raise InputError("--std-deg", "must be positive", std_deg)
+    if tracked and smoothed:
+        raise click.UsageError("--tracked and --smoothed exclude each other")
     sensor = load_sensor(model)
     rows = _read(phases)
-    readings = _readings(rows, sensor, frequency_hz, std_deg)
+    std = DEFAULT_STD_DEG if std_deg is None else std_deg
+    if tracked or smoothed:
+        readings = _over_time(phases, rows, sensor, frequency_hz, std, smoothed)
+    else:
+        readings = _one_by_one(rows, sensor, frequency_hz, std)
     writer = open_writer(output)
     try:
         for reading in readings:
@@ -72,33 +82,84 @@ def _numbers(path, number, row):
     return parsed
 
 
-def _readings(rows, sensor, frequency_hz, std_deg):
+def _one_by_one(rows, sensor, frequency_hz, std):
+    """A reading per row, each by itself."""
     phases = np.array([[row[column] for column in _NEEDED] for row in rows])
     known = np.array([row["location_mm"] for row in rows])
-    results = [None] * len(rows)
+    untouched = sensor.is_untouched(phases, std, frequency_hz)
+    readings = [_reading(row, sensor) for row in rows]
     for given in (True, False):
-        chosen = np.flatnonzero(np.isfinite(known) == given)
+        chosen = np.flatnonzero((np.isfinite(known) == given) & ~untouched)
         if len(chosen):
-            result = sensor.invert(
-                phases[chosen], std_deg, known[chosen] if given else None, frequency_hz
-            )
-            near = sensor.is_untouched(phases[chosen], std_deg, frequency_hz)
+            places = known[chosen] if given else None
+            result = sensor.invert(phases[chosen], std, places, frequency_hz)
             for i, index in enumerate(chosen):
-                results[index] = _reading(rows[index], sensor, result, i, near[i])
-    return results
+                readings[index] = _reading(rows[index], sensor, _values(result, i), std)
+    return readings
 
 
-def _reading(row, sensor, result, i, untouched):
+def _over_time(path, rows, sensor, frequency_hz, std, smoothed):
+    """A reading per row, every sensor's presses followed from touch to release."""
+    readings = [None] * len(rows)
+    for name in dict.fromkeys(row["sensor"] for row in rows):
+        own = [i for i, row in enumerate(rows) if row["sensor"] == name]
+        period = _period(path, [rows[i]["time_s"] for i in own])
+        phases = np.array([[rows[i][column] for column in _NEEDED] for i in own])
+        touched = ~sensor.is_untouched(phases, std, frequency_hz)
+        follow = _smoothed if smoothed else _tracked
+        values = follow(sensor, phases, std, touched, period, frequency_hz)
+        for i, found in zip(own, values, strict=True):
+            readings[i] = _reading(rows[i], sensor, found, std)
+    return readings
+
+
+def _period(path, times):
+    steps = np.diff(times)
+    if not (len(steps) and np.all(np.isfinite(steps)) and np.all(steps > 0)):
+        raise InputError(f"{path}: time_s", "must rise from row to row to follow presses")
+    return float(np.median(steps))
+
+
+def _tracked(sensor, phases, std, touched, period, frequency_hz):
+    tracker = sensor.tracker(period, frequency_hz)
+    found = [
+        tracker.update(pair, std, bool(touch)) for pair, touch in zip(phases, touched, strict=True)
+    ]
+    return [values if touch else None for values, touch in zip(found, touched, strict=True)]
+
+
+def _smoothed(sensor, phases, std, touched, period, frequency_hz):
+    from gnuradio.wiforce.sensor import smooth_press
+
+    values = [None] * len(phases)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], touched.astype(int), [0]])))
+    for start, stop in edges.reshape(-1, 2):
+        result = smooth_press(sensor, phases[start:stop], std, period, frequency_hz)
+        values[start:stop] = [_values(result, i) for i in range(stop - start)]
+    return values
+
+
+def _values(result, i):
+    """Force, its std, location, its std and flags of one reading."""
+    arrays = (result.force_n, result.force_std_n, result.location_mm, result.location_std_mm)
+    return (*(float(array[i]) for array in arrays), result.flags[i])
+
+
+def _reading(row, sensor, found=None, std=None):
     common = {
         "time_s": row["time_s"],
         "sensor": row["sensor"] or sensor.name,
-        "phase1_deg": row["phase1_deg"],
-        "phase2_deg": row["phase2_deg"],
+        "phase1_deg": float(wrap_deg(row["phase1_deg"])),
+        "phase2_deg": float(wrap_deg(row["phase2_deg"])),
     }
-    if untouched:
+    if found is None:
         return Reading(**common, touch=0)
+    *numbers, flags = found
+    names = ("force_n", "force_std_n", "location_mm", "location_std_mm")
     values = {
-        key: None if not math.isfinite(getattr(result, key)[i]) else float(getattr(result, key)[i])
-        for key in ("force_n", "force_std_n", "location_mm", "location_std_mm")
+        key: value if math.isfinite(value) else None
+        for key, value in zip(names, numbers, strict=True)
     }
-    return Reading(**common, **values, touch=1, flags=tuple(result.flags[i]))
+    if std > WEAK_PHASE_DEG or not numbers[1] <= WEAK_FORCE_N:
+        flags = ("weak", *flags)
+    return Reading(**common, **values, touch=1, flags=tuple(flags))

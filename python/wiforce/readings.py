@@ -22,6 +22,10 @@ FLAGS = (
     "saturated",
 )
 
+# A reading is ``weak`` beyond these standard deviations of a phase and of the force.
+WEAK_PHASE_DEG = 3.0
+WEAK_FORCE_N = 1.5
+
 
 @dataclass(frozen=True)
 class Reading:

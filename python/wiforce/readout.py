@@ -8,14 +8,12 @@ import numpy as np
 from .estimation.estimators import RatioUnfolder
 from .estimation.off_state import corrected_phase_deg
 from .estimation.touch import TouchDetector
-from .readings import Reading
+from .readings import WEAK_FORCE_N, WEAK_PHASE_DEG, Reading
 
 # |R| below this part of its neighbours' says that the press changed inside the group.
 _DIP = 0.97
 # Standard deviation over a neighbour's from which another sensor's change shows in a group.
 _DISTURBED = 1.5
-_WEAK_PHASE_DEG = 3.0
-_WEAK_FORCE_N = 1.5
 # Longest hole in the stream that is filled with rows flagged "gap".
 _LONGEST_GAP_S = 3600.0
 
@@ -80,7 +78,7 @@ class _SensorReadout:
             "phase2_deg": float(phases[1]),
             "snr_db": float(np.min(state.snr_db[ends])),
         }
-        if np.max(std) > _WEAK_PHASE_DEG:
+        if np.max(std) > WEAK_PHASE_DEG:
             flags.append("weak")
         if decision.touch == 1 or self._tracker is not None:
             self._invert(fields, phases, std, decision.touch == 1)
@@ -106,7 +104,7 @@ class _SensorReadout:
         flags = fields["flags"]
         flags.extend(flag for flag in values[4] if flag not in flags)
         force_std = fields["force_std_n"]
-        if "weak" not in flags and (force_std is None or force_std > _WEAK_FORCE_N):
+        if "weak" not in flags and (force_std is None or force_std > WEAK_FORCE_N):
             flags.append("weak")
 
 

@@ -2,6 +2,7 @@
 """Sensors: models, calibration, inversion, the physical line. No GNU Radio."""
 
 from .calibration import calibrate
+from .doubts import doubts
 from .file import load_sensor, sensor_from_dict, sensor_to_dict, shipped_sensors, write_sensor
 from .model import LineModel, SensorModel
 from .refine import refine
@@ -11,6 +12,7 @@ from .tables import (
     read_tap_csv,
     read_touchstone_index,
     read_vna_csv,
+    table_kind,
     write_vna_csv,
 )
 from .tracker import PressTracker, smooth_press
@@ -21,6 +23,7 @@ __all__ = [
     "PressTracker",
     "SensorModel",
     "calibrate",
+    "doubts",
     "load_sensor",
     "measure_vna",
     "read_tap_csv",
@@ -31,6 +34,7 @@ __all__ = [
     "sensor_to_dict",
     "shipped_sensors",
     "smooth_press",
+    "table_kind",
     "write_sensor",
     "write_vna_csv",
 ]

@@ -246,9 +246,9 @@ class Inverter:
         inconsistent = found.misfit[chosen] > self._limit
         if covariance[0, 0] > self._local_n**2 and not inconsistent:
             mean, covariance, points, likelihood = self._search.moments(phases, variance)
-            unobservable = likelihood @ self._hidden(*points.T, std) > _MOSTLY
+            unobservable = likelihood @ self.hidden(*points.T, std) > _MOSTLY
         else:
-            unobservable = self._hidden(*mean, std)
+            unobservable = self.hidden(*mean, std)
         ambiguous = np.count_nonzero(rivals) > 1
         if ambiguous:
             away = np.column_stack([found.force_n, found.location_mm])[rivals] - mean
@@ -264,7 +264,7 @@ class Inverter:
         values = [*mean, covariance[0, 0], covariance[1, 1], covariance[0, 1]]
         return np.array(values), names
 
-    def _hidden(self, force, location, std):
+    def hidden(self, force, location, std=1.0):
         """Whether force cannot be told from location, at the nearest nodes; broadcast."""
         i = np.searchsorted(self.forward.force_n, force)
         j = np.searchsorted(self.forward.location_mm, location)
@@ -292,7 +292,7 @@ class Inverter:
         return _names(
             extrapolated=bool(self._extrapolated(force, location, force_std**2, location_std**2)),
             ambiguous=ambiguous,
-            unobservable=bool(self._hidden(force, location, std)),
+            unobservable=bool(self.hidden(force, location, std)),
             inconsistent=inconsistent,
         )
 

@@ -184,6 +184,19 @@ def _touchstone_phases(path, frequency_hz, where):
     return phases
 
 
+def table_kind(path):
+    """``vna``, ``touchstone`` or ``taps``, by the columns of a CSV file.
+
+    Raises
+    ------
+    InputError
+    """
+    header, _ = _read_csv(path)
+    if "file" in header:
+        return "touchstone"
+    return "taps" if "phase1_deg" in header else "vna"
+
+
 def measure_vna(model, location_mm, force_n, noise_deg=0.0, seed=1, untouched_sweeps=10):
     """The table a VNA would give of a sensor that is evaluated, not measured.
 
