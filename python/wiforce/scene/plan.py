@@ -1,17 +1,21 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a scene needs computed: reader, bench and command take their settings from here."""
+"""What a scene needs computed, and why: reader, bench and command take their settings from here."""
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 from ..errors import InputError
 from ..estimation.estimators import estimator_named
+from ..estimation.loss import line_loss_db
 from ..estimation.separation import TagClock
-from ..estimation.weights import design_weights
+from ..estimation.weights import design_weights, tag_lines
 from ..waveform import Waveform
 
 # Groups shorter than this are averaged over it while nothing changes.
 _SMOOTHING_S = 0.036
+# Numbers of harmonics to choose from, and how much worse than the best the choice may be.
+_HARMONICS = (8, 12, 16, 24)
+_ACCEPTED_LOSS_DB = 0.1
 
 
 @dataclass(frozen=True)
@@ -32,6 +36,9 @@ class Plan:
     smoothing_groups : int
     estimator : str
         One of ``estimation.estimators.ESTIMATORS``.
+    loss_db : tuple of float
+        Expected loss of each end against the bound, from the lines that are left out; empty for
+        estimators that are there for comparison.
     """
 
     waveform: Waveform = field(repr=False)
@@ -42,6 +49,7 @@ class Plan:
     reference_groups: int
     smoothing_groups: int
     estimator: str = "harmonic"
+    loss_db: tuple = ()
 
     @property
     def group_period_s(self):
@@ -50,14 +58,18 @@ class Plan:
     @cached_property
     def table(self):
         """Weights of the run (``estimation.weights.ToneTable``)."""
-        return design_weights(
-            [clock.clock_hz for clock in self.clocks],
+        return _design(
+            tuple(clock.clock_hz for clock in self.clocks),
             self.group_length,
             self.waveform.snapshot_period_s,
             self.clutter_hz,
             self.harmonics,
             estimator_named(self.estimator).rectangular,
         )
+
+
+# Kept, because choosing the harmonics and using the table both need it.
+_design = lru_cache(maxsize=4)(design_weights)
 
 
 def plan(scene):
@@ -75,14 +87,49 @@ def plan(scene):
         raise InputError("reference_s", rule, scene.reference_s)
     estimator = estimator_named(scene.phase_group.estimator)
     clocks = tuple(TagClock(s.clock_hz, s.clock_tolerance_ppm) for s in scene.sensors)
+    waveform, length = scene.waveform(), scene.phase_group.snapshots
+    clutter_hz = scene.environment.moving_clutter_hz
+    harmonics, loss_db = _HARMONICS[0], ()
+    if scene.phase_group.estimator == "harmonic":
+        harmonics, loss_db = _fewest_harmonics(clocks, waveform, length, clutter_hz)
     return Plan(
-        scene.waveform(),
+        waveform,
         clocks,
-        scene.phase_group.snapshots,
-        scene.environment.moving_clutter_hz,
-        8,
+        length,
+        clutter_hz,
+        harmonics,
         reference_groups,
         # What is compared with the group before must not be averaged over groups.
         max(1, round(_SMOOTHING_S / period)) if estimator.against == "untouched" else 1,
         scene.phase_group.estimator,
+        loss_db,
     )
+
+
+def _fewest_harmonics(clocks, waveform, group_length, clutter_hz):
+    """The fewest harmonics that lose hardly more than the best choice, and what they lose."""
+    period_s, averaging_s = waveform.snapshot_period_s, waveform.averaging_s
+    clocks_hz = tuple(clock.clock_hz for clock in clocks)
+    losses = {}
+    for harmonics in _HARMONICS:
+        lines = tag_lines(clocks_hz, period_s, group_length, harmonics, clutter_hz)
+        if 2 * len(lines) < group_length or not losses:
+            losses[harmonics] = line_loss_db(
+                clocks, group_length, period_s, averaging_s, clutter_hz, harmonics
+            )
+    best = min(loss.max() for loss in losses.values())
+    chosen = next(h for h, loss in losses.items() if loss.max() <= best + _ACCEPTED_LOSS_DB)
+    if chosen > _HARMONICS[0] and not _designable(
+        clocks_hz, group_length, period_s, clutter_hz, chosen
+    ):
+        chosen = _HARMONICS[0]
+    return chosen, tuple(losses[chosen].tolist())
+
+
+def _designable(*settings):
+    """Whether weights are found: lines that nearly coincide may make a group too short."""
+    try:
+        _design(*settings)
+    except InputError:
+        return False
+    return True
