@@ -13,7 +13,7 @@ _LONGEST = 1250
 
 
 def line_loss_db(clocks, group_length, snapshot_period_s, averaging_s, clutter_hz, harmonics):
-    """Loss of each end from taking only lines +-1..+-``harmonics``, with clocks as far off as may be.
+    """Loss of each end from taking only lines +-1..+-``harmonics``, clocks as far off as may be.
 
     Against least squares over all snapshots, [s1, s2, clutter], of the same group.
 

@@ -150,6 +150,14 @@ def _tone_rows(basis, tones):
     return np.linalg.pinv(basis, rcond=1e-12)[:tones]
 
 
+def clutter_order(group_length, snapshot_period_s, clutter_hz):
+    """Number of sequences that :func:`clutter_basis` holds."""
+    if clutter_hz == 0:
+        return 1
+    half_bandwidth = clutter_hz * group_length * snapshot_period_s
+    return min(int(np.ceil(2 * half_bandwidth)) + _EXTRA_SEQUENCES, group_length)
+
+
 def clutter_basis(group_length, snapshot_period_s, clutter_hz):
     """Orthonormal basis of everything slower than ``clutter_hz``; shape (N, order).
 
@@ -161,7 +169,7 @@ def clutter_basis(group_length, snapshot_period_s, clutter_hz):
     from scipy.signal.windows import dpss
 
     half_bandwidth = clutter_hz * group_length * snapshot_period_s
-    order = min(int(np.ceil(2 * half_bandwidth)) + _EXTRA_SEQUENCES, group_length)
+    order = clutter_order(group_length, snapshot_period_s, clutter_hz)
     # SciPy asks for NW < N/2 and NW > 0; very short groups need a floor to have sequences at all.
     return dpss(group_length, max(half_bandwidth, 0.1), order).T
 

@@ -129,10 +129,16 @@ def _presses(scene, index):
     share = np.array([0.0, 0.5, 1.0])
     if own:
         return np.array(
-            [(p.force_n + s * (p.end_force_n - p.force_n), p.location_mm) for p in own for s in share]
+            [
+                (p.force_n + s * (p.end_force_n - p.force_n), p.location_mm)
+                for p in own
+                for s in share
+            ]
         )
     model = sensor.load_model(scene)
-    spans = [low + share * (high - low) for low, high in (model.force_span_n, model.location_span_mm)]
+    spans = [
+        low + share * (high - low) for low, high in (model.force_span_n, model.location_span_mm)
+    ]
     return np.stack(np.meshgrid(*spans, indexing="ij"), axis=-1).reshape(-1, 2)
 
 
@@ -202,7 +208,7 @@ def _model_variance(model, frequency_hz, force_n, location_mm):
 
 
 def _left_out_deg(rows, port, location_mm):
-    """Root mean square error where locations were left out, drawn to other locations; shape (n,)."""
+    """Rms error where locations were left out, drawn to other locations; shape (n,)."""
     own = sorted((r["location_mm"], r["rms_deg"]) for r in rows if r["port"] == port)
     places, errors = zip(*own, strict=True)
     return np.interp(location_mm, places, errors)

@@ -1,0 +1,236 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The plan of a scene: what it chooses, what it expects, what it warns of, and the command."""
+
+import dataclasses
+import json
+import subprocess
+
+import numpy as np
+import pytest
+from gnuradio.wiforce.estimation.loss import line_loss_db
+from gnuradio.wiforce.estimation.separation import TagClock
+from gnuradio.wiforce.estimation.weights import design_weights
+from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.scene.advice import improve, warnings
+from gnuradio.wiforce.scene.expected import expect, receive_levels
+from gnuradio.wiforce.scene.plan import plan
+from gnuradio.wiforce.scene.score import read_truth, score
+from gnuradio.wiforce.scene.simulator import simulate
+from gnuradio.wiforce.scene.steps import steps
+
+T, TA = 57.6e-6, 20.48e-6
+
+
+def scene_of(sensors=None, **sections):
+    sensor = {"name": "arm", "model": "line-900mhz-calibrated"}
+    return load_scene({"sensors": sensors or [sensor], **sections})
+
+
+def square(cycles, half, centers):
+    """A switch averaged over a window, point by point."""
+    inside = (np.arange(400) + 0.5) / 200 - 1
+    cycles = cycles[:, None] + half * inside
+    away = [np.abs((cycles - c + 0.5) % 1 - 0.5) for c in centers]
+    width = 1 / 8 if len(centers) == 1 else 1 / 16
+    return sum((a < width).astype(float) for a in away).mean(axis=1)
+
+
+@pytest.mark.parametrize("harmonics, clutter_hz", [(8, 0.0), (12, 0.0), (8, 60.0)])
+def test_expected_loss_is_that_of_least_squares_over_the_tones(harmonics, clutter_hz):
+    clock = TagClock(1000.0, 100.0)
+    table = design_weights([1000.0], 625, T, clutter_hz, harmonics)
+    clutter = table.basis[:, len(table.tones) :]
+    ratios = []
+    for phase in (0.1, 0.37, 0.72):
+        for sign in (1, -1):
+            hertz = 1000 * (1 + sign * 1e-4)
+            times = table.times_s
+            s = np.column_stack(
+                [
+                    square(hertz * times + phase, hertz * TA / 2, centers)
+                    for centers in ((0.0,), (0.25, 0.75))
+                ]
+            )
+            basis = np.hstack([s, clutter])
+            whole = np.diag(np.linalg.inv(basis.conj().T @ basis).real)[:2]
+            mixing, noise = table.weights @ s, table.weights @ table.weights.conj().T
+            information = mixing.conj().T @ np.linalg.solve(noise, mixing)
+            ratios.append((np.diag(np.linalg.inv(information)).real, whole))
+    taken, whole = np.mean(ratios, axis=0)
+    loss = line_loss_db([clock], 625, T, TA, clutter_hz, harmonics)
+    # edges drawn to a 400th of a window
+    assert loss == pytest.approx(10 * np.log10(taken / whole), abs=0.01)
+
+
+def test_the_fewest_harmonics_within_a_tenth_of_a_db_of_the_best_are_taken():
+    chosen = plan(scene_of())
+    losses = {h: line_loss_db(chosen.clocks, 625, T, TA, 0.0, h).max() for h in (8, 12, 16, 24)}
+    accepted = [h for h, loss in losses.items() if loss <= min(losses.values()) + 0.1]
+    assert chosen.harmonics == min(accepted) and losses[8] > losses[chosen.harmonics]
+    assert max(chosen.loss_db) == pytest.approx(losses[chosen.harmonics])
+
+
+@pytest.mark.parametrize("snapshots", [33, 97, 110, 136, 500])
+def test_a_scene_that_few_lines_can_read_is_not_lost_to_more_lines(snapshots):
+    clocks = [("a", 1000), ("b", 1400)] if snapshots < 500 else [("a", 700), ("b", 1000)]
+    sensors = [
+        {"name": n, "model": "line-900mhz-calibrated", "clock_hz": f, "clock_tolerance_ppm": 10}
+        for n, f in (clocks[:1] if snapshots < 90 else clocks)
+    ]
+    chosen = plan(scene_of(sensors, phase_group={"snapshots": snapshots}))
+    assert np.all(np.isfinite(chosen.table.weights))
+
+
+def test_what_the_scene_does_not_need_is_skipped_and_says_why():
+    still = {s.name: s for s in steps(scene_of(), plan(scene_of()))}
+    assert not still["moving clutter"].needed and "nothing moves" in still["moving clutter"].reason
+    assert not still["average over groups"].needed and not still["carrier offset"].needed
+    moving = scene_of(environment={"moving_clutter_hz": 30}, phase_group={"snapshots": 125})
+    busy = {s.name: s for s in steps(moving, plan(moving))}
+    assert busy["moving clutter"].needed and busy["average over groups"].needed
+    free = scene_of(environment={"reader_clock": "free"})
+    assert "carrier offset" not in {s.name for s in steps(free, plan(free))}
+
+
+def test_operations_are_those_counted_by_hand():
+    scene = scene_of()
+    found = {s.name: s.operations for s in steps(scene, plan(scene))}
+    rate = 12.5e6 / 720
+    assert found["preamble_fold"] == pytest.approx(3 * 64 * 2 * rate)
+    assert found["guard and first repetition"] == pytest.approx((400 + 64) * 2 * rate)
+    # a pair of tones: 4 products and 4 sums for each of 64 samples of a snapshot, twice over
+    pairs = len(plan(scene).table.tones) / 2
+    assert found["phase_group_doppler"] == pytest.approx(8 * 64 * pairs * rate)
+
+
+SHORT = {
+    "simulation": {
+        "truth_model": "line-900mhz",
+        "duration_s": 1.6,
+        "snr_db": -5,
+        "static_clutter_db": 40,
+        "presses": [
+            {"start_s": 0.35, "rise_s": 0.05, "hold_s": 1.05, "force_n": 5.0, "location_mm": 30.0}
+        ],
+    },
+    "reference_s": 0.3,
+}
+SECOND = {
+    **SHORT,
+    "phase_group": {"snapshots": 250},
+    "environment": {"moving_clutter_hz": 40},
+    "simulation": {
+        **SHORT["simulation"],
+        "snr_db": 0,
+        "moving_clutter_db": 20,
+        "seed": 4,
+        "presses": [{**SHORT["simulation"]["presses"][0], "force_n": 3.0, "location_mm": 52.0}],
+    },
+}
+
+
+@pytest.mark.parametrize("sections", [SHORT, SECOND], ids=["still", "moving"])
+def test_errors_are_as_large_as_the_plan_says(sections, tmp_path):
+    from gnuradio.wiforce.capture import open_capture
+    from wiforce_app.read import read_capture
+
+    scene = scene_of(**sections)
+    expected = expect(scene, plan(scene))[0]
+    simulate(scene, tmp_path / "capture")
+    readings = []
+    read_capture(open_capture(tmp_path / "capture"), scene, readings.append)
+    found = score(readings, read_truth(tmp_path / "capture.truth.csv"), "arm")
+    assert len(found.force_error_n) >= 20
+    phase = np.median(np.abs(found.phase_error_deg))
+    assert 1 / 1.5 < phase / np.mean(expected.phase_error_deg) < 1.5
+    assert 0.5 < found.median_force_n / expected.force_error_n < 2
+    assert 0.5 < found.median_location_mm / expected.location_error_mm < 2
+
+
+def test_expected_noise_falls_with_energy_and_with_nothing_else():
+    scene = scene_of()
+    std = np.array(expect(scene, plan(scene))[0].phase_std_deg)
+    louder = dataclasses.replace(scene.simulation, snr_db=scene.simulation.snr_db + 6)
+    better = np.array(
+        expect(dataclasses.replace(scene, simulation=louder), plan(scene))[0].phase_std_deg
+    )
+    # the ADC's steps are 2 % of the noise at 10 dB
+    assert std / better == pytest.approx(10**0.3, rel=0.03)
+
+
+def test_adc_steps_are_those_of_the_simulator():
+    from gnuradio.wiforce.scene.channel import AirChannel
+
+    scene = scene_of()
+    levels = receive_levels(scene)
+    noise_steps = AirChannel(scene).noise_std / np.sqrt(2) * 2**13
+    # the simulator's static echoes add up to another peak, by up to 3 dB
+    assert 0.7 < levels.noise_steps / noise_steps < 1.41
+
+
+PRESS = {"start_s": 0.8, "hold_s": 0.5, "force_n": 4.0, "location_mm": 45.0}
+TWO = [
+    {"name": name, "model": "line-900mhz-calibrated", "clock_hz": clock}
+    for name, clock in (("a", 1000), ("b", 1400))
+]
+
+
+@pytest.mark.parametrize(
+    "scene, told",
+    [
+        ({"sensors": TWO}, "line 7 of 'a' falls on line 5 of 'b'"),
+        ({"sounding": {"frame_length": 1500}}, "Nyquist"),
+        ({"simulation": {"presses": [{**PRESS, "rise_s": 0.02}]}}, "N_g against dynamics"),
+        ({"simulation": {"presses": [{**PRESS, "location_mm": 75.0}]}}, "calibrated for"),
+        ({"simulation": {"static_clutter_db": 110, "snr_db": 20}}, "out of the ADC's range"),
+        ({"environment": {"reader_clock": "free"}}, "one receive antenna"),
+        ({"reference_s": 0.05}, "untouched reference"),
+        ({"simulation": {"moving_clutter_db": 10, "moving_clutter_hz": 50}}, "leaks"),
+        ({"sensors": TWO, "simulation": {"tags": [{"sensor": "b", "level_db": -30}]}}, "differ by"),
+    ],
+)
+def test_what_may_go_wrong_is_said(scene, told):
+    scene = scene_of(**scene)
+    assert any(told in warning for warning in warnings(scene, plan(scene)))
+
+
+def test_a_sound_scene_raises_no_warning():
+    scene = load_scene("demo")
+    assert warnings(scene, plan(scene)) == []
+
+
+def test_proposals_bring_what_they_say():
+    scene = scene_of(simulation={"presses": [{**PRESS, "rise_s": 0.02}]})
+    found = improve(scene, plan(scene))
+    guard = next(p for p in found if p.change.startswith("sounding.frame_length: 320"))
+    # 2.25 x the snapshots, each as good
+    assert guard.phase_std_deg[0] / guard.phase_std_deg[1] == pytest.approx(1.5, rel=0.05)
+    shorter = next(p for p in found if p.change.startswith("phase_group.snapshots"))
+    assert shorter.time_resolution_s[1] <= 0.02 / 2 * 1.01
+
+
+def command(*arguments):
+    return subprocess.run(
+        ["gr-wiforce", "plan", *map(str, arguments)], capture_output=True, text=True, timeout=100
+    )
+
+
+def test_the_command_prints_steps_errors_and_warnings():
+    done = command("two_sensors")
+    assert done.returncode == 0 and done.stderr == ""
+    for told in ("phase_group_doppler", "skipped", "expected at snr_db 10", "clock collision"):
+        assert told in done.stdout
+
+
+def test_the_command_as_json_holds_what_the_functions_give():
+    report = json.loads(command("demo", "--json", "--improve").stdout)
+    scene = load_scene("demo")
+    assert report["expected"][0]["force_error_n"] == expect(scene, plan(scene))[0].force_error_n
+    assert report["settings"]["harmonics"] == plan(scene).harmonics
+    assert report["proposals"] and report["warnings"] == []
+
+
+def test_a_scene_that_is_none_is_refused_in_one_line(tmp_path):
+    (tmp_path / "bad.yaml").write_text("sensors: []\n")
+    done = command(tmp_path / "bad.yaml")
+    assert done.returncode == 2 and done.stdout == "" and len(done.stderr.splitlines()) == 1
