@@ -141,6 +141,7 @@ class Air:
         ]
         profile = np.ones(len(hertz)) if noise_profile is None else noise_profile
         self.noise = 10 ** (-levels.gamma_db / 10) * profile
+        self._noise_scale = np.repeat(np.sqrt(self.noise / 2), 2).astype(np.float32)
         self._static = self._path(hertz, levels.static_db)
         self._movers = []
         if levels.movers_db is not None:
@@ -177,20 +178,28 @@ class Air:
         to touched. ``on`` is False, or a bool per tag, for tags that are off.
         """
         times = self.times_s(index)
-        snapshots = np.tile(self._static, (self._length, 1))
+        courses, paths = [np.ones(self._length)], [self._static]
         for path, highest_hz, swing_hz, start, swing_start in self._movers:
             swing = np.sin(2 * np.pi * (swing_hz * times + swing_start)) / swing_hz
-            turn = highest_hz * swing + start * 2 * np.pi
-            snapshots += np.exp(1j * turn)[:, None] * path
+            courses.append(np.exp(1j * (highest_hz * swing + 2 * np.pi * start)))
+            paths.append(path)
         present = np.broadcast_to(on, len(self._tags))
         for tag, clock, channel, is_on in zip(
             self._tags, self.clocks, self.channels, present, strict=True
         ):
             clock.advance(times[0])
             if is_on:
-                snapshots += self._reflection(tag, clock, times, touched)[:, None] * channel
-        snapshots += _complex_normal(self._rng, snapshots.shape) * np.sqrt(self.noise)
+                courses.append(self._reflection(tag, clock, times, touched))
+                paths.append(channel)
+        snapshots = np.stack(courses, axis=1) @ np.array(paths)
+        snapshots += self._draw_noise()
         return snapshots
+
+    def _draw_noise(self):
+        shape = (self._length, 2 * len(self.noise))
+        noise = self._rng.standard_normal(shape, dtype=np.float32)
+        noise *= self._noise_scale
+        return noise.view(np.complex64)
 
     def _reflection(self, tag, clock, times, touched):
         middle = clock.cycles(times)

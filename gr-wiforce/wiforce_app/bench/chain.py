@@ -18,6 +18,8 @@ class SnapshotChain:
     def __init__(self, plan):
         waveform = plan.waveform
         self.table, self._bins = plan.table, waveform.bins
+        upper = self.table.weights[len(self.table.tones) // 2 :]
+        self._upper = np.concatenate([upper.real, upper.imag])
         estimator, ends = estimator_named(plan.estimator), 2 * len(plan.clocks)
         self.separator = estimator.separator(
             plan.table, plan.clocks, waveform.averaging_s, waveform.bins
@@ -33,18 +35,23 @@ class SnapshotChain:
 
         ``present`` (N,) bool says which snapshots there are.
         """
-        table, missing, partial = self.table, 0, None
-        weights = table.weights
-        if present is not None and not np.all(present):
+        missing, partial = 0, None
+        tones = np.zeros((len(self.table.tones), 64), complex)
+        if present is None or np.all(present):
+            tones[:, self._bins] = self._whole_group(snapshots)
+        else:
             missing = int(np.sum(~present))
-            partial = table.for_present(present)
-            snapshots = snapshots[present]
-            weights = np.zeros((len(table.tones), len(snapshots)))
+            partial = self.table.for_present(present)
             if partial is not None:
-                weights = partial.weights
-        tones = np.zeros((len(table.tones), 64), complex)
-        tones[:, self._bins] = weights @ snapshots
+                tones[:, self._bins] = partial.weights @ snapshots[present]
         return self._onward(self.separator.process(group, tones, missing, partial))
+
+    def _whole_group(self, snapshots):
+        """Tones by the table's weights, those of -m from the same sums as those of +m."""
+        half = len(self._upper) // 2
+        sums = self._upper @ np.ascontiguousarray(snapshots).view(float)
+        real, imaginary = sums[:half].view(complex), 1j * sums[half:].view(complex)
+        return np.concatenate([(real - imaginary)[::-1], real + imaginary])
 
     def flush(self):
         """Gives the groups still held back."""

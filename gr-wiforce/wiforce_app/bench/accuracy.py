@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``gr-wiforce bench accuracy``: phase errors of the estimators against the Cramer-Rao bound."""
+
+import dataclasses
+import json
+import multiprocessing
+import os
+
+import click
+
+from ..progress import progress
+from .cases import cases
+
+_QUICK_RUNS, _FULL_RUNS = 10, 40
+
+
+@click.command()
+@click.option("--json", "as_json", is_flag=True, help="Rows as JSON instead of a table.")
+@click.option("--full", is_flag=True, help="4 000 errors a row instead of 1 000, and 20 minutes.")
+@click.option("--case", "part", default="", help="Only cases whose name holds this.")
+@click.option("--plot", "plot_path", type=click.Path(), help="Picture of loss against SNR, PNG.")
+@click.option("--seed", type=click.IntRange(0), default=1, show_default=True)
+@click.option("--jobs", type=click.IntRange(1), help="Processes; one per core when not given.")
+def accuracy(as_json, full, part, plot_path, seed, jobs):
+    """Phase error of each estimator against the bound.
+
+    Monte Carlo over channel snapshots made from the signal model alone: noise, fading, static and
+    moving clutter, clock offset and drift, group length, off state, two tags, lost snapshots.
+    """
+    wanted = [case for case in cases(full) if part in case.name]
+    if not wanted:
+        raise click.BadParameter(f"no case holds {part!r}", param_hint="--case")
+    if plot_path is not None:
+        from ..plots import check_picture
+
+        check_picture(plot_path)
+    rows = measure(wanted, _FULL_RUNS if full else _QUICK_RUNS, seed, jobs)
+    if plot_path is not None:
+        from .picture import plot_losses
+
+        plot_losses(rows, wanted, plot_path)
+    if as_json:
+        click.echo(json.dumps({"rows": [dataclasses.asdict(row) for row in rows]}, indent=1))
+    else:
+        click.echo(table(rows))
+
+
+def measure(wanted, runs, seed=1, jobs=None):
+    """Runs cases on all cores.
+
+    Parameters
+    ----------
+    wanted : sequence of Case
+    runs : int
+        Per case, unless the case says otherwise.
+    seed : int
+    jobs : int, optional
+        Processes; one per core by default.
+
+    Returns
+    -------
+    list of montecarlo.Row
+        Case by case, estimator by estimator.
+    """
+    from .montecarlo import summarise
+
+    # The longest first, so that no core waits for another at the end.
+    tasks = [(case, run, seed) for case in wanted for run in range(case.runs or runs)]
+    tasks.sort(key=lambda task: -task[0].groups)
+    found = {case.name: [] for case in wanted}
+    jobs = jobs or len(os.sched_getaffinity(0))
+    # NumPy's own threads would fight over the cores.
+    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
+        with progress("measuring", len(tasks)) as step:
+            for name, run, result in pool.imap_unordered(_work, tasks):
+                found[name].append((run, result))
+                step(1)
+    rows = []
+    for case in wanted:
+        results = [result for _, result in sorted(found[case.name], key=lambda item: item[0])]
+        for estimator in case.estimators:
+            rows.append(summarise(case, estimator, [result[estimator] for result in results]))
+    return rows
+
+
+def _work(task):
+    from .montecarlo import run_case
+
+    case, run, seed = task
+    return case.name, run, run_case(case, run, seed)
+
+
+def table(rows):
+    """Rows as text, one line each; ends are separated by slashes."""
+    head = f"{'case':<52}{'estimator':<23}{'rms (deg)':>20}{'bound (deg)':>20}{'loss (dB)':>18}"
+    lines = [head + f"{'+- (dB)':>9}{'in 2 std':>12}{'s/s':>8}{'n':>7}"]
+    for row in rows:
+        if not row.n:
+            lines.append(f"{row.case:<52}{row.estimator:<23}{'no reading':>20}")
+            continue
+        half = max((high - low) / 2 for low, high in row.loss_interval_db)
+        inside = "/".join(f"{100 * part:.0f}" for part in row.within_2_std)
+        lines.append(
+            f"{row.case:<52}{row.estimator:<23}{_joined(row.rms_deg):>20}"
+            f"{_joined(row.bound_deg):>20}{_joined(row.loss_db, '.2f'):>18}{half:9.2f}"
+            f"{inside:>12}{row.seconds_per_second:8.4f}{row.n:7d}"
+        )
+    return "\n".join(lines)
+
+
+def _joined(values, form=".3g"):
+    return "/".join(format(value, form) for value in values)
