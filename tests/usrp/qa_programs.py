@@ -11,13 +11,16 @@ import pytest
 EXAMPLES = Path("/usr/libexec/uhd/examples")
 
 
-def run(program, *arguments, timeout=60):
-    """Output of a program that must exit 0."""
+def run(program, *arguments, timeout=60, tries=1):
+    """Output of a program that must exit 0 within ``tries`` runs."""
     path = EXAMPLES / program
     command = [str(path) if path.exists() else program, *map(str, arguments)]
-    done = subprocess.run(
-        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=timeout
-    )
+    for _ in range(tries):
+        done = subprocess.run(
+            command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=timeout
+        )
+        if done.returncode == 0:
+            break
     assert done.returncode == 0, done.stdout
     return done.stdout
 
@@ -39,7 +42,9 @@ def test_the_device_is_found_and_probed_as_an_n210(software_usrp, board, name):
 
 def test_bursts_underflows_late_commands_and_broken_chains_are_reported(software_usrp):
     device = software_usrp("--air", "cable", speed=10)
-    output = run("test_messages", "--args", device.args, "--test-chain", "--ntests", 40)
+    arguments = ["--args", device.args, "--test-chain", "--ntests", 40]
+    # The program waits 0.1 s by the wall for each report, which a busy machine may miss once.
+    output = run("test_messages", *arguments, tries=3)
     results = re.findall(r"->\s+(\d+) successes,\s+(\d+) failures", output)
     assert sum(int(good) for good, _ in results) == 40, output
     assert all(bad == "0" for _, bad in results), output
