@@ -12,9 +12,40 @@ from gnuradio.wiforce.sensor import published
 from .progress import progress
 
 
-@click.group()
+class _PaperOrScenes(click.Group):
+    """``paper``, or else names of scenes."""
+
+    def resolve_command(self, ctx, args):
+        if args and args[0] in self.commands and not self.commands[args[0]].hidden:
+            return super().resolve_command(ctx, args)
+        return "scenes", self.commands["scenes"], args
+
+
+@click.group(cls=_PaperOrScenes, subcommand_metavar="paper | all | SCENE... [OPTIONS]")
 def evaluate():
-    """Error tables against truth and against the paper's figures."""
+    """Error tables against truth and against the paper's figures.
+
+    paper: the published wireless trials. SCENE...: simulates, reads and scores these scenes; all:
+    every shipped scene. Options of both: gr-wiforce evaluate all --help.
+    """
+
+
+@evaluate.command(hidden=True)
+@click.argument("scenes", nargs=-1, required=True)
+@click.option(
+    "--folder",
+    type=click.Path(file_okay=False),
+    default="evaluation",
+    show_default=True,
+    help="Results and report; what is there already is not done again.",
+)
+@click.option("--jobs", type=click.IntRange(1), help="Scenes at a time; all processors by default.")
+@click.option("--fresh", is_flag=True, help="Do everything again.")
+def scenes(scenes, folder, jobs, fresh):
+    """Simulate, read and score SCENES (or: all), and write a report."""
+    from .evaluation import evaluate_scenes
+
+    evaluate_scenes(scenes, Path(folder), jobs, fresh)
 
 
 @evaluate.command()

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Many scenes as experiments: run side by side, kept, resumed, reported."""
+
+import hashlib
+import json
+import multiprocessing
+import os
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+
+import click
+import yaml
+from gnuradio.wiforce._config import DATA_DIR, VERSION
+from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.scene.schema import shipped_scenes
+
+from .evaluation_report import table, write_report
+from .progress import progress
+
+# Takes too long for what it shows: it is there for a transmitter on the table.
+_NOT_IN_ALL = ("tabletop",)
+
+
+def evaluate_scenes(names, folder, jobs=None, fresh=False):
+    """Runs the scenes that have no result yet, and writes ``report.md`` and a picture per scene.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Scenes; ``all`` stands for every shipped one.
+    folder : Path
+    jobs : int, optional
+        Scenes at a time.
+    fresh : bool
+        Do again what is there.
+    """
+    if "all" in names:
+        names = [name for name in shipped_scenes() if name not in _NOT_IN_ALL]
+    names = list(dict.fromkeys(names))
+    marks = {name: _mark(name) for name in names}  # refuses bad scenes before anything is done
+    folder.mkdir(parents=True, exist_ok=True)
+    missing = [name for name in names if fresh or result_of(folder, name, marks[name]) is None]
+    jobs = min(jobs or os.cpu_count() or 1, max(len(missing), 1))
+    # No flowgraph has run in this process yet, so that a fork leaves no threads behind.
+    context = multiprocessing.get_context("fork")
+    with progress("evaluating", len(missing)) as step, ProcessPoolExecutor(jobs, context) as pool:
+        waiting = {pool.submit(_run, name, str(folder)): name for name in missing}
+        for done in as_completed(waiting):
+            name = waiting[done]
+            _keep(folder, name, marks[name], done.result())
+            step(1)
+    results = [result_of(folder, name, marks[name]) for name in names]
+    write_report(results, folder, _paper_figures())
+    click.echo(table(results, _paper_figures()))
+    click.echo(f"\nreport: {folder / 'report.md'}")
+
+
+def _run(name, folder):
+    from .experiment import run
+
+    return run(name, folder)
+
+
+def _mark(name):
+    """What a result belongs to: the scene as it is read, and this version."""
+    content = json.dumps([VERSION, load_scene(name).as_dict()], sort_keys=True)
+    return hashlib.sha256(content.encode()).hexdigest()
+
+
+def _file(folder, name):
+    return folder / f"{Path(name).stem}.json"
+
+
+def result_of(folder, name, mark):
+    """The result of an earlier run, None when there is none for this very scene."""
+    try:
+        content = json.loads(_file(folder, name).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return content["result"] if content.get("mark") == mark else None
+
+
+def _keep(folder, name, mark, result):
+    """Writes a result whole or not at all."""
+    path = _file(folder, name)
+    partial = path.with_suffix(".partial")
+    partial.write_text(json.dumps({"mark": mark, "result": result}), encoding="utf-8")
+    os.replace(partial, path)
+
+
+def _paper_figures():
+    path = Path(DATA_DIR) / "data" / "paper" / "figures.yaml"
+    return yaml.safe_load(path.read_text(encoding="utf-8"))

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`gr-wiforce evaluate SCENE...`: a scene scored, kept, reported, and not done twice."""
+
+import json
+import subprocess
+
+import numpy as np
+import pytest
+import yaml
+from gnuradio.wiforce.scene.schema import load_scene, shipped_scenes
+from wiforce_app.evaluation import result_of
+
+SCENE = {
+    "sensors": [{"name": "arm", "model": "line-900mhz-calibrated"}],
+    "reference_s": 0.4,
+    "simulation": {
+        "truth_model": "line-900mhz",
+        "duration_s": 1.4,
+        "seed": 3,
+        "snr_db": 5,
+        "static_clutter_db": 40,
+        "clock_offset_ppm": 50,
+        "clock_drift_ppm_per_s": 0.0,
+        "presses": [{"start_s": 0.45, "hold_s": 0.7, "force_n": 4.0, "location_mm": 30.0}],
+    },
+}
+
+
+def evaluate(folder, *arguments):
+    return subprocess.run(
+        ["gr-wiforce", "evaluate", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=100,
+        cwd=folder,
+    )
+
+
+@pytest.fixture(scope="module")
+def evaluated(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("evaluate")
+    (folder / "short.yaml").write_text(yaml.safe_dump(SCENE))
+    return folder, evaluate(folder, "short.yaml", "--folder", "out")
+
+
+@pytest.fixture(scope="module")
+def sensor(evaluated):
+    assert evaluated[1].returncode == 0, evaluated[1].stderr
+    content = json.loads((evaluated[0] / "out" / "short.json").read_text())
+    return content["result"]["sensors"][0]
+
+
+def test_ours_reaches_the_bound_and_the_papers_method_does_not(sensor):
+    methods = sensor["methods"]
+    # 18 groups of two ends: rms known to 12 %; the bound leaves out how the press moves
+    assert methods["ours"]["phase_rms_deg"] < 1.5 * sensor["bound_rms_deg"]
+    corrected = methods["paper, clock offset removed"]["phase_rms_deg"]
+    assert 3 * methods["ours"]["phase_rms_deg"] < corrected < methods["paper"]["phase_rms_deg"]
+
+
+def test_the_papers_method_drifts_by_the_clocks_offset(sensor):
+    # 50 ppm of 1 kHz over 1.0 s, the middle of the press: 18 deg at line 1 and 72 at line 4
+    expected = np.hypot(18, 72) / np.sqrt(2)
+    assert sensor["methods"]["paper"]["phase_rms_deg"] == pytest.approx(expected, rel=0.35)
+
+
+def test_the_pressed_sensor_is_not_the_readers_own(sensor):
+    assert sensor["truth_model"] == "line-900mhz" and sensor["model"] != sensor["truth_model"]
+
+
+def test_the_report_holds_the_table_and_how_it_came_about(evaluated):
+    folder, done = evaluated
+    report = (folder / "out" / "report.md").read_text()
+    assert done.stdout.splitlines()[0] in report
+    for told in ("gr-wiforce evaluate short.yaml", "Seed 3", "NumPy", "![short](short.png)"):
+        assert told in report
+    assert (folder / "out" / "short.png").read_bytes().startswith(b"\x89PNG")
+    assert not list((folder / "out").glob(".capture*"))
+
+
+def test_what_is_there_is_not_done_again_unless_the_scene_changed(evaluated):
+    folder, first = evaluated
+    kept = folder / "out" / "short.json"
+    before = kept.stat().st_mtime_ns
+    again = evaluate(folder, "short.yaml", "--folder", "out")
+    assert again.stdout == first.stdout and kept.stat().st_mtime_ns == before
+    mark = json.loads(kept.read_text())["mark"]
+    assert result_of(folder / "out", "short.yaml", mark) is not None
+    assert result_of(folder / "out", "short.yaml", "of another scene") is None
+
+
+def test_a_bad_scene_is_refused_before_anything_is_done(tmp_path):
+    (tmp_path / "good.yaml").write_text(yaml.safe_dump(SCENE))
+    (tmp_path / "bad.yaml").write_text(yaml.safe_dump({**SCENE, "reference_s": -1}))
+    done = evaluate(tmp_path, "good.yaml", "bad.yaml")
+    assert done.returncode == 2 and "reference_s" in done.stderr
+    assert len(done.stderr.splitlines()) == 1 and not (tmp_path / "evaluation").exists()
+
+
+def test_no_shipped_scene_presses_the_readers_own_model():
+    for name in shipped_scenes():
+        scene = load_scene(name)
+        for sensor, tag in zip(scene.sensors, scene.simulation.tags, strict=True):
+            assert sensor.model != tag.truth_model, name
