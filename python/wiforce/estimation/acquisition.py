@@ -11,7 +11,6 @@ import numpy as np
 from .likelihood import PhaseLikelihood, evaluate, turned_by
 
 _PHASES = 512
-_DELAYS = 64
 # By how much (in log-likelihood) clock 2 must fit better elsewhere for its place to be believed.
 _DELAY_EVIDENCE = 12.0
 # A delay of clock 2 beyond which the pulses, pi/2 and pi/4 wide and pi/2 apart, overlap.
@@ -131,17 +130,25 @@ def _place_clock_2(likelihood, block):
         coefficients = likelihood.delayed(delay).coefficients(block)
         return _climb(coefficients, 2 * np.pi * np.argmax(_profile(coefficients)) / _PHASES)
 
-    delays = np.pi * (np.arange(_DELAYS) / _DELAYS - 0.5)
-    coarse = delays[np.argmax([best(delay)[0] for delay in delays])]
-    step = np.pi / _DELAYS
-    within = (coarse - step, coarse + step)
-    options = {"xatol": 1e-5}
-    delay = minimize_scalar(lambda x: -best(x)[0], bounds=within, options=options).x
-    if best(delay)[0] - best(0.0)[0] < _DELAY_EVIDENCE:
-        delay = 0.0
+    at_nominal, phase = best(0.0)
+    delays, projections = likelihood.delays
+    values = _profile(likelihood.coefficients(block, projections)).max(axis=1)
+    coarse = delays[np.argmax(values)]
+    # What a finer search could still gain is less than the curvature of line 8 over half a step.
+    if values.max() * 1.05 - at_nominal < _DELAY_EVIDENCE:
+        return likelihood, phase
+    step = delays[1] - delays[0]
+    delay = minimize_scalar(
+        lambda x: -best(x)[0],
+        bounds=(coarse - step, coarse + step),
+        method="bounded",
+        options={"xatol": 1e-5},
+    ).x
+    if best(delay)[0] - at_nominal < _DELAY_EVIDENCE:
+        return likelihood, phase
+    phase = best(delay)[1]
     # A delay of half a period of clock 2 is none.
-    delay = (delay + np.pi / 2) % np.pi - np.pi / 2
-    return likelihood.delayed(delay), best(delay)[1]
+    return likelihood.delayed((delay + np.pi / 2) % np.pi - np.pi / 2), phase
 
 
 def _climb(coefficients, phase):

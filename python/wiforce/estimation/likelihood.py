@@ -16,6 +16,7 @@ from .tag_clock import harmonics
 
 # Lines beyond this carry too little energy to help the clock.
 _HIGHEST_LINE = 8
+_DELAYS = 64
 
 
 class PhaseLikelihood:
@@ -78,10 +79,17 @@ class PhaseLikelihood:
         return float(np.sum(self._steps**2 * np.abs(self.projection) ** 2))
 
     @cached_property
-    def _collector(self):
-        """Matrix that adds up Pi * covariance by the difference of its lines; (D+1, L^2)."""
-        differences = np.arange(self.degree + 1)[:, None]
-        return np.where(self._steps.ravel() == differences, self.projection.ravel(), 0)
+    def _sorted(self):
+        """Places of an (L, L) matrix by difference d >= 0 of their lines.
+
+        With where each d begins among them, and whether any pair of lines has it.
+        """
+        steps = self._steps.ravel()
+        places = np.argsort(steps, kind="stable")
+        places = places[steps[places] >= 0]
+        orders = np.arange(self.degree + 1)
+        starts = np.searchsorted(steps[places], orders)
+        return places, starts, np.isin(orders, steps).astype(float)
 
     def covariance(self, tones, noise):
         """sum_k conj(P_i) P_j / sigma_k^2 of the tag's scaled lines.
@@ -105,19 +113,29 @@ class PhaseLikelihood:
         turns = np.exp(1j * np.multiply.outer(phases, self.lines))
         return covariances * turns[..., :, None] * turns[..., None, :].conj()
 
-    def coefficients(self, covariance):
+    @cached_property
+    def delays(self):
+        """Delays of clock 2 all over its period, and Pi(0) for each; (n,) and (n, L, L)."""
+        delays = np.pi * (np.arange(_DELAYS) / _DELAYS - 0.5)
+        return delays, np.array([self._project(delay) for delay in delays])
+
+    def coefficients(self, covariance, projection=None):
         """Coefficients q of J(theta) = q_0 + 2 Re sum_d q_d exp(j d theta).
 
         Parameters
         ----------
         covariance : ndarray of complex, shape (..., L, L)
+        projection : ndarray of complex, shape (..., L, L), optional
+            Instead of the likelihood's own.
 
         Returns
         -------
         ndarray of complex, shape (..., degree + 1)
         """
-        flat = covariance.reshape(*covariance.shape[:-2], -1)
-        return flat @ self._collector.T
+        places, starts, exists = self._sorted
+        terms = covariance * (self.projection if projection is None else projection)
+        terms = terms.reshape(*terms.shape[:-2], -1)
+        return np.add.reduceat(terms[..., places], starts, axis=-1) * exists
 
 
 def _own_lines(tones, tag):

@@ -359,7 +359,18 @@ def _power(values):
 
 
 def _inverse(gram):
-    try:
-        return np.linalg.inv(gram)
-    except np.linalg.LinAlgError:
-        return np.linalg.pinv(gram, rcond=1e-9, hermitian=True)
+    """Inverse of a small positive definite matrix, by elimination.
+
+    LAPACK's start-up costs more than all the rest of a group where its threads are not held back.
+    """
+    size = len(gram)
+    work = np.hstack([gram, np.eye(size)])
+    smallest = 1e-12 * gram.diagonal().real.max()
+    for i in range(size):
+        if work[i, i].real <= smallest:
+            return np.linalg.pinv(gram, rcond=1e-9, hermitian=True)
+        work[i] /= work[i, i]
+        factors = work[:, i].copy()
+        factors[i] = 0.0
+        work -= factors[:, None] * work[i]
+    return work[:, size:]
