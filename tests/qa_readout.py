@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""From the ratios R of a group to readings: flags, gaps, tare, and what is left empty."""
+
+import numpy as np
+import pytest
+from gnuradio.wiforce.angles import wrap_deg
+from gnuradio.wiforce.estimation.state import ClockState, GroupState
+from gnuradio.wiforce.readout import Readout
+from gnuradio.wiforce.sensor import load_sensor
+
+PERIOD_S = 0.036
+CARRIER_HZ = 900e6
+MODEL = load_sensor("wiforce-900mhz")
+UNTOUCHED = np.array(MODEL.untouched_deg(CARRIER_HZ))
+
+
+def ratios_of(force_n, location_mm, off=0.0):
+    """R of both ends by definition; untouched below the onset."""
+    psi = np.radians(MODEL.phases_deg(force_n, location_mm, CARRIER_HZ))
+    return (np.exp(1j * psi) - off) / (np.exp(1j * np.radians(UNTOUCHED)) - off)
+
+
+def a_state(group, std_deg=0.05, missing=0, reference=False, sensors=1, **clock):
+    ends = 2 * sensors
+    std = np.broadcast_to(np.asarray(std_deg, float), ends).copy()
+    return GroupState(
+        group, missing, (ClockState(**({"locked": True} | clock)),) * sensors, np.ones(4),
+        np.full(ends, 1e-3), np.arange(7.0, 7.0 + ends),
+        in_reference=np.full(ends, reference), std_deg=std,
+    )  # fmt: skip
+
+
+def make_readout(sensors=1, off=0.0, **more):
+    named = [(f"s{i}", MODEL, off) for i in range(sensors)]
+    return Readout(named, CARRIER_HZ, PERIOD_S, **more)
+
+
+def readings_of(readout, items):
+    """Readings of (GroupState, R) in order, the last one included."""
+    return [r for item in items for r in readout.process(*item)] + readout.flush()
+
+
+def press(first, last, groups, **how):
+    """Groups of an untouched sensor that is pressed from ``first`` to ``last``."""
+    touched = ratios_of(4.0, 35.0, how.pop("off", 0.0))
+    return [
+        (a_state(g, reference=g < 5, **how), touched if first <= g <= last else np.ones(2, complex))
+        for g in range(groups)
+    ]
+
+
+def test_a_press_is_read_at_its_force_and_place():
+    readings = readings_of(make_readout(), press(20, 29, 40))
+    assert [r.touch for r in readings] == [int(20 <= g <= 29) for g in range(40)]
+    assert [r.time_s for r in readings] == pytest.approx((np.arange(40) + 0.5) * PERIOD_S)
+    held = readings[22]
+    assert held.flags == () and held.snr_db == 7.0
+    assert held.force_n == pytest.approx(4.0, abs=4 * held.force_std_n)
+    assert held.location_mm == pytest.approx(35.0, abs=0.2)
+    psi = MODEL.phases_deg(4.0, 35.0, CARRIER_HZ)
+    assert [held.phase1_deg, held.phase2_deg] == pytest.approx(list(psi), abs=1e-6)
+    for r in readings[:20]:
+        assert r.force_n is r.location_mm is None
+        assert wrap_deg([r.phase1_deg, r.phase2_deg] - UNTOUCHED) == pytest.approx([0, 0], abs=1e-6)
+
+
+def test_only_groups_of_the_reference_are_flagged_so():
+    readings = readings_of(make_readout(), press(20, 29, 40))
+    assert [("reference" in r.flags) for r in readings] == [g < 5 for g in range(40)]
+
+
+def test_first_and_last_group_of_a_touch_are_flagged_transition_and_no_other():
+    readings = readings_of(make_readout(), press(20, 29, 40))
+    assert [g for g, r in enumerate(readings) if "transition" in r.flags] == [20, 29]
+
+
+def test_a_dip_of_the_magnitude_betrays_a_change_inside_the_group():
+    items = press(20, 39, 40)
+    items[30] = (items[30][0], 0.9 * items[30][1])
+    flags = [r.flags for r in readings_of(make_readout(), items)]
+    assert "transition" in flags[30] and flags[29] == flags[31] == ()
+
+
+def test_a_dip_within_the_noise_is_not_flagged():
+    items = press(20, 39, 40, std_deg=2.5)
+    items[30] = (items[30][0], 0.9 * items[30][1])
+    assert "transition" not in readings_of(make_readout(), items)[30].flags
+
+
+def test_a_change_on_one_sensor_flags_the_one_that_it_disturbs():
+    items = []
+    for g in range(30):
+        touched = ratios_of(4.0, 35.0) if g >= 20 else np.ones(2)
+        std = [0.05, 0.05, 0.3, 0.3] if g == 20 else 0.05
+        state = a_state(g, std, reference=g < 5, sensors=2)
+        items.append((state, np.concatenate([touched, np.ones(2)])))
+    readings = readings_of(make_readout(2), items)
+    second = [r for r in readings if r.sensor == "s1"]
+    assert [g for g, r in enumerate(second) if "transition" in r.flags] == [20]
+    assert not any(r.touch for r in second)
+
+
+def test_missing_snapshots_are_flagged_and_lost_groups_leave_empty_rows():
+    items = press(20, 29, 40)
+    items[10] = (a_state(10, missing=100), items[10][1])
+    readings = readings_of(make_readout(), items[:13] + items[16:])
+    assert len(readings) == 40 and readings[10].flags == ("gap",) and readings[10].touch == 0
+    for g in (13, 14, 15):
+        assert readings[g].flags == ("gap",) and readings[g].time_s == pytest.approx(
+            (g + 0.5) * PERIOD_S
+        )
+        assert readings[g].touch is readings[g].phase1_deg is readings[g].force_n is None
+
+
+@pytest.mark.parametrize(
+    "clock, std_deg, value, flags",
+    [
+        ({"locked": False}, 0.05, 1.0, ()),
+        ({}, np.inf, 1.0, ()),
+        ({}, 0.05, 0.0, ()),
+        ({"overlapping": True}, 0.05, 1.0, ("inconsistent",)),
+    ],
+)
+def test_what_cannot_be_read_has_no_touch_and_no_numbers(clock, std_deg, value, flags):
+    """No tag, no reference, or switches that are on together: nothing is invented."""
+    (reading,) = readings_of(
+        make_readout(), [(a_state(0, std_deg, **clock), np.full(2, value, complex))]
+    )
+    assert reading.flags == flags
+    numbers = (reading.touch, reading.force_n, reading.location_mm, reading.phase1_deg)
+    assert numbers == (None, None, None, None) and reading.snr_db is None
+
+
+def test_an_uncertain_phase_is_flagged_weak():
+    strong, weak = (readings_of(make_readout(), press(9, 9, 9, std_deg=s))[7] for s in (1.0, 3.5))
+    assert "weak" not in strong.flags and "weak" in weak.flags
+
+
+def test_the_off_state_of_the_switches_is_taken_out():
+    off = 0.3 * np.exp(2.0j)
+    held = readings_of(make_readout(off=off), press(20, 29, 40, off=off))[25]
+    assert held.location_mm == pytest.approx(35.0, abs=0.2) and held.touch == 1
+    assert held.force_n == pytest.approx(4.0, abs=4 * held.force_std_n)
+
+
+def test_a_tare_makes_the_next_groups_count_as_untouched():
+    readout = make_readout()
+    moved = np.exp(1j * np.radians([25.0, 25.0]))
+    items = [(a_state(g, reference=g < 5), moved if g >= 10 else np.ones(2)) for g in range(20)]
+    readings_of(readout, items)
+    readout.tare()
+    reading = readings_of(readout, [(a_state(20, reference=True), np.ones(2, complex))])[0]
+    assert reading.touch == 0 and "moved" not in reading.flags
+    assert wrap_deg([reading.phase1_deg, reading.phase2_deg] - UNTOUCHED) == pytest.approx([0, 0])
+
+
+def test_motion_of_the_tag_is_flagged_moved():
+    turned = np.exp(1j * np.radians([25.0, 25.0]))
+    items = [(a_state(g, reference=g < 5), turned if g >= 20 else np.ones(2)) for g in range(30)]
+    readings = readings_of(make_readout(), items)
+    assert [g for g, r in enumerate(readings) if "moved" in r.flags] == [20, 21]
+    assert not any(r.touch for r in readings)
+
+
+def test_steps_of_the_papers_estimator_add_up():
+    """Each group against the one before: the touch must stay after its first group."""
+    changes = press(20, 29, 40)
+    steps = [(changes[0][0], changes[0][1])] + [
+        (state, ratios / before)
+        for (_, before), (state, ratios) in zip(changes[:-1], changes[1:], strict=True)
+    ]
+    readings = readings_of(make_readout(ratios="step"), steps)
+    assert [r.touch for r in readings] == [int(20 <= g <= 29) for g in range(40)]
+    assert readings[25].location_mm == pytest.approx(35.0, abs=0.2)
