@@ -5,6 +5,7 @@
 #include <pybind11/stl.h>
 
 #include <gnuradio/wiforce/ofdm_channel_estimator.h>
+#include <gnuradio/wiforce/paced_source.h>
 #include <gnuradio/wiforce/phase_group_doppler.h>
 #include <gnuradio/wiforce/preamble_fold.h>
 #include <gnuradio/wiforce/recording_source.h>
@@ -180,6 +181,25 @@ static void bind_recording_source(py::module& m)
              "Samples at the end of the recording that make no whole frame.");
 }
 
+static void bind_paced_source(py::module& m)
+{
+    py::class_<paced_source,
+               gr::sync_block,
+               gr::block,
+               gr::basic_block,
+               std::shared_ptr<paced_source>>(
+        m, "paced_source", "Gives zeros at the pace and in the packets of a radio.")
+        .def(py::init(&paced_source::make),
+             "packet_length"_a,
+             "sample_rate"_a,
+             "mark_every"_a,
+             "samples"_a,
+             "item_size"_a = 8)
+        .def("mark_times",
+             &paced_source::mark_times,
+             "Seconds of time.monotonic() at which each mark_every-th sample went out.");
+}
+
 PYBIND11_MODULE(wiforce_python, m)
 {
     // The base classes' Python types.
@@ -188,4 +208,5 @@ PYBIND11_MODULE(wiforce_python, m)
     bind_ofdm_channel_estimator(m);
     bind_phase_group_doppler(m);
     bind_recording_source(m);
+    bind_paced_source(m);
 }

@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``gr-wiforce bench speed``: samples per second of the chains beside what others reach."""
+
+import json
+import os
+import tempfile
+
+import click
+import numpy as np
+
+from ..progress import progress
+
+# Row, tones, share of the recording that it reads.
+_CHAINS = (
+    ("stream-fc32", 16, 1.0),
+    ("stream-fc32", 4, 1.0),
+    ("stream-sc16", 16, 1.0),
+    ("stream-sc16", 4, 1.0),
+    ("file-fc32", 16, 1.0),
+    ("file-fc32", 4, 1.0),
+    ("file-sc16", 16, 1.0),
+    ("file-sc16", 4, 1.0),
+    ("file-sc16-two", 16, 1.0),
+    ("stock-tuned", 4, 0.4),
+    ("stock-default", 4, 0.2),
+    ("numpy", 4, 0.4),
+    ("ceiling-file-source", 0, 1.0),
+    ("ceiling-read", 0, 0.4),
+    ("ceiling-copy", 0, 0.2),
+)
+_SCENES = {"plan-still-one-tag": "demo", "plan-busy-two-tags": "two_sensors"}
+_PACKETS = (364, 4096, 65536)
+_SC16_BYTES, _FC32_BYTES = 4, 8
+
+
+@click.command()
+@click.option("--json", "as_json", is_flag=True, help="Rows and latencies as JSON.")
+@click.option("--runs", default=9, type=click.IntRange(3), help="Runs of each row, in turns.")
+@click.option("--megabytes", default=1000, type=click.IntRange(20), help="fc32 recording.")
+@click.option("--folder", type=click.Path(exists=True, file_okay=False), help="For the recording.")
+@click.option("--only", multiple=True, help="Rows to run; stock and ceilings always run.")
+@click.option("--cpu-time", is_flag=True, help="Pinned rows by processor time: on a busy machine.")
+@click.option("--latency-seconds", default=4.0, type=click.FloatRange(0.2), help="Per packet size.")
+def speed(as_json, runs, megabytes, folder, only, cpu_time, latency_seconds):
+    """Samples per second of each chain, beside stock blocks; latency at the pace of a radio.
+
+    Every run's tones are held to double precision. Rows are run in turns, held to one core and
+    free; figures are medians, ratios medians of what the same turn gave, spread their 95 %
+    interval.
+    """
+    from .throughput.latency import measure_latency
+    from .throughput.recording import tone_weights, write_recording
+
+    with tempfile.TemporaryDirectory(prefix="wiforce-speed-", dir=folder) as place:
+        recording = write_recording(place, megabytes * 10**6 // _FC32_BYTES)
+        lines = _lines(only)
+        rows = []
+        for pinned in (True, False):
+            rows += _measure(lines, recording, runs, pinned, cpu_time and pinned)
+        lengths = _lengths(recording, runs, cpu_time)
+    latency = [measure_latency(tone_weights(16), n, latency_seconds) for n in _PACKETS]
+    result = {"rows": rows, "lengths": lengths, "latency": latency}
+    click.echo(json.dumps(result, indent=1) if as_json else _table(result))
+
+
+def _lines(only):
+    from .throughput.recording import tone_weights
+    from .throughput.workers import Row
+
+    lines = [Row(name, name, tone_weights(tones), share) for name, tones, share in _CHAINS]
+    lines += [Row(name, "file-sc16", _planned(scene)) for name, scene in _SCENES.items()]
+    compared = ("stock-tuned", "stock-default", "ceiling-file-source", "ceiling-read")
+    return [r for r in lines if not only or r.name in only or r.name in compared]
+
+
+def _planned(scene):
+    """Weights that the plan of a shipped scene asks for."""
+    from gnuradio.wiforce.scene import load_scene
+    from gnuradio.wiforce.scene.plan import plan
+
+    return plan(load_scene(scene)).table.weights
+
+
+def _measure(lines, recording, runs, pinned, cpu_time):
+    """Rows of the result: each line run in turns with the others."""
+    figures, peaks = _run_in_turns(lines, recording, runs, pinned, "cpu" if cpu_time else "wall")
+    by_name = {line.name: values for line, values in zip(lines, figures, strict=True)}
+    rows = []
+    for line, values, peak in zip(lines, figures, peaks, strict=True):
+        sc16 = "sc16" in line.chain
+        read = by_name["ceiling-read"] * (_FC32_BYTES / _SC16_BYTES if sc16 else 1)
+        rows.append(
+            {
+                "name": line.name,
+                "tones": line.tones,
+                "pinned": pinned,
+                "msps": _median(values, 1),
+                "spread": [round(float(v), 1) for v in _interval(values)],
+                "over_stock_tuned": _median(values / by_name["stock-tuned"], 3),
+                "over_stock_default": _median(values / by_name["stock-default"], 3),
+                "of_file_source_ceiling": _median(values / by_name["ceiling-file-source"], 3),
+                "of_read_bandwidth": _median(values / read, 3),
+                "peak_memory_mb": round(peak, 1),
+            }
+        )
+    return rows
+
+
+def _run_in_turns(lines, recording, runs, pinned, clock):
+    """Msps of every run, (lines, runs), and peak memory of each line's process in MB."""
+    from .throughput.workers import Worker
+
+    cpu = max(os.sched_getaffinity(0)) if pinned else None
+    workers = [Worker(line, recording, cpu) for line in lines]
+    try:
+        for worker in workers:
+            worker.run(clock)
+        figures = np.empty((len(lines), runs))
+        with progress("pinned" if pinned else "free", figures.size) as step:
+            for turn in range(runs):
+                for n, worker in enumerate(workers):
+                    figures[n, turn] = worker.run(clock)
+                    step(1)
+        return figures, [worker.close() for worker in workers]
+    finally:
+        for worker in workers:
+            worker.kill()
+
+
+def _lengths(recording, runs, cpu_time):
+    """The same chain on a recording and on its first tenth: time per sample and memory."""
+    from .throughput.recording import tone_weights
+    from .throughput.workers import Row
+
+    shares = (0.1, 1.0)
+    lines = [Row("file-fc32", "file-fc32", tone_weights(16), share) for share in shares]
+    figures, peaks = _run_in_turns(lines, recording, runs, True, "cpu" if cpu_time else "wall")
+    return [
+        {
+            "name": line.name,
+            "tones": line.tones,
+            "megabytes": round(share * recording.samples * _FC32_BYTES / 1e6),
+            "msps": _median(values, 1),
+            "peak_memory_mb": round(peak, 1),
+        }
+        for line, share, values, peak in zip(lines, shares, figures, peaks, strict=True)
+    ]
+
+
+def _median(values, digits):
+    return round(float(np.median(values)), digits)
+
+
+def _interval(values):
+    """Order statistics that hold the median with 95 % (the extremes of fewer than six runs)."""
+    ordered, n = np.sort(values), len(values)
+    reach = int(max(0, np.floor(n / 2 - 0.98 * np.sqrt(n))))
+    return ordered[reach], ordered[n - 1 - reach]
+
+
+def _table(result):
+    lines = [
+        f"{'row':<20}{'tones':>6}{'cores':>6}{'Msps':>8}{'95 % interval':>16}"
+        f"{'/tuned':>8}{'/default':>9}{'of file':>8}{'of read':>8}{'MB':>6}"
+    ]
+    for row in result["rows"]:
+        low, high = row["spread"]
+        lines.append(
+            f"{row['name']:<20}{row['tones']:>6}{'one' if row['pinned'] else 'all':>6}"
+            f"{row['msps']:>8.0f}{f'{low:.0f}..{high:.0f}':>16}"
+            f"{row['over_stock_tuned']:>8.2f}{row['over_stock_default']:>9.1f}"
+            f"{row['of_file_source_ceiling']:>8.2f}{row['of_read_bandwidth']:>8.2f}"
+            f"{row['peak_memory_mb']:>6.0f}"
+        )
+    lines.append("")
+    for row in result["lengths"]:
+        lines.append(
+            f"{row['name']}, {row['megabytes']} MB: {row['msps']:.0f} Msps, "
+            f"{row['peak_memory_mb']:.0f} MB of memory"
+        )
+    lines.append("")
+    for row in result["latency"]:
+        lines.append(
+            f"packets of {row['packet']}: {row['median_ms']:.2f} ms after a group's last sample "
+            f"(95 %: {row['p95_ms']:.2f} ms), {100 * row['core_share']:.0f} % of a core"
+        )
+    return "\n".join(lines)

@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The chains that are compared. Each makes a function that runs it once, and its tones."""
+
+import numpy as np
+from gnuradio import blocks, fft, gr, wiforce
+
+from .recording import GROUP_LENGTH, WAVEFORM
+
+# Rows of the bench by name: what makes the chain, and its settings.
+CHAINS = {}
+
+# What a skilled user ends at for the stock chain: samples and vectors per buffer. More or less
+# of either is slower.
+TUNED_SAMPLES, TUNED_VECTORS = 131072, 128
+
+
+def chain(name, **settings):
+    """Enters a chain under a name; called as chain(recording, weights)."""
+
+    def enter(function):
+        CHAINS[name] = lambda recording, weights: function(recording, weights, **settings)
+        return function
+
+    return enter
+
+
+class Flowgraph:
+    """A flowgraph that is run once.
+
+    ``tones`` then holds (groups, M, 64) of each capture that it read.
+    """
+
+    def __init__(self):
+        self.top = gr.top_block()
+        self._captures = []
+
+    def end(self, *blocks_of_capture):
+        """Ends a capture's chain, or its chains of some rows each."""
+        sinks = []
+        for block in blocks_of_capture:
+            length = block.output_signature().sizeof_stream_item(0) // gr.sizeof_gr_complex
+            sinks.append((blocks.vector_sink_c(length), length // 64))
+            self.top.connect(block, sinks[-1][0])
+        self._captures.append(sinks)
+
+    def run(self):
+        self.top.run()
+
+    @property
+    def tones(self):
+        captures = []
+        for sinks in self._captures:
+            parts = [np.array(s.data(), np.complex64).reshape(-1, m, 64) for s, m in sinks]
+            groups = min(map(len, parts))
+            captures.append(np.concatenate([part[:groups] for part in parts], axis=1))
+        return captures
+
+
+def sample_type(recording, item_type):
+    """(path, bytes per sample, SigMF's name) of one of a recording's two files."""
+    if item_type == "sc16":
+        return str(recording.sc16), 4, "ci16_le"
+    return str(recording.fc32), 8, "cf32_le"
+
+
+@chain("stream-fc32", item_type="fc32")
+@chain("stream-sc16", item_type="sc16")
+def stream(recording, weights, item_type):
+    """The reader's three blocks behind a file source, nothing set by hand."""
+    path, size, _ = sample_type(recording, item_type)
+    flowgraph = Flowgraph()
+    source = blocks.file_source(size, path, False, 0, recording.samples)
+    fold = wiforce.preamble_fold(WAVEFORM.frame_length, item_type=item_type)
+    doppler = wiforce.phase_group_doppler(weights, GROUP_LENGTH)
+    estimator = wiforce.ofdm_channel_estimator(WAVEFORM.equalizer(), len(weights))
+    flowgraph.top.connect(source, fold, doppler, estimator)
+    flowgraph.end(estimator)
+    return flowgraph
+
+
+@chain("file-fc32", item_type="fc32")
+@chain("file-sc16", item_type="sc16")
+@chain("file-sc16-two", item_type="sc16", captures=2)
+def mapped_file(recording, weights, item_type, captures=1):
+    """The recording source, which maps the file; several captures side by side."""
+    path, _, datatype = sample_type(recording, item_type)
+    flowgraph = Flowgraph()
+    for _ in range(captures):
+        source = wiforce.recording_source.tones(
+            path,
+            datatype,
+            [(0, 0, recording.samples)],
+            weights,
+            GROUP_LENGTH,
+            WAVEFORM.frame_length,
+        )
+        estimator = wiforce.ofdm_channel_estimator(WAVEFORM.equalizer(), len(weights))
+        flowgraph.top.connect(source, estimator)
+        flowgraph.end(estimator)
+    return flowgraph
+
+
+@chain("stock-default", tuned=False)
+@chain("stock-tuned", tuned=True)
+def stock(recording, weights, tuned):
+    """GNU Radio's own blocks: keep what is averaged, fold, weight a group at once, sum."""
+    flowgraph = Flowgraph()
+    source = blocks.file_source(8, str(recording.fc32), False, 0, recording.samples)
+    keep = blocks.keep_m_in_n(8, 64 * WAVEFORM.repetitions, WAVEFORM.frame_length, 64)
+    pack = blocks.stream_to_vector(8, 64)
+    fold = blocks.integrate_cc(WAVEFORM.repetitions, 64)
+    group = blocks.stream_to_vector(8 * 64, GROUP_LENGTH)
+    if tuned:
+        source.set_min_output_buffer(TUNED_SAMPLES)
+        keep.set_min_output_buffer(TUNED_SAMPLES // 2)
+        pack.set_min_output_buffer(4 * TUNED_VECTORS)
+        fold.set_min_output_buffer(TUNED_VECTORS)
+        group.set_min_output_buffer(4)
+    flowgraph.top.connect(source, keep, pack, fold, group)
+    ends = []
+    for row in weights / WAVEFORM.repetitions:
+        weight = blocks.multiply_const_vcc(np.repeat(row, 64).astype(np.complex64).tolist())
+        unpack = blocks.vector_to_stream(8 * 64, GROUP_LENGTH)
+        if tuned:
+            weight.set_min_output_buffer(4)
+            unpack.set_min_output_buffer(TUNED_VECTORS)
+        total = blocks.integrate_cc(GROUP_LENGTH, 64)
+        transform = fft.fft_vcc(64, True, [], False)
+        equalize = blocks.multiply_const_vcc(WAVEFORM.equalizer().tolist())
+        flowgraph.top.connect(group, weight, unpack, total, transform, equalize)
+        ends.append(equalize)
+    flowgraph.end(*ends)
+    return flowgraph
+
+
+class NumpyScript:
+    """What a script does well: the weights as one matrix product on the mapped file."""
+
+    def __init__(self, recording, weights):
+        self._recording = recording
+        self._weights = weights.astype(np.complex64)
+        self._equalizer = WAVEFORM.equalizer().astype(np.complex64)
+        self.tones = []
+
+    def run(self):
+        samples = np.memmap(self._recording.fc32, "<c8", "r")[: self._recording.samples]
+        frames = samples.reshape(-1, GROUP_LENGTH, WAVEFORM.frame_length)
+        first, length = WAVEFORM.first_averaged, 64 * WAVEFORM.repetitions
+        groups = []
+        for group in frames[:, :, first : first + length]:
+            weighted = self._weights @ group
+            folded = weighted.reshape(len(weighted), WAVEFORM.repetitions, 64).mean(axis=1)
+            groups.append(np.fft.fft(folded) * self._equalizer)
+        self.tones = [np.array(groups)]
+
+
+CHAINS["numpy"] = NumpyScript
+
+
+@chain("ceiling-file-source")
+def file_to_nowhere(recording, weights):
+    """A file source and a null sink: what GNU Radio gives before anything is computed."""
+    flowgraph = Flowgraph()
+    source = blocks.file_source(8, str(recording.fc32), False, 0, recording.samples)
+    source.set_min_output_buffer(TUNED_SAMPLES)
+    flowgraph.top.connect(source, blocks.null_sink(8))
+    return flowgraph
+
+
+class MemoryRead:
+    """Every byte of the samples read once, in memory that is its own."""
+
+    tones = []
+
+    def __init__(self, recording, weights):
+        self._words = np.fromfile(recording.fc32, "<u8", recording.samples)
+
+    def run(self):
+        self._words.max()
+
+
+class MemoryCopy(MemoryRead):
+    """Every byte of the samples copied to other memory."""
+
+    def __init__(self, recording, weights):
+        super().__init__(recording, weights)
+        self._copy = self._words.copy()
+
+    def run(self):
+        np.copyto(self._copy, self._words)
+
+
+CHAINS["ceiling-read"] = MemoryRead
+CHAINS["ceiling-copy"] = MemoryCopy

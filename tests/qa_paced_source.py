@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""paced_source: packets in full, marks in order and never early."""
+
+import time
+
+import pytest
+from gnuradio import blocks, gr
+from gnuradio.wiforce.wiforce_python import paced_source
+
+
+@pytest.mark.parametrize("packet", [1, 364, 5000])
+def test_marked_samples_go_out_in_order_and_not_before_their_time(packet):
+    rate, every, count = 1e5, 1000, 10_000
+    source, sink = paced_source(packet, rate, every, count), blocks.vector_sink_c()
+    flowgraph = gr.top_block()
+    flowgraph.connect(source, sink)
+    before = time.monotonic()
+    flowgraph.run()
+    sent = -(-count // packet) * packet
+    assert len(sink.data()) == sent
+    assert not any(sink.data())
+    marks = source.mark_times()
+    assert len(marks) == sent // every
+    assert marks == sorted(marks)
+    for n, mark in enumerate(marks):
+        assert mark - before >= (n + 1) * every / rate
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((0, 1.0, 1, 1), "packet_length must be >= 1, got 0"),
+        ((1, 0.0, 1, 1), "sample_rate must be positive, got 0"),
+        ((1, 1.0, 0, 1), "mark_every must be >= 1, got 0"),
+        ((1, 1.0, 1, 1, 0), "item_size must be >= 1, got 0"),
+    ],
+)
+def test_bad_parameters_are_named(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        paced_source(*arguments)
