@@ -5,10 +5,11 @@ import math
 import sys
 import threading
 
+import numpy as np
 import pmt
 import pytest
 from gnuradio import blocks, gr, wiforce
-from gnuradio.wiforce.display import track, widget, words
+from gnuradio.wiforce.display import Trend, track, widget, words
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.readings import Reading
 from PyQt5 import QtCore, QtWidgets
@@ -178,10 +179,11 @@ def test_the_history_keeps_its_span_and_leaves_gaps_where_nothing_is_known():
     kept = track.Track(2.0)
     for time_s in range(6):
         force_n = None if time_s == 4 else float(time_s)
-        kept.add(Reading(float(time_s), "arm", touch=1, force_n=force_n))
+        flags = ("transition",) if time_s == 3 else ()
+        kept.add(Reading(float(time_s), "arm", touch=1, force_n=force_n, flags=flags))
     times, forces = kept.series("force_n")
     assert times.tolist() == [3.0, 4.0, 5.0]
-    assert forces[0] == 3.0 and math.isnan(forces[1]) and forces[2] == 5.0
+    np.testing.assert_array_equal(forces, [np.nan, np.nan, 5.0])
 
 
 def test_readings_may_come_from_another_thread_faster_than_they_are_drawn(display, qt):
@@ -239,3 +241,27 @@ def test_the_block_shows_readings_by_message_and_its_button_sends_tare(qt):
     assert block.widget.latest("arm").location_mm == 40.0
     assert len(collector.messages) == 1
     assert isinstance(block.widget, QtWidgets.QWidget)
+
+
+def test_a_trend_rolls_and_leaves_gaps_where_nothing_is_known(qt):
+    trend = Trend(["found", "set"], "offset (ppm)", rate=10.0, history_s=2.0)
+    trend.add(0, [1.0, math.nan, *range(28)])
+    trend.add(1, [5.0])
+    trend.refresh()
+    times, values = trend.series(0)
+    assert times[[0, -1]].tolist() == pytest.approx([0.9, 2.9])
+    assert values.tolist() == list(range(7, 28))
+    assert [part.tolist() for part in trend.series(1)] == [[0.0], [5.0]]
+
+
+def test_the_trend_block_shows_every_item_of_every_stream(qt):
+    block = wiforce.trend_display(labels=["a", "b"], y_label="phase (deg)", rate=1000.0)
+    flowgraph = gr.top_block()
+    sources = [blocks.vector_source_f(np.arange(n, n + 500.0)) for n in (0, 7)]
+    for n, source in enumerate(sources):
+        flowgraph.connect(source, (block, n))
+    flowgraph.run()
+    for n, first in enumerate((0, 7)):
+        times, values = block.widget.series(n)
+        np.testing.assert_array_equal(values, np.arange(first, first + 500.0))
+        np.testing.assert_allclose(times, np.arange(500) / 1000.0)

@@ -127,14 +127,14 @@ def every_choice(make_block, block_id):
                 yield make_block(block_id, **{key: option})[0]
 
 
-def calls_of(block):
-    """(name, call) of what the rendered code of a block calls in gnuradio.wiforce."""
-    code = block.templates.render("var_make" if block.is_variable else "make").strip()
-    for node in ast.walk(ast.parse(code)):
-        if isinstance(node, ast.Call):
-            name = ast.unparse(node.func)
-            if name.startswith("wiforce."):
-                yield name.removeprefix("wiforce."), node
+def call_of(block):
+    """(what is called, call) in the rendered code of a block."""
+    code = block.templates.render("make").strip()
+    call = ast.parse(f"made = {code}").body[0].value
+    target = wiforce
+    for part in ast.unparse(call.func).removeprefix("wiforce.").split("."):
+        target = getattr(target, part)
+    return target, call
 
 
 def parameters_of(target):
@@ -145,31 +145,24 @@ def parameters_of(target):
         return set(re.findall(r"(\w+):", initializer.__doc__.splitlines()[0])) - {"self"}
 
 
-@pytest.mark.parametrize("block_id", DESCRIPTIONS)
+BLOCKS = [block_id for block_id in DESCRIPTIONS if block_id.startswith("wiforce_")]
+
+
+@pytest.mark.parametrize("block_id", BLOCKS)
 def test_arguments_are_given_by_the_names_that_the_block_knows(make_block, block_id):
     for block in every_choice(make_block, block_id):
-        calls = list(calls_of(block))
-        assert calls, "makes nothing of gnuradio.wiforce"
-        for name, call in calls:
-            if not name.startswith("open_writer") and not block.is_variable:
-                target = wiforce
-                for part in name.split("."):
-                    target = getattr(target, part)
-                assert not call.args, "an argument is given by position"
-                assert {keyword.arg for keyword in call.keywords} <= parameters_of(target)
+        target, call = call_of(block)
+        assert not call.args, "an argument is given by position"
+        assert {keyword.arg for keyword in call.keywords} <= parameters_of(target)
 
 
-# Left to programs: GRC has no use for them.
-NOT_IN_GRC = {}
-
-
-@pytest.mark.parametrize("block_id", [b for b in DESCRIPTIONS if b.startswith("wiforce_")])
+@pytest.mark.parametrize("block_id", BLOCKS)
 def test_every_parameter_of_the_block_can_be_set_in_grc(make_block, block_id):
     name = block_id.removeprefix("wiforce_")
-    block, _ = make_block(block_id)
-    (call,) = [c for n, c in calls_of(block) if n == name]
+    target, call = call_of(make_block(block_id)[0])
     given = {keyword.arg for keyword in call.keywords}
-    assert parameters_of(getattr(wiforce, name)) - given == NOT_IN_GRC.get(name, set())
+    assert target is getattr(wiforce, name)
+    assert given == parameters_of(target)
 
 
 REFUSED = [
@@ -227,6 +220,10 @@ REFUSED = [
     ("wiforce_capture_source", {"frame_offset": -1}),
     ("wiforce_clock_offset", {"sensors": 0}),
     ("wiforce_clock_offset", {"length": 0}),
+    ("wiforce_trend_display", {"labels": []}),
+    ("wiforce_trend_display", {"rate": 0}),
+    ("wiforce_trend_display", {"history_s": -1}),
+    ("wiforce_trend_display", {"y_range": (1, 1)}),
     ("wiforce_force_display", {"force_span_n": 0}),
     ("wiforce_force_display", {"history_s": 0}),
     ("wiforce_force_display", {"length_mm": -80}),

@@ -26,6 +26,7 @@ _HOMES = {
     "clock_offset": "clock_offset",
     "backscatter_tag": "backscatter_tag",
     "force_display": "force_display",
+    "trend_display": "trend_display",
     "ForceDisplay": "display",
     # what their parameters are made with, and checked by
     "tone_weights": "end_separation",

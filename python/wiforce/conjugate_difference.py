@@ -44,7 +44,11 @@ class conjugate_difference(GroupBlock):
         self.difference = ConjugateDifference(self._ends, bins, reference_groups, against)
         GroupBlock.__init__(self, "conjugate_difference", self._ends * 64, self._ends * 64)
         self.message_port_register_in(pmt.intern(names.TARE))
-        self.set_msg_handler(pmt.intern(names.TARE), lambda _: self.difference.tare())
+        self.set_msg_handler(pmt.intern(names.TARE), self._on_tare)
+
+    # GNU Radio finds a handler by its name: a lambda has none that it knows.
+    def _on_tare(self, message):
+        self.difference.tare()
 
     def take(self, tags, item):
         vectors = np.asarray(item, complex).reshape(self._ends, 64)

@@ -75,7 +75,11 @@ class force_inversion(GroupBlock):
         GroupBlock.__init__(self, "force_inversion", 2 * len(models), 0)
         self.message_port_register_out(pmt.intern(names.READINGS))
         self.message_port_register_in(pmt.intern(names.TARE))
-        self.set_msg_handler(pmt.intern(names.TARE), lambda _: self.readout.tare())
+        self.set_msg_handler(pmt.intern(names.TARE), self._on_tare)
+
+    # GNU Radio finds a handler by its name: a lambda has none that it knows.
+    def _on_tare(self, message):
+        self.readout.tare()
 
     def take(self, tags, item):
         self.read(state_of(tags), np.asarray(item, complex))

@@ -6,10 +6,9 @@ import pyqtgraph as pg
 from PyQt5.QtCore import QSize
 from PyQt5.QtWidgets import QSizePolicy, QVBoxLayout, QWidget
 
-from .style import FAINT, INK, PAPER
+from .plot import time_plot
 
 _COLUMNS = ("force_n", "location_mm")
-_LEFT_PX = 56
 
 
 class History(QWidget):
@@ -25,9 +24,9 @@ class History(QWidget):
     def __init__(self, history_s, length_mm):
         super().__init__()
         self._history_s = history_s
-        self._force = _plot("force (N)")
+        self._force = time_plot("force (N)")
         self._force.getAxis("bottom").setStyle(showValues=False)
-        self._location = _plot("location (mm)")
+        self._location = time_plot("location (mm)")
         self._location.setLabel("bottom", "time (s)")
         self._location.setYRange(0, length_mm, padding=0.05)
         self._location.getAxis("left").setTickSpacing(length_mm / 4, length_mm / 4)
@@ -73,20 +72,3 @@ class History(QWidget):
 
     def _plots(self):
         return self._force, self._location
-
-
-def _plot(label):
-    plot = pg.PlotWidget(background=PAPER)
-    plot.setLabel("left", label, **{"font-size": "8pt"})
-    plot.showGrid(y=True, alpha=0.25)
-    plot.setMenuEnabled(False)
-    plot.hideButtons()
-    plot.setMouseEnabled(False, False)
-    plot.setMinimumHeight(0)
-    for side in ("left", "bottom"):
-        axis = plot.getAxis(side)
-        axis.setPen(FAINT)
-        axis.setTextPen(INK)
-        axis.enableAutoSIPrefix(False)
-    plot.getAxis("left").setWidth(_LEFT_PX)
-    return plot

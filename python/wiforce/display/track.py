@@ -84,7 +84,14 @@ class Track:
             self._past.popleft()
 
     def series(self, name):
-        """Times in s and values of one column, NaN where it is unknown; two arrays."""
+        """Times in s and values of one column; two arrays.
+
+        NaN where it is unknown, and where the press changed within the group: that mixes before
+        and after.
+        """
         times = [reading.time_s for reading in self._past]
-        values = [getattr(reading, name) for reading in self._past]
+        values = [
+            None if "transition" in reading.flags else getattr(reading, name)
+            for reading in self._past
+        ]
         return np.array(times), np.array(values, float)

@@ -1,0 +1,99 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The paper's chain and this project's on the same samples: paper_chain.grc without a window.
+
+Nothing presses the sensor here: both phases should stay at 0.
+"""
+
+import numpy as np
+from gnuradio import blocks, gr, wiforce
+
+CLOCK_OFFSET_PPM = 40.0
+DURATION_S = 2.0
+
+
+class Chains(gr.top_block):
+    def __init__(self):
+        gr.top_block.__init__(self, "paper_chain", catch_exceptions=False)
+        scene = wiforce.load_scene("tabletop")
+        rate, frame_length = scene.radio.sample_rate_hz, scene.sounding.frame_length
+        clock_hz, group_length = scene.sensors[0].clock_hz, scene.phase_group.snapshots
+        self.equalizer = scene.waveform().equalizer()
+        self.settings = dict(
+            clocks_hz=[clock_hz],
+            group_length=group_length,
+            frame_length=frame_length,
+            sample_rate=rate,
+        )
+        self.air = [
+            wiforce.sounding_source(frame_length=frame_length, sample_rate=rate),
+            blocks.head(gr.sizeof_gr_complex, int(DURATION_S * rate)),
+            wiforce.backscatter_tag(
+                model="line-900mhz",
+                clock_hz=clock_hz,
+                clock_offset_ppm=CLOCK_OFFSET_PPM,
+                snr_db=20,
+                static_clutter_db=50,
+                sample_rate=rate,
+                frame_length=frame_length,
+            ),
+            wiforce.preamble_fold(frame_length=frame_length, sample_rate=rate),
+        ]
+        self.connect(*self.air)
+        self.paper = self.paper_chain()
+        self.ours = self.our_chain()
+        for tones, chain in (self.paper, self.ours):
+            self.connect(self.air[-1], *chain)
+            separation = next(b for b in chain if isinstance(b, wiforce.end_separation))
+            self.msg_connect(tones, "incomplete", separation, "incomplete")
+
+    def tones(self):
+        return wiforce.phase_group_doppler(
+            weights=wiforce.tone_weights(**self.settings),
+            group_length=self.settings["group_length"],
+        )
+
+    def paper_chain(self):
+        """Channel of every snapshot, lines +1 and +4, against the group before."""
+        tones = self.tones()
+        return tones, [
+            wiforce.ofdm_channel_estimator(factors=self.equalizer),
+            tones,
+            wiforce.end_separation(**self.settings, estimator="paper", derotated=False),
+            wiforce.conjugate_difference(against="previous"),
+            wiforce.subcarrier_average(),
+            blocks.vector_sink_c(2),
+        ]
+
+    def our_chain(self):
+        """Tones first, all lines, the clock tracked, against the untouched sensor."""
+        tones = self.tones()
+        return tones, [
+            tones,
+            wiforce.ofdm_channel_estimator(
+                factors=self.equalizer,
+                rows=wiforce.tone_count(**self.settings),
+                rotation=wiforce.tone_derotation(**self.settings),
+            ),
+            wiforce.end_separation(**self.settings),
+            wiforce.conjugate_difference(against="untouched", reference_groups=15),
+            wiforce.subcarrier_average(),
+            blocks.vector_sink_c(2),
+        ]
+
+
+def main():
+    chains = Chains()
+    chains.run()
+    ratios = {}
+    for name, (_, chain) in (("paper", chains.paper), ("this project", chains.ours)):
+        ratios[name] = np.reshape(chain[-1].data(), (-1, 2))
+    # Against the group before, steps: their product is the change since the start.
+    ratios["paper"] = np.cumprod(ratios["paper"], axis=0)
+    for name, values in ratios.items():
+        ends = np.degrees(np.angle(values[-1]))
+        print(f"{name:12}: end 1 {ends[0]:+7.2f} deg, end 2 {ends[1]:+7.2f} deg")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,28 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Reads a capture to a file of readings: read_recording.grc without a window.
+
+gr-wiforce simulate tabletop press
+read_recording.py press tabletop readings.csv
+"""
+
+import sys
+
+from gnuradio import gr, wiforce
+
+
+def main(capture, scene, output):
+    flowgraph = gr.top_block("read_recording", catch_exceptions=False)
+    source = wiforce.capture_source(capture, scene)
+    writer = wiforce.open_writer(output)
+    reader = wiforce.reader(scene, input_type="folded", on_reading=writer.write)
+    flowgraph.connect(source, reader)
+    flowgraph.run()
+    reader.finish()
+    writer.close()
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 4:
+        sys.exit("usage: read_recording.py CAPTURE SCENE READINGS.csv")
+    main(*sys.argv[1:])

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Qt widget: slow values over the last seconds, rolling."""
+
+from collections import deque
+
+import numpy as np
+import pyqtgraph as pg
+from PyQt5.QtCore import QSize, QTimer
+from PyQt5.QtWidgets import QApplication, QVBoxLayout, QWidget
+
+from ..errors import InputError
+from .plot import time_plot
+from .style import INK, SENSORS
+
+_REFRESH_MS = 200
+_MOST = 20_000
+
+
+class Trend(QWidget):
+    """Rolling plot of values that come at a steady rate, some to some hundred a second.
+
+    Parameters
+    ----------
+    labels : sequence of str
+        One per line.
+    y_label : str
+        With its unit.
+    rate : float
+        Values per second and line.
+    history_s : float
+    title : str
+    y_range : (float, float), optional
+        Fixed; by default as the values ask for.
+    parent : QWidget, optional
+
+    Raises
+    ------
+    InputError
+        (A ValueError) naming parameter, rule and value.
+    RuntimeError
+        When there is no QApplication.
+    """
+
+    def __init__(self, labels, y_label, rate, history_s=10.0, title="", y_range=None, parent=None):
+        for name, value in (("rate", rate), ("history_s", history_s)):
+            if not 0 < value < np.inf:
+                raise InputError(name, "must be positive", value)
+        if not labels:
+            raise InputError("labels", "must name at least one line", labels)
+        if y_range is not None and not y_range[0] < y_range[1]:
+            raise InputError("y_range", "must rise", y_range)
+        if QApplication.instance() is None:  # Qt itself ends the process
+            raise RuntimeError("Trend: a QApplication must exist")
+        super().__init__(parent)
+        self._rate = rate
+        self._history_s = history_s
+        length = min(_MOST, int(np.ceil(rate * history_s)) + 1)
+        self._values = [deque(maxlen=length) for _ in labels]
+        self._count = [0] * len(labels)
+        self._plot = time_plot(y_label)
+        self._plot.setLabel("bottom", "time (s)")
+        self._plot.setTitle(title or None, color=INK, size="10pt")
+        self._plot.addLegend(offset=(-1, 1), labelTextColor=INK)
+        self._plot.setMinimumHeight(120)
+        if y_range is not None:
+            self._plot.setYRange(*y_range)
+        self._curves = [
+            self._plot.plot(pen=pg.mkPen(SENSORS[n % len(SENSORS)]), name=label, connect="finite")
+            for n, label in enumerate(labels)
+        ]
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.addWidget(self._plot)
+        self._timer = QTimer(self)
+        self._timer.timeout.connect(self.refresh)
+        self._timer.start(_REFRESH_MS)
+
+    def add(self, line, values):
+        """Takes the next values of a line; NaN leaves a gap. May be called from any thread."""
+        self._values[line].extend(map(float, values))
+        self._count[line] += len(values)
+
+    def series(self, line):
+        """Times in s since the first value, and the values shown of a line; two arrays."""
+        values = np.array(self._values[line])
+        return (self._count[line] - len(values) + np.arange(len(values))) / self._rate, values
+
+    def refresh(self):
+        """Redraws; the widget's own timer calls this five times a second."""
+        newest = max(self._count) / self._rate
+        for line, curve in enumerate(self._curves):
+            curve.setData(*self.series(line))
+        start = max(0.0, newest - self._history_s)
+        self._plot.setXRange(start, max(newest, start + 1.0), padding=0)
+
+    def sizeHint(self):
+        return QSize(640, 200)

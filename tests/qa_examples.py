@@ -1,0 +1,292 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Every example runs as shipped: compiled by grcc, without a screen, to a checked result."""
+
+import csv
+import importlib.util
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pmt
+import pytest
+from gnuradio import gr, wiforce
+
+EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
+FLOWGRAPHS = sorted(EXAMPLES.glob("*.grc"))
+HEADLESS = EXAMPLES / "headless"
+# What issue 8 asks of readings that follow a slider.
+FORCE_LIMIT_N, LOCATION_LIMIT_MM = 0.15, 0.5
+
+
+@pytest.fixture(scope="module")
+def generated(tmp_path_factory, qt):
+    """Imports a flowgraph's generated module by name; all of them were compiled by one grcc."""
+    folder = tmp_path_factory.mktemp("generated")
+    command = ["grcc", "-o", str(folder), *map(str, FLOWGRAPHS)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=110)
+    output = done.stdout + done.stderr
+    assert done.returncode == 0, output
+
+    def module(name):
+        path = folder / f"{name}.py"
+        assert path.is_file(), output
+        spec = importlib.util.spec_from_file_location(f"example_{name}", path)
+        loaded = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(loaded)
+        return loaded
+
+    return module
+
+
+@pytest.mark.parametrize("path", FLOWGRAPHS, ids=lambda p: p.stem)
+def test_flowgraph_compiles_and_says_what_it_is(generated, path):
+    import yaml
+
+    top = generated(path.stem)
+    assert hasattr(top, path.stem)
+    content = yaml.safe_load(path.read_text())
+    assert content["options"]["parameters"]["title"].startswith("WiForce: ")
+    assert len(content["options"]["parameters"]["description"]) > 40
+    notes = [b for b in content["blocks"] if b["id"] == "note"]
+    assert notes and all(len(b["parameters"]["comment"]) > 40 for b in notes)
+    listed = (EXAMPLES / "README.md").read_text()
+    assert f"`{path.name}`" in listed
+    assert f"`headless/{path.stem}.py`" in listed
+    assert (HEADLESS / f"{path.stem}.py").is_file()
+
+
+class Collector(gr.basic_block):
+    """Keeps readings, and lets the test wait for one."""
+
+    def __init__(self):
+        gr.basic_block.__init__(self, "collector", None, None)
+        self.readings = []
+        self._more = threading.Condition()
+        self.message_port_register_in(pmt.intern("readings"))
+        self.set_msg_handler(pmt.intern("readings"), self._on_message)
+
+    def _on_message(self, message):
+        with self._more:
+            self.readings.append(pmt.to_python(message))
+            self._more.notify_all()
+
+    def wait_for(self, enough):
+        with self._more:
+            assert self._more.wait_for(lambda: enough(self.readings), timeout=60)
+
+
+def after(readings, time_s, sensor=None):
+    return [r for r in readings if r["time_s"] > time_s and sensor in (None, r["sensor"])]
+
+
+def settled(collector, flowgraph, tag, sensor=None, count=8):
+    """The first readings of only what was set just now."""
+    # Samples that the tag has passed by now are the last that may know of what was before.
+    since = tag.nitems_written(0) / flowgraph.samp_rate
+    margin = 2 * flowgraph.scene.group_period_s + 32768 / flowgraph.samp_rate
+    collector.wait_for(lambda readings: len(after(readings, since + margin, sensor)) >= count)
+    return after(collector.readings, since + margin, sensor)[:count]
+
+
+def assert_follows(readings, force_n, location_mm):
+    assert all(r.get("touch") == 1 for r in readings)
+    assert np.median([r["force_n"] for r in readings]) == pytest.approx(force_n, abs=FORCE_LIMIT_N)
+    found = np.median([r["location_mm"] for r in readings])
+    assert found == pytest.approx(location_mm, abs=LOCATION_LIMIT_MM)
+
+
+@pytest.fixture
+def running():
+    """Starts flowgraphs, and stops them whatever happens."""
+    started = []
+
+    def start(flowgraph, reader=None):
+        collector = Collector()
+        if reader is not None:
+            flowgraph.msg_connect(reader, "readings", collector, "readings")
+        started.append((flowgraph, collector))
+        flowgraph.start()
+        return collector
+
+    yield start
+    for flowgraph, _ in started:
+        flowgraph.stop()
+        flowgraph.wait()
+
+
+def untouched(flowgraph):
+    return flowgraph.scene.reference_s + 3 * flowgraph.scene.group_period_s
+
+
+def test_press_simulation_follows_its_sliders(generated, running):
+    flowgraph = generated("press_simulation").press_simulation()
+    collector = running(flowgraph, flowgraph.reader)
+    collector.wait_for(lambda readings: after(readings, untouched(flowgraph)))
+    assert all(r.get("touch") == 0 for r in collector.readings)
+    for force_n, location_mm in ((3.0, 33.0), (5.5, 47.5), (2.0, 55.0)):
+        flowgraph.set_force_n(force_n)
+        flowgraph.set_location_mm(location_mm)
+        assert_follows(settled(collector, flowgraph, flowgraph.tag), force_n, location_mm)
+    flowgraph.set_clock_offset_ppm(20.0)
+    assert_follows(settled(collector, flowgraph, flowgraph.tag), 2.0, 55.0)
+    before = collector.readings[-1]["snr_db"]
+    flowgraph.set_snr_db(10.0)
+    # The noise is learned over seconds.
+    collector.wait_for(lambda readings: readings[-1]["snr_db"] < before - 2.0)
+    assert_follows(settled(collector, flowgraph, flowgraph.tag), 2.0, 55.0)
+    flowgraph.set_force_n(0.0)
+    assert all(r.get("touch") == 0 for r in settled(collector, flowgraph, flowgraph.tag))
+
+
+def test_press_simulation_shows_what_it_reads_and_its_tare_button_reaches_the_reader(
+    generated, running, qt
+):
+    flowgraph = generated("press_simulation").press_simulation()
+    collector = running(flowgraph, flowgraph.reader)
+    collector.wait_for(lambda readings: after(readings, untouched(flowgraph)))
+    flowgraph.set_force_n(4.0)
+    settled(collector, flowgraph, flowgraph.tag)
+    # With the press taken for the untouched state, nothing touches any more.
+    flowgraph.display.widget._tare.click()
+    count = len(collector.readings)
+    collector.wait_for(lambda readings: any(r.get("touch") == 0 for r in readings[count:]))
+    while flowgraph.display.widget.sensors() != ["arm"]:
+        flowgraph.display.widget.refresh()
+    qt.processEvents()
+    assert flowgraph.isVisible() or not flowgraph.grab().isNull()
+
+
+def test_two_sensors_are_read_side_by_side_without_disturbing_each_other(generated, running):
+    flowgraph = generated("two_sensors").two_sensors()
+    collector = running(flowgraph, flowgraph.reader)
+    collector.wait_for(lambda readings: after(readings, untouched(flowgraph)))
+    flowgraph.set_left_force_n(3.0)
+    left = settled(collector, flowgraph, flowgraph.right, "left")
+    assert_follows(left, 3.0, 33.0)
+    assert all(r.get("touch") == 0 for r in after(collector.readings, 0, "right"))
+    flowgraph.set_right_force_n(5.0)
+    assert_follows(settled(collector, flowgraph, flowgraph.right, "right"), 5.0, 52.0)
+    assert_follows(after(collector.readings, 0, "left")[-4:], 3.0, 33.0)
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory):
+    """A recording as a user makes it, cut to 3 s; its name and its truth."""
+    from gnuradio.wiforce.scene.score import read_truth
+    from gnuradio.wiforce.scene.simulator import simulate
+
+    scene = wiforce.load_scene("tabletop").as_dict()
+    scene["simulation"] |= {"duration_s": 3.0, "presses": scene["simulation"]["presses"][:1]}
+    name = tmp_path_factory.mktemp("recording") / "press"
+    simulate(wiforce.load_scene(scene), name)
+    return name, read_truth(name.with_name("press.truth.csv"))
+
+
+def assert_true(path, truth):
+    """Every row of a readings file against the truth: touch, force, location."""
+    with open(path, newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert len(rows) == len(truth)
+    errors = []
+    for row, true in zip(rows, truth, strict=True):
+        assert float(row["time_s"]) == pytest.approx(true["time_s"], abs=1e-5)
+        if "transition" in row["flags"] or "transition" in true:
+            continue
+        if row["touch"] == "1" and true["touch"] == 1:
+            errors.append(
+                (
+                    float(row["force_n"]) - true["force_n"],
+                    float(row["location_mm"]) - true["location_mm"],
+                )
+            )
+    assert len(errors) > 30
+    force, location = np.median(np.abs(errors), axis=0)
+    assert force < FORCE_LIMIT_N
+    assert location < LOCATION_LIMIT_MM
+
+
+def test_read_recording_plays_a_capture_to_its_end_and_leaves_every_reading(
+    generated, capture, tmp_path
+):
+    name, truth = capture
+    output = tmp_path / "readings.csv"
+    flowgraph = generated("read_recording").read_recording(
+        recording=str(name), readings=str(output), scene="tabletop", speed=100.0
+    )
+    flowgraph.run()
+    assert_true(output, truth)
+    flowgraph.display.widget.refresh()
+    assert flowgraph.display.widget.sensors() == ["arm"]
+
+
+def test_channel_and_doppler_finds_the_lines_and_the_clock(generated, running):
+    flowgraph = generated("channel_and_doppler").channel_and_doppler()
+    running(flowgraph)
+    while not len(flowgraph.clock_plot.widget.series(0)[1]) >= 2:
+        threading.Event().wait(0.05)
+    found = flowgraph.clock_plot.widget.series(0)[1]
+    # The tracker's own standard deviation is well below 1 ppm here.
+    assert found[-1] == pytest.approx(40.0, abs=2.0)
+    lines = [int(np.argmax(marks)) for marks in flowgraph.marks]
+    assert lines == [64, 256]
+
+
+def test_paper_chain_shows_that_an_untracked_clock_turns_the_phase_and_ours_does_not(
+    generated, running
+):
+    flowgraph = generated("paper_chain").paper_chain()
+    running(flowgraph)
+    plots = (flowgraph.end_1_plot.widget, flowgraph.end_2_plot.widget)
+    while min(len(plots[1].series(line)[1]) for line in (0, 1)) < 40:
+        threading.Event().wait(0.05)
+    seconds = 39 * flowgraph.scene.group_period_s
+    for plot, harmonic in zip(plots, (1, 4), strict=True):
+        paper, ours = (plot.series(line)[1][39] for line in (0, 1))
+        turned = 360 * harmonic * flowgraph.clock_hz * 40e-6 * seconds
+        assert paper == pytest.approx(turned, abs=0.15 * turned + 1.0)
+        assert ours == pytest.approx(0.0, abs=1.0)
+
+
+def headless(script, *arguments):
+    command = [sys.executable, str(HEADLESS / script), *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=100)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_headless_press_simulation_prints_the_presses_it_made():
+    lines = headless("press_simulation.py").splitlines()
+    touched = [line.split() for line in lines if " mm" in line and "press:" not in line]
+    clean = [words for words in touched if len(words) == 7]
+    for force_n, location_mm in ((3.0, 33.0), (5.5, 47.0)):
+        near = [w for w in clean if abs(float(w[5]) - location_mm) < LOCATION_LIMIT_MM]
+        assert len(near) > 10
+        assert np.median([float(w[2]) for w in near]) == pytest.approx(force_n, abs=FORCE_LIMIT_N)
+
+
+def test_headless_two_sensors_prints_both():
+    lines = [line.split() for line in headless("two_sensors.py").splitlines()]
+    for sensor, force_n in (("left", 3.0), ("right", 5.0)):
+        own = [float(w[3]) for w in lines if w[2] == sensor and len(w) == 8]
+        assert np.median(own) == pytest.approx(force_n, abs=FORCE_LIMIT_N)
+
+
+def test_headless_read_recording_writes_the_readings(capture, tmp_path):
+    name, truth = capture
+    headless("read_recording.py", name, "tabletop", tmp_path / "out.csv")
+    assert_true(tmp_path / "out.csv", truth)
+
+
+def test_headless_channel_and_doppler_prints_the_clock_that_was_set():
+    output = headless("channel_and_doppler.py")
+    found = float(output.split("tag clock: ")[1].split()[0])
+    assert found == pytest.approx(40.0, abs=2.0)
+
+
+def test_headless_paper_chain_prints_the_phase_that_the_paper_lets_turn():
+    lines = headless("paper_chain.py").splitlines()
+    paper, ours = ([float(w) for w in line.split() if w[0] in "+-"] for line in lines)
+    assert np.max(np.abs(ours)) < 1.0
+    assert paper[1] > 20.0
