@@ -64,8 +64,25 @@ def test_presses_of_unknown_force_give_the_off_state_away(off):
     rng = np.random.default_rng(2)
     psi = 25.0 + rng.uniform(40, 130, 60)
     noisy = ratio(psi, 25.0, off) + 0.002 * (rng.standard_normal(60) + 1j * rng.standard_normal(60))
-    estimate = estimate_off_reflection(noisy, 25.0)
+    estimate, std = estimate_off_reflection(noisy, 25.0, np.degrees(0.002))
+    assert abs(estimate - off) < 4 * std < 0.02
+
+
+def test_presses_that_change_inside_a_group_are_outvoted():
+    """Such a group lies inside the circle, not on it."""
+    off = 0.15 * np.exp(2.1j)
+    ratios = ratio(25.0 + np.linspace(40, 130, 60), 25.0, off)
+    ratios[[10, 30, 50]] *= 0.8
+    estimate, _ = estimate_off_reflection(ratios, 25.0, 0.1)
     assert abs(estimate - off) < 0.01
+
+
+def test_presses_too_noisy_to_tell_are_refused():
+    rng = np.random.default_rng(3)
+    psi = 25.0 + rng.uniform(40, 90, 20)
+    noisy = ratio(psi, 25.0, 0.1) + 0.2 * (rng.standard_normal(20) + 1j * rng.standard_normal(20))
+    with pytest.raises(InputError, match="off_reflection"):
+        estimate_off_reflection(noisy, 25.0, np.degrees(0.2))
 
 
 def test_presses_that_turn_too_little_are_refused():

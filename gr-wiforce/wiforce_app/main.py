@@ -19,6 +19,7 @@ COMMANDS = {
     "live": "Read from a USRP as it happens.",
     "check": "Look at a USRP's levels, noise, delay and tones before measuring.",
     "calibrate": "Make a sensor model from VNA or tap data.",
+    "off-reflection": "Find the switches' off state from a capture with presses.",
     "invert": "Turn phases measured by anything into force and location.",
     "plan": "Say which steps a scene needs, and what each costs.",
     "emulate": "A software USRP N210 with a scene on the air.",

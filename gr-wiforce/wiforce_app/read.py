@@ -60,7 +60,7 @@ def read(capture, scene_path, output, plot_path, datatype, frame_offset, tracked
         plot_readings(kept, plot_path, title=str(capture))
 
 
-def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False):
+def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False, on_ratios=None):
     """Runs the flowgraph over a whole recording.
 
     Parameters
@@ -72,12 +72,15 @@ def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False):
     frame_offset : int
         Samples before the first frame.
     tracked : bool
+    on_ratios : callable, optional
+        Takes GroupState and R (2S,) of every group.
     """
     from gnuradio import gr, wiforce
 
     flowgraph = gr.top_block("gr-wiforce read", catch_exceptions=False)
     source = wiforce.capture_source(recording, scene, frame_offset)
     reader = wiforce.reader(scene, input_type="folded", tracked=tracked, on_reading=on_reading)
+    reader.inversion.on_ratios = on_ratios
     flowgraph.connect(source, reader)
     flowgraph.run()
     reader.finish()

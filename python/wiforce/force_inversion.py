@@ -39,6 +39,11 @@ class force_inversion(GroupBlock):
         Called with every :class:`Reading` in the block's thread. For programs that must not lose
         the last readings of a finite stream, as message ports do.
 
+    Attributes
+    ----------
+    on_ratios : callable or None
+        When set, called with GroupState and R (2S,) of every group before it is read.
+
     Raises
     ------
     InputError
@@ -72,6 +77,7 @@ class force_inversion(GroupBlock):
         sensors = list(zip(labels, loaded, offs, strict=True))
         self.readout = Readout(sensors, center_frequency, group_period, tracked, ratios)
         self._on_reading = on_reading
+        self.on_ratios = None
         GroupBlock.__init__(self, "force_inversion", 2 * len(models), 0)
         self.message_port_register_out(pmt.intern(names.READINGS))
         self.message_port_register_in(pmt.intern(names.TARE))
@@ -87,6 +93,8 @@ class force_inversion(GroupBlock):
 
     def read(self, state, ratios):
         """Reads one group: R of every end, complex (2S,)."""
+        if self.on_ratios is not None:
+            self.on_ratios(state, ratios)
         self._publish(self.readout.process(state, ratios))
 
     def finish(self):

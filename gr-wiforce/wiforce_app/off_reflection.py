@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``gr-wiforce off-reflection``: the switches' off state from a capture with presses."""
+
+import click
+import numpy as np
+from gnuradio.wiforce.capture import open_capture
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.estimation.off_state import estimate_off_reflection
+from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.scene.plan import plan
+
+from .progress import progress
+from .read import find_offset, read_capture, warn_of_leftover
+
+# Groups that show no steady reflection of the end.
+_UNFIT = {"gap", "transition", "moved"}
+
+
+@click.command("off-reflection")
+@click.argument("capture", type=click.Path())
+@click.option("--scene", "scene_path", required=True, type=click.Path(), help="Scene file.")
+@click.option("--datatype", help="Raw samples of this type: ci16_le or cf32_le.")
+def off_reflection(capture, scene_path, datatype):
+    """Find off_reflection of every sensor from a CAPTURE in which each is pressed.
+
+    The tag stands still and is pressed at several forces or places, which need not be known but
+    must turn both ends' phases. Prints what to write into the scene, with its standard deviation,
+    or says that it cannot tell.
+    """
+    scene = load_scene(scene_path)
+    recording = open_capture(capture, datatype)
+    recording.check_against(scene)
+    settings = plan(scene)
+    frame_offset = find_offset(recording, settings.waveform)
+    warn_of_leftover(recording, scene, settings, frame_offset)
+    states, readings = {}, []
+    rows = int(recording.span / scene.group_samples)
+    with progress("reading", rows) as step:
+
+        def on_ratios(state, ratios):
+            states[state.group] = (state.std_deg, ratios)
+            step(1)
+
+        read_capture(recording, scene, readings.append, frame_offset, on_ratios=on_ratios)
+    for i, sensor in enumerate(scene.sensors):
+        groups = [
+            int(reading.time_s / scene.group_period_s)
+            for reading in readings
+            if reading.sensor == sensor.name
+            and reading.touch is not None
+            and not _UNFIT & set(reading.flags)
+        ]
+        values = [_of_end(states, groups, 2 * i + end, sensor, end, scene) for end in (0, 1)]
+        text = ", ".join(f"[{value.real:.4f}, {value.imag:.4f}]" for value, _ in values)
+        spread = ", ".join(f"{std:.2g}" for _, std in values)
+        click.echo(f"{sensor.name}: off_reflection: [{text}]  # +- {spread}")
+
+
+def _of_end(states, groups, row, sensor, end, scene):
+    std = np.array([states[group][0][row] for group in groups])
+    ratios = np.array([states[group][1][row] for group in groups])
+    untouched = sensor.load_model(scene).untouched_deg(scene.radio.center_frequency_hz)
+    try:
+        return estimate_off_reflection(ratios, untouched[end], std)
+    except InputError as error:
+        raise InputError(f"sensor '{sensor.name}', end {end + 1}", str(error)) from None

@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The command that finds the switches' off state from a capture with presses."""
+
+import re
+import subprocess
+
+import pytest
+import yaml
+
+OFF = [[0.2, -0.1], [-0.05, 0.15]]
+PRESSES = [
+    {"start_s": 0.4, "rise_s": 0.05, "hold_s": 0.3, "force_n": 2.0, "end_force_n": 6.0},
+    {"start_s": 0.9, "rise_s": 0.05, "hold_s": 0.3, "force_n": 2.0, "end_force_n": 6.0},
+]
+
+
+def run(*arguments):
+    return subprocess.run(
+        ["gr-wiforce", *map(str, arguments)], capture_output=True, text=True, timeout=100
+    )
+
+
+def write_scene(path, off, presses):
+    sensor = {"name": "arm", "model": "line-900mhz", "off_reflection": off}
+    simulation = {
+        "duration_s": 1.3, "snr_db": 10, "static_clutter_db": 50, "clock_offset_ppm": 40,
+        "presses": presses,
+    }  # fmt: skip
+    scene = {"sensors": [sensor], "reference_s": 0.3, "simulation": simulation}
+    path.write_text(yaml.safe_dump(scene))
+
+
+@pytest.mark.parametrize("pressed", [True, False])
+def test_the_off_state_is_found_from_presses_or_refused_without(tmp_path, pressed):
+    """The reader's scene does not know it; forces and places are not told either."""
+    presses = [p | {"location_mm": mm} for p, mm in zip(PRESSES, (25.0, 60.0), strict=True)]
+    write_scene(tmp_path / "true.yaml", OFF, presses if pressed else [])
+    write_scene(tmp_path / "known.yaml", [0.0, 0.0], [])
+    assert run("simulate", tmp_path / "true.yaml", tmp_path / "air").returncode == 0
+    done = run("off-reflection", tmp_path / "air", "--scene", tmp_path / "known.yaml")
+    if not pressed:
+        assert done.returncode == 2 and done.stdout == "" and done.stderr.count("\n") == 1
+        assert "sensor 'arm', end 1" in done.stderr and "needs presses" in done.stderr
+        return
+    assert done.returncode == 0, done.stderr
+    # What is printed is what a scene takes.
+    name, entry = re.match(r"(\w+): (.*)  #", done.stdout).groups()
+    found = yaml.safe_load(entry)["off_reflection"]
+    assert name == "arm" and found == [pytest.approx(pair, abs=0.01) for pair in OFF]
