@@ -17,9 +17,6 @@ from gnuradio.wiforce.scene.schema import shipped_scenes
 from .evaluation_report import table, write_report
 from .progress import progress
 
-# Takes too long for what it shows: it is there for a transmitter on the table.
-_NOT_IN_ALL = ("tabletop",)
-
 
 def evaluate_scenes(names, folder, jobs=None, fresh=False):
     """Runs the scenes that have no result yet, and writes ``report.md`` and a picture per scene.
@@ -35,7 +32,7 @@ def evaluate_scenes(names, folder, jobs=None, fresh=False):
         Do again what is there.
     """
     if "all" in names:
-        names = [name for name in shipped_scenes() if name not in _NOT_IN_ALL]
+        names = shipped_scenes()
     names = list(dict.fromkeys(names))
     marks = {name: _mark(name) for name in names}  # refuses bad scenes before anything is done
     folder.mkdir(parents=True, exist_ok=True)
