@@ -30,7 +30,7 @@ _SCALES_MM = np.array([10.0, 25.0])
 _FADE_PRIOR_MM, _FADE_PRIOR_LOG_STD, _SHIFT_PRIOR_STD_MM = 14.0, 0.6, 7.0
 # The residual is believed to be at least of this size, relative to the change with location, with
 # the weight of this many observations: no change-over has one of these shapes exactly.
-_LEAST_RESIDUAL, _LEAST_RESIDUAL_WEIGHT = 0.1, 4.0
+_LEAST_RESIDUAL, _LEAST_RESIDUAL_WEIGHT = 0.05, 4.0
 _MOST_HYPOTHESES = 64
 _NUGGET = 1e-6
 _STEP_MM = 0.25

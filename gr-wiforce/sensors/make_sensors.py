@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Makes the shipped sensors: build/run python3 gr-wiforce/sensors/make_sensors.py [FOLDER]"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+from gnuradio.wiforce.sensor import LineModel, calibrate, measure_vna, read_vna_csv, write_sensor
+from gnuradio.wiforce.sensor.line import ContactLaw
+
+HERE = Path(__file__).resolve().parent
+PUBLISHED = HERE.parent / "data" / "paper" / "vna.csv"
+FREQUENCIES_MHZ = (900, 2400)
+DATE = "2026-11-21"
+# Just under the least published force.
+ONSET_FORCE_N = 0.9
+CONTACT = ContactLaw(ONSET_FORCE_N, decay_length_mm=3.95, asymmetry=0.68, fade_mm=7.0)
+
+
+def line(mhz):
+    """The physical line, pressed in simulations."""
+    return LineModel(
+        name=f"line-{mhz}mhz",
+        length_mm=80.0,
+        frequencies_hz=(mhz * 1e6,),
+        onset_force_n=ONSET_FORCE_N,
+        force_span_n=(ONSET_FORCE_N, 10.0),
+        location_span_mm=(15.0, 65.0),
+        contact=CONTACT,
+        provenance={
+            "source": "physics: a soft beam on an elastic foundation over a line in air "
+            "(python/wiforce/sensor/line.py)",
+            "date": DATE,
+            "assumed": [
+                "over 2-8 N the short moves 4.8 mm on the near end and 1.0 mm on the far end, and "
+                "alike in the middle",
+                "how sharply the ends change over in the middle is not published",
+            ],
+        },
+    )
+
+
+def line_calibrated(mhz):
+    """A model of the physical line, from a simulated VNA with noise."""
+    forces = np.arange(0.5, 8.1, 0.25)
+    table = measure_vna(line(mhz), (20, 30, 40, 50, 60), forces, noise_deg=0.2, seed=mhz)
+    return calibrate(
+        table,
+        f"line-{mhz}mhz-calibrated",
+        source=f"a VNA's sweep of line-{mhz}mhz, simulated: 0.5 to 8 N at 20, 30, 40, 50 and 60 mm "
+        f"with 0.2 deg of noise (measure_vna, seed {mhz})",
+        date=DATE,
+    )
+
+
+def published(kind, mhz):
+    """``paper``: as published; ``wiforce``: its movement with force, the line's location steps."""
+    settings = {
+        "paper": {"location_steps": "given"},
+        "wiforce": {"location_steps": "line", "mirror": mhz == 2400},
+    }
+    return calibrate(
+        read_vna_csv(PUBLISHED, mhz * 1e6),
+        f"{kind}-{mhz}mhz",
+        form="auto-beyond",
+        onset_force_n=ONSET_FORCE_N,
+        source="published VNA curves of the WiForce paper, NSDI 2021 (data/paper/vna.csv)",
+        date=DATE,
+        **settings[kind],
+    )
+
+
+def all_sensors():
+    """Every shipped sensor."""
+    for mhz in FREQUENCIES_MHZ:
+        yield line(mhz)
+        yield line_calibrated(mhz)
+        yield published("paper", mhz)
+        yield published("wiforce", mhz)
+
+
+if __name__ == "__main__":
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else HERE
+    for sensor in all_sensors():
+        write_sensor(sensor, folder / f"{sensor.name}.yaml")

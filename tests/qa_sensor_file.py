@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Sensor files: what is written is what is read, and nothing doubtful is read."""
+
+import copy
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from gnuradio.wiforce._config import DATA_DIR
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.sensor import load_sensor, shipped_sensors, write_sensor
+
+FORCES, PLACES = np.linspace(0.5, 9, 40)[:, None], np.linspace(20, 60, 21)
+
+
+def test_every_shipped_sensor_loads_and_says_where_it_comes_from():
+    assert {
+        "line-900mhz",
+        "line-2400mhz",
+        "paper-900mhz",
+        "paper-2400mhz",
+        "wiforce-900mhz",
+        "wiforce-2400mhz",
+    } <= set(shipped_sensors())
+    for name in shipped_sensors():
+        model = load_sensor(name)
+        assert model.name == name and model.length_mm == 80
+        assert model.provenance["source"] and model.provenance["date"]
+        assert np.all(np.isfinite(model.phases_deg(FORCES, PLACES)))
+    for name in ("wiforce-900mhz", "wiforce-2400mhz"):
+        assumed = " ".join(load_sensor(name).provenance["assumed"])
+        assert "location steps those of the line" in assumed and "untouched phases" in assumed
+
+
+def test_shipped_sensors_are_what_their_generator_makes():
+    path = Path(DATA_DIR) / "sensors" / "make_sensors.py"
+    spec = importlib.util.spec_from_file_location("make_sensors", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    for made in module.all_sensors():
+        shipped = load_sensor(made.name)
+        difference = made.phases_deg(FORCES, PLACES) - shipped.phases_deg(FORCES, PLACES)
+        assert np.abs(difference).max() < 1e-3, made.name
+        difference = made.model_std_deg(FORCES, PLACES) - shipped.model_std_deg(FORCES, PLACES)
+        assert np.abs(difference).max() < 1e-3, made.name
+        assert shipped.provenance == made.provenance
+        assert shipped.onset_force_n == pytest.approx(made.onset_force_n, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", ["line-900mhz", "wiforce-2400mhz", "line-900mhz-calibrated"])
+def test_a_model_survives_its_file(tmp_path, name):
+    model = load_sensor(name)
+    write_sensor(model, tmp_path / "s.yaml")
+    again = load_sensor("s.yaml", relative_to=tmp_path)
+    assert np.abs(model.phases_deg(FORCES, PLACES) - again.phases_deg(FORCES, PLACES)).max() < 1e-5
+    assert again.untouched_deg() == pytest.approx(model.untouched_deg(), abs=1e-6)
+    assert again.force_span_n == pytest.approx(model.force_span_n)
+    assert again.provenance == model.provenance
+
+
+def test_wiforce_moves_as_measured_with_the_lines_location_steps():
+    # published movement at 20 mm, 900 MHz: phase of port 1 rises by 10.9 deg from 3 to 6 N
+    for name, two_beta in (("wiforce-900mhz", 2.1614), ("wiforce-2400mhz", 5.7638)):
+        wiforce = load_sensor(name)
+        paper = load_sensor(name.replace("wiforce", "paper"))
+        for place in (20.0, 40.0):
+            moved = [np.diff(m.phases_deg([4.0, 6.0], place), axis=0) for m in (wiforce, paper)]
+            assert moved[0] == pytest.approx(moved[1], abs=1e-6)
+        anchor = 4.806 if "900" in name else 5.59
+        steps = np.diff(wiforce.phases_deg(anchor, [20.0, 40.0, 60.0]), axis=0)
+        expected = np.array([[-20 * two_beta, 20 * two_beta]] * 2)
+        assert np.abs(np.exp(1j * np.radians(steps - expected)) - 1).max() < np.radians(0.1)
+
+
+def content(name="wiforce-900mhz"):
+    return yaml.safe_load((Path(DATA_DIR) / "sensors" / f"{name}.yaml").read_text())
+
+
+def changed(path, value, name="wiforce-900mhz"):
+    result = copy.deepcopy(content(name))
+    *parents, last = path
+    inner = result
+    for key in parents:
+        inner = inner[key]
+    if value is None:
+        del inner[last]
+    else:
+        inner[last] = value
+    return result
+
+
+def load(tmp_path, values):
+    path = tmp_path / "sensor.yaml"
+    path.write_text(yaml.safe_dump(values))
+    return load_sensor(path)
+
+
+def test_numbers_typed_900e6_are_numbers(tmp_path):
+    model = load(tmp_path, changed(["carriers", 0, "frequency_hz"], "900e6"))
+    assert model.frequencies_hz == (900e6,)
+
+
+@pytest.mark.parametrize(
+    "path, value, told",
+    [
+        (["kind"], "magic", "kind: must be 'line' or 'curves'"),
+        (["colour"], "red", "colour: is not a known key"),
+        (["carriers", 0, "colour"], "red", "carriers[0].colour: is not a known key"),
+        (["length_mm"], -80, "length_mm: must be a number above 0"),
+        (["onset_force_n"], None, "onset_force_n: is missing"),
+        (["onset_force_n"], float("nan"), "onset_force_n"),
+        (["force_span_n"], [8, 2], "force_span_n: must be two rising numbers"),
+        (["location_span_mm"], [20, 90], "location_span_mm"),
+        (["carriers"], [], "carriers: must be a list"),
+        (["carriers", 0, "location_mm"], [20, 60, 40], "carriers[0].location_mm"),
+        (["carriers", 0, "coefficients_deg"], [[1, 2], [3, 4]], "carriers[0].coefficients_deg"),
+        (["carriers", 0, "untouched_deg"], ["a", "b"], "carriers[0].untouched_deg"),
+        (["carriers", 0, "interpolation"], [[0, 1, 1, 1, 0.5, 1]], "probabilities"),
+        (["provenance", "date"], None, "provenance.date"),
+        (["form"], "septic", "form: must be 'cubic' or 'power' or 'spline'"),
+    ],
+)
+def test_a_file_that_cannot_be_is_refused_by_key(tmp_path, path, value, told):
+    with pytest.raises(InputError) as caught:
+        load(tmp_path, changed(path, value))
+    assert told in str(caught.value) and "sensor.yaml" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_names_and_carriers_that_are_not_there_are_refused(tmp_path):
+    with pytest.raises(InputError, match="wiforce-900mhz"):
+        load_sensor("wiforce-901mhz")
+    with pytest.raises(InputError, match="cannot be read"):
+        load_sensor(tmp_path / "none.yaml")
+    model = load_sensor("wiforce-900mhz")
+    assert model.phases_deg(4.0, 40.0, 900.5e6).shape == (2,)
+    with pytest.raises(InputError, match="carrier must be within 0.1 % of 900 MHz"):
+        model.phases_deg(4.0, 40.0, 915e6)
+
+
+def test_nothing_half_written_is_left_behind(tmp_path):
+    with pytest.raises(InputError, match="cannot be written"):
+        write_sensor(load_sensor("line-900mhz"), tmp_path / "no" / "s.yaml")
+    write_sensor(load_sensor("line-900mhz"), tmp_path / "s.yaml")
+    assert [path.name for path in tmp_path.iterdir()] == ["s.yaml"]

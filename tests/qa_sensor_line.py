@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The physical line: what is pressed in simulations, and the cross-section it stands for."""
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from gnuradio.wiforce._config import DATA_DIR
+from gnuradio.wiforce.sensor import geometry, load_sensor
+from gnuradio.wiforce.sensor.line import ContactLaw, shorting_points_mm
+
+NAMES = {"line-900mhz": 900e6, "line-2400mhz": 2400e6}
+
+
+def movement_mm(name, location):
+    """How far both shorting points move towards their ends from 2 to 8 N, out of the phases."""
+    model = load_sensor(name)
+    phases = model.phases_deg(np.linspace(2, 8, 61), location)
+    turned = np.unwrap(np.radians(phases), axis=0)
+    two_beta = 4 * math.pi * NAMES[name] / 299_792_458 / 1000
+    return (turned[-1] - turned[0]) / two_beta
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_short_moves_with_force_as_published(name):
+    near, far = movement_mm(name, 20.0)
+    assert 4.4 <= near <= 5.2 and 0.8 <= far <= 1.2
+    assert movement_mm(name, 60.0)[::-1] == pytest.approx([near, far], abs=1e-6)
+    middle = movement_mm(name, 40.0)
+    assert middle[0] == pytest.approx(middle[1], abs=1e-6) and far < middle[0] < near
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_phases_are_those_of_a_short_and_of_an_open_line(name):
+    model = load_sensor(name)
+    degrees_per_mm = 720 * NAMES[name] / 299_792_458e3
+    assert model.untouched_deg() == pytest.approx(
+        [(-degrees_per_mm * 80 + 180) % 360 - 180] * 2, abs=1e-9
+    )
+    # at the onset the short has no width: it is where the press is
+    phases = model.phases_deg(model.onset_force_n, 30.0)
+    expected = [180 - degrees_per_mm * d for d in (30.0, 50.0)]
+    assert np.abs(np.exp(1j * np.radians(phases - expected)) - 1).max() < 1e-6
+
+
+def test_below_the_onset_the_line_is_untouched():
+    model = load_sensor("line-900mhz")
+    phases = model.phases_deg([0.0, 0.89, 0.9, 0.91], 35.0)
+    assert np.allclose(phases[:2], model.untouched_deg())
+    assert np.abs(phases[2] - phases[1]).min() > 20
+
+
+def test_the_contact_solves_the_beam_on_its_foundation():
+    law = ContactLaw(0.9, 3.95, 0.68, 7.0)
+    for force in (0.95, 2.0, 5.0, 12.0):
+        half = law.extents_mm(force, 40.0, 80.0)
+        assert half[0] == half[1]
+        u = half[0] / 3.95
+        # deflected by exactly the gap at the edge of the short
+        assert math.exp(-u) * (math.cos(u) + math.sin(u)) == pytest.approx(0.9 / force, rel=1e-9)
+
+
+def test_a_press_by_the_end_shorts_the_connector_and_no_further():
+    law = ContactLaw(0.9, 3.95, 0.68, 7.0)
+    assert shorting_points_mm(law, 8.0, 3.0, 80.0)[0] == 0.0
+
+
+def test_impedance_matches_tables_of_microstrip_in_air():
+    # D. M. Pozar, Microwave Engineering: 126.5 ohm at w = h; 50 ohm just under 5:1
+    assert geometry.microstrip_impedance_ohm(1.0) == pytest.approx(126.5, rel=0.01)
+    assert geometry.matched_ratio(geometry.microstrip_impedance_ohm) == pytest.approx(4.9, abs=0.1)
+    ratios = np.linspace(0.3, 10, 200)
+    assert np.all(np.diff(geometry.microstrip_impedance_ohm(ratios)) < 0)
+
+
+def test_reflection_of_the_line_equals_the_input_impedance_formula():
+    frequency = np.linspace(50e6, 3e9, 60)
+    impedance = float(geometry.microstrip_impedance_ohm(2.5 / 0.63))
+    turn = np.tan(2 * math.pi * frequency / 299_792_458 * 0.08)
+    seen = impedance * (50 + 1j * impedance * turn) / (impedance + 50j * turn)
+    plain = 20 * np.log10(np.abs((seen - 50) / (seen + 50)))
+    assert geometry.reflection_db(frequency, 2.5 / 0.63) == pytest.approx(plain, abs=1e-6)
+
+
+def test_best_match_lies_where_the_published_field_simulations_have_it():
+    published = {}
+    with open(Path(DATA_DIR) / "data" / "paper" / "hfss_s11.csv") as stream:
+        for row in csv.DictReader(stream):
+            curve = published.setdefault((row["ground_width_mm"], row["freq_mhz"]), [])
+            curve.append((float(row["s11_db"]), float(row["width_to_height_ratio"])))
+    optima = {key: min(curve)[1] for key, curve in published.items()}
+    # a wide ground, and one no wider than the trace, bound what finite grounds do
+    wide = geometry.matched_ratio(geometry.microstrip_impedance_ohm)
+    equal = geometry.matched_ratio(geometry.strip_pair_impedance_ohm)
+    for mhz in ("900", "2400"):
+        assert optima["6.0", mhz] == pytest.approx(wide, abs=0.7)
+        assert optima["2.5", mhz] == pytest.approx(equal, abs=0.7)
+        assert optima["6.0", mhz] < optima["2.5", mhz]
