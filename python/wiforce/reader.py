@@ -93,7 +93,7 @@ class reader(gr.hier_block2):
                 item_type=input_type,
             )
         self.doppler = phase_group_doppler(
-            weights=table.weights.astype(np.complex64), group_length=settings.group_length
+            weights=table.weights, group_length=settings.group_length
         )
         self.estimator = ofdm_channel_estimator(
             factors=waveform.equalizer().astype(np.complex64),
