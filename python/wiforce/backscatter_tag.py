@@ -45,6 +45,7 @@ class backscatter_tag(gr.sync_block):
     waveform : str
         ``repeated`` or ``wifi``: what ``snr_db`` counts for.
     frame_length : int
+        Samples per frame.
     seed : int
         Of the noise and of the clock's start phase.
 

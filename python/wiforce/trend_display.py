@@ -25,6 +25,7 @@ class trend_display(gr.sync_block):
     history_s : float
         Seconds shown.
     title : str
+        Above the plot.
     y_range : (float, float), optional
         Fixed; by default as the values ask for.
 

@@ -36,13 +36,13 @@ public:
     /*!
      * \param path data file
      * \param datatype "ci16_le" or "cf32_le"
-     * \param segments unbroken runs of samples, in order; between two of them samples
-     * were lost \param frame_length samples per frame, at least first_averaged + 64
-     * repetitions \param first_averaged first averaged sample of a frame \param
-     * repetitions repetitions of 64 samples that are averaged \param frame_offset samples
-     * from the first segment's start to the first frame \param header_bytes bytes of the
-     * file before its first sample \throws std::invalid_argument naming file or
-     * parameter, rule and value
+     * \param segments unbroken runs of samples in order; between two, samples were lost
+     * \param frame_length samples per frame, at least first_averaged + 64 repetitions
+     * \param first_averaged first averaged sample of a frame
+     * \param repetitions repetitions of 64 samples that are averaged
+     * \param frame_offset samples from the first segment's start to the first frame
+     * \param header_bytes bytes of the file before its first sample
+     * \throws std::invalid_argument naming file or parameter, rule and value
      */
     static sptr make(const std::string& path,
                      const std::string& datatype,
