@@ -20,6 +20,7 @@ DESCRIPTIONS = {p.name.split(".")[0]: p for p in sorted(FOLDER.glob("*.block.yml
 NEEDED = {
     "wiforce_recording_source": {"path": __file__},
     "wiforce_capture_source": {"recording": __file__, "datatype": "ci16_le"},
+    "wiforce_sigmf_recorder": {"path": __file__},
 }
 
 

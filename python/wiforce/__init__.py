@@ -24,6 +24,8 @@ _HOMES = {
     "reader": "reader",
     "capture_source": "capture_source",
     "clock_offset": "clock_offset",
+    "frame_alignment": "frame_alignment",
+    "sigmf_recorder": "sigmf_recorder",
     "backscatter_tag": "backscatter_tag",
     "force_display": "force_display",
     "trend_display": "trend_display",

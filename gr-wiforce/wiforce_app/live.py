@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``gr-wiforce live``: transmit, receive and read with a UHD device."""
+
+import signal
+import threading
+
+import click
+from gnuradio.wiforce.readings import open_writer
+from gnuradio.wiforce.scene import load_scene
+
+from .publisher import ReadingsPublisher, Requests, endpoint_of
+
+_LOOK_S = 0.1
+_END_S = 15.0
+
+
+def radio_options(command):
+    """The options by which a device is opened; the same for every command that does."""
+    for option in reversed(
+        [
+            click.option(
+                "--scene", "scene_path", required=True, help="Scene file, or a shipped scene."
+            ),
+            click.option("--args", required=True, help="UHD device, as addr=192.168.10.2."),
+            click.option("--tx-gain", type=float, metavar="DB", help="Default: the device's own."),
+            click.option("--rx-gain", type=float, metavar="DB", help="Default: the device's own."),
+            click.option("--antenna", help="Receive antenna, for example RX2."),
+            click.option("--tx-antenna", help="Transmit antenna, for example TX/RX."),
+            click.option("--reference", help="Clock source: internal, external, ..."),
+            click.option(
+                "--amplitude",
+                type=click.FloatRange(0, 1, min_open=True),
+                default=0.5,
+                show_default=True,
+                help="Of what is transmitted: root of the mean preamble power over full scale.",
+            ),
+        ]
+    ):
+        command = option(command)
+    return command
+
+
+@click.command()
+@radio_options
+@click.option("-o", "--output", type=click.Path(), help="OUT.csv or OUT.jsonl; CSV on stdout.")
+@click.option("--record", metavar="NAME", help="Record to NAME.sigmf-data and NAME.sigmf-meta.")
+@click.option("--zmq", "zmq_endpoint", metavar="ENDPOINT", help="Publish readings: PORT or tcp://.")
+@click.option(
+    "--control",
+    metavar="ENDPOINT",
+    help="Take requests (tare, status, stop) by ZMQ: PORT or tcp://.",
+)
+@click.option("--tracked", is_flag=True, help="Follow each press over time.")
+@click.option("--duration", type=click.FloatRange(0, min_open=True), help="Seconds; else until ^C.")
+def live(scene_path, args, output, record, zmq_endpoint, control, tracked, duration, **radio):
+    """Transmit, receive and read with a UHD device, until interrupted.
+
+    SIGUSR1 takes the untouched reference anew (tare).
+    """
+    scene = load_scene(scene_path)
+    for endpoint, option in ((zmq_endpoint, "--zmq"), (control, "--control")):
+        if endpoint is not None:
+            endpoint_of(endpoint, option)
+    amplitude = radio.pop("amplitude")
+    opened = open_radio(args, scene, **radio)
+    with _Outputs(output, zmq_endpoint) as outputs:
+        session = _make_session(scene, opened, outputs, amplitude, tracked, record)
+        outputs.start_s = lambda: session.start_s
+        _run(session, args, outputs, control, duration)
+
+
+def open_radio(args, scene, tx_gain, rx_gain, antenna, tx_antenna, reference):
+    """The device as a command's options want it; warns of oscillators that do not lock."""
+    from .radio import Radio
+
+    radio = Radio(args, scene, tx_gain, rx_gain, tx_antenna, antenna, reference)
+    for way in radio.unlocked():
+        click.echo(f"gr-wiforce: warning: the {way} oscillator does not lock", err=True)
+    return radio
+
+
+def _make_session(scene, radio, outputs, amplitude, tracked, record):
+    from .live_session import LiveSession
+
+    return LiveSession(scene, radio, outputs.take, amplitude, tracked, record)
+
+
+class _Outputs:
+    """Where readings go: a file, and ZMQ when asked for."""
+
+    def __init__(self, output, zmq_endpoint):
+        self._writer = open_writer(output)
+        self._publisher = None
+        self.start_s = lambda: None
+        self.seen = lambda reading: None
+        if zmq_endpoint is not None:
+            self._publisher = ReadingsPublisher(zmq_endpoint)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self._writer.close()
+        if self._publisher is not None:
+            self._publisher.close()
+
+    def take(self, reading):
+        """Write and publish one reading."""
+        self._writer.write(reading)
+        self.seen(reading)
+        if self._publisher is not None:
+            start_s = self.start_s()
+            time_s = None if start_s is None else round(start_s + reading.time_s, 6)
+            self._publisher.publish(reading, time_s)
+
+
+def _run(session, args, outputs, control, duration):
+    """Run the session until it is told to stop, or something ends it."""
+    from .watch import Watch
+
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ended.set())
+    signal.signal(signal.SIGUSR1, lambda *_: session.reader.tare())
+    watch = Watch(session, args)
+    outputs.seen = watch.note
+    requests = _requests(control, session, watch, ended) if control else None
+    session.start()
+    try:
+        while not ended.wait(_LOOK_S):
+            watch.look()
+            if requests is not None:
+                requests.serve()
+            if session.failure is not None or (duration and session.time_s >= duration):
+                break
+    finally:
+        _stop(session)
+        watch.finish()
+        if requests is not None:
+            requests.close()
+    if session.failure is not None:
+        raise session.failure
+    click.echo(f"gr-wiforce: read {watch.summary()}", err=True)
+
+
+def _stop(session):
+    """Stop the flowgraph; a device that is gone must not keep us."""
+    stopping = threading.Thread(target=session.stop, daemon=True)
+    stopping.start()
+    stopping.join(_END_S)
+
+
+def _requests(control, session, watch, ended):
+    def tare():
+        session.reader.tare()
+        return {}
+
+    def stop():
+        ended.set()
+        return {}
+
+    return Requests(control, {"tare": tare, "status": watch.status, "stop": stop})

@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The flowgraph of the live reader: transmit, receive, align, record, read."""
+
+from dataclasses import replace
+
+from gnuradio import gr, wiforce
+from gnuradio.wiforce.level_meter import FULL_SCALE, level_meter
+from gnuradio.wiforce.state_probe import state_probe
+
+# GNU Radio logs to standard output, where readings may go.
+gr.logging().set_default_level(gr.log_levels.error)
+
+START_LEAD_S = 0.5
+_BUFFER_SAMPLES = 1 << 18
+_RECEIVE_SAMPLES = 1 << 16  # 5 ms: handling every packet by itself would cost two cores
+_RECEIVE_TIMEOUT_S = 0.1
+_KEPT_STATES = 64
+
+
+class LiveSession:
+    """Sounds and reads with one device.
+
+    Parameters
+    ----------
+    scene : Scene
+    radio : Radio
+    on_reading : callable
+        Takes every Reading as it comes, in a thread of its own.
+    amplitude : float
+        Root of the mean preamble power of what is sent, over full scale.
+    tracked : bool
+        Follow each press over time.
+    recording : str or Path, optional
+        Record to this SigMF pair.
+    """
+
+    def __init__(self, scene, radio, on_reading, amplitude=0.5, tracked=False, recording=None):
+        waveform = scene.waveform()
+        sounding = {
+            "waveform": waveform.name,
+            "frame_length": waveform.frame_length,
+            "sample_rate": waveform.sample_rate_hz,
+            "item_type": "sc16",
+        }
+        self._scene, self._radio, self._on_reading = scene, radio, on_reading
+        self._transmitted = wiforce.sounding_source(amplitude=amplitude, **sounding)
+        self.alignment = wiforce.frame_alignment(**sounding)
+        self.meter = level_meter(waveform.sample_rate_hz, scene.group_samples)
+        self.reader = wiforce.reader(
+            scene, input_type="sc16", tracked=tracked, on_reading=self._take_reading
+        )
+        self.probe = state_probe(2 * len(scene.sensors), _KEPT_STATES)
+        self.recorder = self._make_recorder(recording, amplitude) if recording else None
+        self._flowgraph = gr.top_block("gr-wiforce live", catch_exceptions=False)
+        self._connect()
+
+    def _connect(self):
+        radio, flowgraph = self._radio, self._flowgraph
+        radio.source.set_recv_timeout(_RECEIVE_TIMEOUT_S, False)
+        radio.source.set_max_noutput_items(_RECEIVE_SAMPLES)
+        for block in (radio.source, self.alignment, self.meter):
+            block.set_min_output_buffer(_BUFFER_SAMPLES)
+        flowgraph.connect(self._transmitted, radio.sink)
+        flowgraph.connect(radio.source, self.alignment, self.meter, self.reader)
+        self.reader.connect(self.reader.average, self.probe)
+        if self.recorder is not None:
+            flowgraph.connect(self.alignment, self.recorder)
+
+    def _make_recorder(self, path, amplitude):
+        from gnuradio.wiforce._config import VERSION
+
+        scene = self._scene
+        fields = {
+            "core:description": "Recorded by gr-wiforce live",
+            "core:recorder": f"gr-wiforce {VERSION}",
+            "core:hw": self._radio.hardware,
+            "core:extensions": [{"name": "wiforce", "version": VERSION, "optional": True}],
+            "wiforce:scene": scene.as_dict(),
+            "wiforce:tx_amplitude": amplitude,
+            **{f"wiforce:{key}": value for key, value in self._radio.settings().items()},
+        }
+        radio = scene.radio
+        return wiforce.sigmf_recorder(
+            path, radio.sample_rate_hz, radio.center_frequency_hz, "sc16", fields
+        )
+
+    def start(self):
+        """Start both streams at one device time."""
+        self._radio.start_together(START_LEAD_S)
+        self._flowgraph.start()
+
+    def stop(self):
+        """End in good order; every reading that the samples hold has been given after this."""
+        self._flowgraph.stop()
+        self._flowgraph.wait()
+        self.reader.finish()
+
+    @property
+    def failure(self):
+        """What ended the chain before its time, or None."""
+        return self.reader.failure
+
+    @property
+    def samples(self):
+        """Samples received from the first frame on."""
+        return self.meter.nitems_read(0)
+
+    @property
+    def samples_heard(self):
+        """Samples received, before any frame was found included."""
+        return self.alignment.nitems_read(0)
+
+    @property
+    def samples_lost(self):
+        return self.reader.fold.samples_lost()
+
+    @property
+    def gaps(self):
+        return self.reader.fold.gaps()
+
+    @property
+    def time_s(self):
+        """Stream time that has been received, lost samples included."""
+        return (self.samples + self.samples_lost) / self._scene.radio.sample_rate_hz
+
+    @property
+    def start_s(self):
+        """Device time of the first frame's first sample; None before it was found."""
+        time = self.alignment.start_time
+        return None if time is None else time[0] + time[1]
+
+    def take_peak(self):
+        """Largest component since the last call, over full scale."""
+        peak, self.meter.peak = self.meter.peak, 0
+        return peak / FULL_SCALE
+
+    def _take_reading(self, reading):
+        group = round(reading.time_s / self._scene.group_period_s - 0.5)
+        if group in self.meter.clipped_groups and "saturated" not in reading.flags:
+            reading = replace(reading, flags=(*reading.flags, "saturated"))
+        self._on_reading(reading)

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Readings and requests over ZMQ, on loopback unless told otherwise."""
+
+import json
+
+from gnuradio.wiforce.errors import InputError
+
+
+def endpoint_of(text, option):
+    """A ZMQ endpoint from ``PORT`` (on loopback) or ``tcp://ADDRESS:PORT``.
+
+    Raises
+    ------
+    InputError
+    """
+    address, _, port = text.rpartition(":")
+    if not address:
+        address = "tcp://127.0.0.1"
+    if not address.startswith("tcp://") or not port.isdigit() or not 0 < int(port) < 65536:
+        raise InputError(option, "must be a port or tcp://ADDRESS:PORT", text)
+    return f"{address}:{port}"
+
+
+class _Endpoint:
+    """A bound ZMQ socket of its own context."""
+
+    def __init__(self, endpoint, kind, option):
+        try:
+            import zmq
+        except ImportError as error:
+            raise InputError(option, "needs pyzmq (python3-zmq)", endpoint) from error
+        self._zmq = zmq
+        self._context = zmq.Context()
+        self._socket = self._context.socket(getattr(zmq, kind))
+        try:
+            self._socket.bind(endpoint_of(endpoint, option))
+        except (zmq.ZMQError, InputError) as error:
+            self.close()
+            if isinstance(error, InputError):
+                raise
+            raise InputError(option, f"cannot be bound ({error})", endpoint) from error
+
+    def close(self):
+        """Give the endpoint back; what was just sent still has a moment to leave."""
+        self._socket.close(linger=200)
+        self._context.term()
+
+
+class ReadingsPublisher(_Endpoint):
+    """Readings as JSON on a PUB socket.
+
+    Raises
+    ------
+    InputError
+        When pyzmq is missing or the endpoint cannot be bound.
+    """
+
+    def __init__(self, endpoint, option="--zmq"):
+        super().__init__(endpoint, "PUB", option)
+
+    def publish(self, reading, device_time_s):
+        """Send one reading: the keys of a JSON line, and ``device_time_s``."""
+        message = {**reading.row(), "device_time_s": device_time_s}
+        self._socket.send_string(json.dumps(message, allow_nan=False))
+
+
+class Requests(_Endpoint):
+    """Requests on a REP socket: one word in, JSON out.
+
+    Parameters
+    ----------
+    endpoint : str
+    handlers : dict
+        Word to a callable that returns a dict.
+    """
+
+    def __init__(self, endpoint, handlers, option="--control"):
+        super().__init__(endpoint, "REP", option)
+        self._handlers = handlers
+
+    def serve(self):
+        """Answer what has come in; never waits."""
+        while self._socket.poll(0):
+            word = self._socket.recv().decode("utf-8", "replace").strip()
+            handler = self._handlers.get(word)
+            if handler is None:
+                known = ", ".join(self._handlers)
+                answer = {"ok": False, "error": f"must be one of {known}, got {word[:80]!r}"}
+            else:
+                answer = {"ok": True, **handler()}
+            self._socket.send_string(json.dumps(answer))
