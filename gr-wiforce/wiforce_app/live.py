@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """``gr-wiforce live``: transmit, receive and read with a UHD device."""
 
+import os
 import signal
 import threading
 
@@ -11,7 +12,6 @@ from gnuradio.wiforce.scene import load_scene
 from .publisher import ReadingsPublisher, Requests, endpoint_of
 
 _LOOK_S = 0.1
-_END_S = 15.0
 
 
 def radio_options(command):
@@ -66,7 +66,9 @@ def live(scene_path, args, output, record, zmq_endpoint, control, tracked, durat
     with _Outputs(output, zmq_endpoint) as outputs:
         session = _make_session(scene, opened, outputs, amplitude, tracked, record)
         outputs.start_s = lambda: session.start_s
-        _run(session, args, outputs, control, duration)
+        lost = _run(session, args, outputs, control, duration)
+    if lost is not None:
+        leave(lost)
 
 
 def open_radio(args, scene, tx_gain, rx_gain, antenna, tx_antenna, reference):
@@ -115,8 +117,8 @@ class _Outputs:
 
 
 def _run(session, args, outputs, control, duration):
-    """Run the session until it is told to stop, or something ends it."""
-    from .watch import Watch
+    """Run the session until it is told to stop; the DeviceLost that ended it, or None."""
+    from .watch import DeviceLost, Watch
 
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -127,27 +129,30 @@ def _run(session, args, outputs, control, duration):
     requests = _requests(control, session, watch, ended) if control else None
     session.start()
     try:
-        while not ended.wait(_LOOK_S):
+        while not ended.wait(_LOOK_S) and session.failure is None:
             watch.look()
             if requests is not None:
                 requests.serve()
-            if session.failure is not None or (duration and session.time_s >= duration):
+            if duration and session.time_s >= duration:
                 break
+        session.stop()
+    except DeviceLost as lost:
+        session.reader.finish()
+        return lost
     finally:
-        _stop(session)
         watch.finish()
         if requests is not None:
             requests.close()
     if session.failure is not None:
         raise session.failure
     click.echo(f"gr-wiforce: read {watch.summary()}", err=True)
+    return None
 
 
-def _stop(session):
-    """Stop the flowgraph; a device that is gone must not keep us."""
-    stopping = threading.Thread(target=session.stop, daemon=True)
-    stopping.start()
-    stopping.join(_END_S)
+def leave(error):
+    """End at once: with the device gone UHD's blocks throw while they are stopped, and abort."""
+    click.echo(f"gr-wiforce: {error}", err=True)
+    os._exit(1)
 
 
 def _requests(control, session, watch, ended):

@@ -51,7 +51,8 @@ class LiveSession:
         )
         self.probe = state_probe(2 * len(scene.sensors), _KEPT_STATES)
         self.recorder = self._make_recorder(recording, amplitude) if recording else None
-        self._flowgraph = gr.top_block("gr-wiforce live", catch_exceptions=False)
+        # UHD's blocks throw when a device vanishes: that must end them, not the process.
+        self._flowgraph = gr.top_block("gr-wiforce live", catch_exceptions=True)
         self._connect()
 
     def _connect(self):
@@ -64,7 +65,7 @@ class LiveSession:
         flowgraph.connect(radio.source, self.alignment, self.meter, self.reader)
         self.reader.connect(self.reader.average, self.probe)
         if self.recorder is not None:
-            flowgraph.connect(self.alignment, self.recorder)
+            self.tap(self.recorder)
 
     def _make_recorder(self, path, amplitude):
         from gnuradio.wiforce._config import VERSION
@@ -84,6 +85,10 @@ class LiveSession:
             path, radio.sample_rate_hz, radio.center_frequency_hz, "sc16", fields
         )
 
+    def tap(self, *blocks):
+        """Lead the aligned samples through further blocks as well; before `start`."""
+        self._flowgraph.connect(self.alignment, *blocks)
+
     def start(self):
         """Start both streams at one device time."""
         self._radio.start_together(START_LEAD_S)
@@ -91,9 +96,11 @@ class LiveSession:
 
     def stop(self):
         """End in good order; every reading that the samples hold has been given after this."""
-        self._flowgraph.stop()
-        self._flowgraph.wait()
-        self.reader.finish()
+        try:
+            self._flowgraph.stop()
+            self._flowgraph.wait()
+        finally:
+            self.reader.finish()
 
     @property
     def failure(self):

@@ -25,16 +25,19 @@ class Watch:
     session : LiveSession
     args : str
         The device's arguments, for messages.
+    quiet : bool
+        Neither draw nor warn: only notice when the device is gone.
     now : callable
         Seconds of wall time.
     """
 
-    def __init__(self, session, args, now=time.monotonic):
+    def __init__(self, session, args, quiet=False, now=time.monotonic):
         self._session, self._args, self._now = session, args, now
         self._started_s = self._line_s = self._warn_s = self._heard_s = now()
         self._heard, self._gaps, self._lost, self._clipped = 0, 0, 0, 0
         self._no_frames_told = self._recording_told = False
-        self._terminal = sys.stderr.isatty()
+        self._quiet = quiet
+        self._terminal = sys.stderr.isatty() and not quiet
         self._last = {}
 
     def note(self, reading):
@@ -49,7 +52,7 @@ class Watch:
         DeviceLost
         """
         now = self._now()
-        if now - self._warn_s >= _WARN_S:
+        if not self._quiet and now - self._warn_s >= _WARN_S:
             self._warn_s = now
             self._warn()
         if self._terminal and now - self._line_s >= _LINE_S:
