@@ -50,7 +50,7 @@ def check(scene_path, args, as_json, amplitude, **radio):
 
     Nothing may press a sensor meanwhile.
     """
-    from .watch import DeviceLost
+    from .live_session import DeviceLost
 
     scene = load_scene(scene_path)
     opened = open_radio(args, scene, **radio)
@@ -138,8 +138,8 @@ def _advice_on_levels(levels):
     if levels["clipped"] or peak > -1:
         yield f"the receiver clips or nearly so (peak {peak:.1f} dBFS): lower --rx-gain by 6 dB"
     elif peak < -20:
-        more = -6 - peak
-        yield f"the converter is hardly used (peak {peak:.1f} dBFS): raise --rx-gain by {more:.0f} dB"
+        more = f"raise --rx-gain by {-6 - peak:.0f} dB"
+        yield f"the converter is hardly used (peak {peak:.1f} dBFS): {more}"
     if levels["dc_dbfs"] > -20:
         yield f"a DC offset of {levels['dc_dbfs']:.1f} dBFS takes range: calibrate the device"
 

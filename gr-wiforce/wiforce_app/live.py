@@ -118,7 +118,8 @@ class _Outputs:
 
 def _run(session, args, outputs, control, duration):
     """Run the session until it is told to stop; the DeviceLost that ended it, or None."""
-    from .watch import DeviceLost, Watch
+    from .live_session import DeviceLost
+    from .watch import Watch
 
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -127,8 +128,8 @@ def _run(session, args, outputs, control, duration):
     watch = Watch(session, args)
     outputs.seen = watch.note
     requests = _requests(control, session, watch, ended) if control else None
-    session.start()
     try:
+        session.start()
         while not ended.wait(_LOOK_S) and session.failure is None:
             watch.look()
             if requests is not None:

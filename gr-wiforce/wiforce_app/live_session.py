@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The flowgraph of the live reader: transmit, receive, align, record, read."""
 
+import time
 from dataclasses import replace
 
 from gnuradio import gr, wiforce
@@ -10,11 +11,17 @@ from gnuradio.wiforce.state_probe import state_probe
 # GNU Radio logs to standard output, where readings may go.
 gr.logging().set_default_level(gr.log_levels.error)
 
-START_LEAD_S = 0.5
+# How far ahead the common start is set. A busy machine may miss it: then again, further ahead.
+_START_LEADS_S = (0.5, 1.5, 4.0)
+_START_GRACE_S = 2.0
 _BUFFER_SAMPLES = 1 << 18
 _RECEIVE_SAMPLES = 1 << 16  # 5 ms: handling every packet by itself would cost two cores
 _RECEIVE_TIMEOUT_S = 0.1
 _KEPT_STATES = 64
+
+
+class DeviceLost(Exception):
+    """The device sends no samples, or no more."""
 
 
 class LiveSession:
@@ -90,9 +97,29 @@ class LiveSession:
         self._flowgraph.connect(self.alignment, *blocks)
 
     def start(self):
-        """Start both streams at one device time."""
-        self._radio.start_together(START_LEAD_S)
-        self._flowgraph.start()
+        """Start both streams at one device time.
+
+        Raises
+        ------
+        DeviceLost
+            When nothing comes back.
+        """
+        for lead_s in _START_LEADS_S:
+            self._radio.start_together(lead_s)
+            self._flowgraph.start()
+            if self._hears_within(lead_s + _START_GRACE_S):
+                return
+            self._flowgraph.stop()
+            self._flowgraph.wait()
+        raise DeviceLost(f"{self._radio.hardware}: sends no samples")
+
+    def _hears_within(self, seconds):
+        end_s = time.monotonic() + seconds
+        while self.samples_heard == 0:
+            if time.monotonic() > end_s:
+                return False
+            time.sleep(0.01)
+        return True
 
     def stop(self):
         """End in good order; every reading that the samples hold has been given after this."""

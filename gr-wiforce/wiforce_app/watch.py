@@ -6,15 +6,13 @@ import time
 
 import click
 
+from .live_session import DeviceLost
+
 _LINE_S = 0.5
 _WARN_S = 1.0
 _SILENCE_S = 5.0
 _NO_FRAMES = 8  # searches without finding frames, of 0.12 s each
 _BEHIND = 3  # gaps within a second that mean more than an accident
-
-
-class DeviceLost(Exception):
-    """The device has stopped sending samples."""
 
 
 class Watch:

@@ -1,0 +1,428 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The live reader against the software N210: presses, faults, and everything that ends a run."""
+
+import csv
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from gnuradio.wiforce.capture import open_capture
+from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.scene.channel import AirChannel
+
+GROUP_S = 0.036
+FRAMES = "recv_frame_size=8000,send_frame_size=8000"
+GAINS = ["--tx-gain", "15", "--rx-gain", "15"]
+
+# Rises, holds and falls, on both sides of the line's middle and between the model's locations.
+PRESSES = [
+    (0.9, 4.0, 6.0, 45.0), (2.3, 6.5, 3.0, 33.0), (3.7, 3.0, 3.0, 25.0), (5.1, 7.0, 7.0, 52.0),
+    (6.5, 2.5, 5.0, 38.0), (7.9, 5.0, 5.0, 29.0), (9.3, 6.0, 4.0, 56.0), (10.7, 4.5, 4.5, 42.0),
+    (12.1, 3.5, 6.5, 36.0), (13.5, 5.5, 5.5, 48.0),
+]  # fmt: skip
+
+
+def scene_of(presses, reference_s=0.5, **simulation):
+    return {
+        "sensors": [{"name": "arm", "model": "line-900mhz-calibrated"}],
+        "reference_s": reference_s,
+        "simulation": {
+            "truth_model": "line-900mhz",
+            "duration_s": 20.0,
+            "snr_db": 10,
+            "static_clutter_db": 60,
+            "clock_offset_ppm": 40,
+            "presses": [
+                {
+                    "start_s": start,
+                    "rise_s": 0.1,
+                    "hold_s": 0.8,
+                    "force_n": force,
+                    "end_force_n": last,
+                    "location_mm": place,
+                }
+                for start, force, last, place in presses
+            ],
+            **simulation,
+        },
+    }
+
+
+def scene_file(folder, *arguments, **options):
+    path = folder / "scene.yaml"
+    path.write_text(json.dumps(scene_of(*arguments, **options)))
+    return path
+
+
+def live_command(args, scene, *options):
+    command = [sys.executable, "-m", "wiforce_app.main", "live", "--scene", str(scene)]
+    return [*command, "--args", args, *map(str, options)]
+
+
+@contextmanager
+def live(args, scene, *options, limit=100):
+    """A running live reader; ended if the test doesn't."""
+    process = subprocess.Popen(
+        live_command(f"{args},{FRAMES}", scene, *options),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    timer = threading.Timer(limit, process.kill)
+    timer.start()
+    try:
+        yield process
+    finally:
+        timer.cancel()
+        process.kill()
+        process.communicate()
+
+
+def rows_of(path):
+    with open(path, newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def streaming_s(device):
+    return device.command("status")["streaming_s"]
+
+
+def wait_until(condition, limit=60):
+    end = time.monotonic() + limit
+    while not condition():
+        assert time.monotonic() < end, "not in time"
+        time.sleep(0.05)
+
+
+class Readings:
+    """Readings of a file beside what was pressed."""
+
+    def __init__(self, path, scene):
+        self.rows = rows_of(path)
+        self.time_s = np.array([float(row["time_s"]) for row in self.rows])
+        self.flags = [set(row["flags"].split()) for row in self.rows]
+        truth = AirChannel(load_scene(scene)).touch_state(self.time_s)["arm"]
+        self.touch = np.array([row["touch"] == "1" for row in self.rows])
+        self.true_touch = truth.touch
+        self.unflagged = np.array([not flags for flags in self.flags])
+        self.force_error = self._column("force_n") - truth.force_n
+        self.location_error = self._column("location_mm") - truth.location_mm
+        self.force_std = self._column("force_std_n")
+        self.location_std = self._column("location_std_mm")
+
+    def _column(self, name):
+        return np.array([float(row[name]) if row[name] else np.nan for row in self.rows])
+
+    def check(self):
+        """No unflagged reading is wrong, and the typical error is small."""
+        assert np.array_equal(self.touch[self.unflagged], self.true_touch[self.unflagged])
+        good = self.unflagged & self.touch
+        assert good.sum() > 100
+        assert np.median(np.abs(self.force_error[good])) <= 0.15
+        assert np.median(np.abs(self.location_error[good])) <= 0.5
+        # A group that lies in the middle of a rise reads its mean: half a newton at most.
+        assert np.all(np.abs(self.force_error[good]) < 4 * self.force_std[good] + 0.5)
+        assert np.all(np.abs(self.location_error[good]) < 4 * self.location_std[good] + 0.5)
+
+
+@pytest.fixture(scope="module")
+def side_by_side(tmp_path_factory):
+    """Two readers on two devices for 15 s of device time, one of them with faults every second."""
+    from software_usrp import SoftwareUsrp
+
+    folder = tmp_path_factory.mktemp("live")
+    scene = scene_file(folder, PRESSES)
+    faults = [f"+{second}.33 overflow 3630" for second in range(1, 15)]
+    faults += [f"+{second}.71 lose 2" for second in range(1, 15)]
+    devices = [SoftwareUsrp(scene), SoftwareUsrp(scene, faults=faults)]
+    outputs = [folder / "clean.csv", folder / "faulty.csv"]
+    try:
+        running = [
+            subprocess.Popen(
+                live_command(f"{d.args},{FRAMES}", scene, *GAINS, "--duration", 15.1, "-o", out),
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+            for d, out in zip(devices, outputs, strict=True)
+        ]
+        said = [process.communicate(timeout=300)[1] for process in running]
+        assert [process.returncode for process in running] == [0, 0], said
+    finally:
+        for process in running:
+            process.kill()
+        for device in devices:
+            device.stop()
+    return [Readings(output, scene) for output in outputs], said, len(faults)
+
+
+@pytest.mark.timeout(400)
+def test_presses_are_read_for_fifteen_seconds(side_by_side):
+    (clean, _), said, _ = side_by_side
+    assert clean.time_s[0] == GROUP_S / 2 and clean.time_s[-1] > 15
+    assert np.allclose(np.diff(clean.time_s), GROUP_S)
+    assert not any("gap" in flags for flags in clean.flags)
+    clean.check()
+    assert said[0].count("\n") == 1 and "gaps" not in said[0]
+
+
+@pytest.mark.timeout(400)
+def test_overflows_and_losses_cost_no_more_than_their_groups(side_by_side):
+    (clean, faulty), said, faults = side_by_side
+    faulty.check()
+    flagged = sum("gap" in flags for flags in faulty.flags)
+    assert faults / 2 <= flagged <= 2 * faults
+    # Nothing restarts: time goes on over the gaps, and the reference holds.
+    assert np.allclose(np.diff(faulty.time_s), GROUP_S)
+    assert sum("reference" in flags for flags in faulty.flags) <= 13
+    others = [flags - {"gap"} for flags in faulty.flags[: len(clean.flags)]]
+    different = sum(a != b for a, b in zip(others, clean.flags, strict=False))
+    assert different <= 2 * faults
+    assert "gaps" in said[1] and "samples lost" in said[1]
+
+
+def run_session(*arguments):
+    """What a run of session_runs.py prints."""
+    script = Path(__file__).with_name("session_runs.py")
+    command = [sys.executable, str(script), *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=100)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """A short recorded run with an overflow: scene, recording, readings and when they came."""
+    from software_usrp import SoftwareUsrp
+
+    folder = tmp_path_factory.mktemp("recorded")
+    scene = scene_file(folder, [(0.7, 4.0, 4.0, 45.0)], reference_s=0.3)
+    device = SoftwareUsrp(scene, faults=["+1.0 overflow 45000"])
+    try:
+        readings = run_session("timed", scene, f"{device.args},{FRAMES}", folder / "run", 1.4)
+    finally:
+        device.stop()
+    return scene, folder / "run", readings
+
+
+def test_an_onset_is_known_within_a_tenth_of_a_second(recorded):
+    _, _, readings = recorded
+    # The force passes the model's onset during the rise, 0.7 .. 0.8 s; a group that was cut by it
+    # tells of it by its flag.
+    told = next(row["came_s"] for row in readings if "transition" in row["flags"])
+    assert 0.7 < told <= 0.8
+    touched = next(row["came_s"] for row in readings if row["touch"] == 1)
+    assert touched <= 0.85
+
+
+def test_a_recording_reads_as_the_live_run_did(recorded, tmp_path):
+    scene, capture, live_rows = recorded
+    output = tmp_path / "read.csv"
+    command = [sys.executable, "-m", "wiforce_app.main", "read", str(capture)]
+    subprocess.run([*command, "--scene", str(scene), "-o", str(output)], check=True, timeout=60)
+    read = rows_of(output)
+    # The recorder may be a few samples ahead of the reader when the run is stopped.
+    assert 0 <= len(read) - len(live_rows) <= 1
+    assert len(live_rows) >= 38
+    for ours, theirs in zip(live_rows[:-1], read, strict=False):
+        assert float(theirs["time_s"]) == pytest.approx(ours["time_s"], abs=1e-9)
+        assert theirs["flags"] == ours["flags"] and theirs["touch"] == str(ours["touch"])
+        for name in ("phase1_deg", "phase2_deg"):
+            assert float(theirs[name]) == pytest.approx(ours[name], abs=1e-3)
+
+
+def test_a_recording_says_what_it_was_made_with_and_what_it_lost(recorded):
+    scene, capture, _ = recorded
+    opened = open_capture(capture)
+    opened.check_against(load_scene(scene))
+    assert len(opened.segments) == 2
+    assert opened.span - opened.samples == 45000
+    fields = json.loads(capture.with_name("run.sigmf-meta").read_text())["global"]
+    assert "N210" in fields["core:hw"] and fields["core:datatype"] == "ci16_le"
+    assert fields["wiforce:rx_gain_db"] == fields["wiforce:tx_gain_db"] == 15
+    assert fields["wiforce:scene"]["sensors"][0]["name"] == "arm"
+
+
+def test_killed_it_leaves_all_but_the_last_second(software_usrp, tmp_path):
+    scene = scene_file(tmp_path, PRESSES[:1])
+    device = software_usrp(scene)
+    output, name = tmp_path / "out.jsonl", tmp_path / "run"
+    with live(device.args, scene, *GAINS, "-o", output, "--record", name) as process:
+        wait_until(lambda: streaming_s(device) > 2.2)
+        end_s = streaming_s(device)
+        os.kill(process.pid, signal.SIGKILL)
+    lines = output.read_text().splitlines()
+    times = [json.loads(line)["time_s"] for line in lines]
+    assert np.allclose(times, GROUP_S * (np.arange(len(times)) + 0.5))
+    assert times[-1] > end_s - 1 - GROUP_S
+    capture = open_capture(name)
+    assert capture.samples / 12.5e6 > end_s - 1
+    assert capture.sample_rate_hz == 12.5e6 and capture.center_frequency_hz == 900e6
+
+
+def test_readings_and_requests_go_over_zmq_and_clipping_is_told(software_usrp, tmp_path):
+    zmq = pytest.importorskip("zmq")
+    scene = scene_file(tmp_path, [])
+    device = software_usrp(scene)
+    ports = []
+    for _ in range(2):
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            ports.append(free.getsockname()[1])
+    output = tmp_path / "out.csv"
+    options = ["--zmq", ports[0], "--control", f"tcp://127.0.0.1:{ports[1]}", "-o", output]
+    with (
+        live(device.args, scene, "--tx-gain", 15, "--rx-gain", 20, *options) as process,
+        zmq.Context() as context,
+        context.socket(zmq.SUB) as subscriber,
+        context.socket(zmq.REQ) as client,
+    ):
+        for sock, port in ((subscriber, ports[0]), (client, ports[1])):
+            sock.setsockopt(zmq.LINGER, 0)
+            sock.setsockopt(zmq.RCVTIMEO, 60_000)
+            sock.connect(f"tcp://127.0.0.1:{port}")
+        subscriber.subscribe("")
+
+        def ask(word):
+            client.send_string(word)
+            return json.loads(client.recv_string())
+
+        def receive_until(last):
+            rows = []
+            while not (rows and last(rows[-1])):
+                rows.append(json.loads(subscriber.recv_string()))
+            return rows
+
+        (first,) = receive_until(lambda row: True)
+        assert first["sensor"] == "arm" and "saturated" in first["flags"].split()
+        # Sample 0 of the stream lies some samples behind the common start of both directions.
+        assert first["device_time_s"] - first["time_s"] > 0
+        status = ask("status")
+        assert status["ok"] and 50 <= status["frame_offset"] <= 72
+        assert status["clock_offset_ppm"][0] == pytest.approx(40, abs=2)
+        assert ask("tare") == {"ok": True}
+        assert ask("dance")["ok"] is False
+        # The new reference, then a touch against it.
+        tared_s = ask("status")["time_s"]
+        later = receive_until(lambda row: row["time_s"] > tared_s + 0.8)
+        assert any("reference" in row["flags"] for row in later if row["time_s"] > tared_s)
+        assert "reference" not in later[-1]["flags"]
+        device.command("press arm 4.0 45.0")
+        receive_until(lambda row: row["touch"] == 1)
+        assert ask("stop") == {"ok": True}
+        _, said = process.communicate(timeout=30)
+        assert process.returncode == 0
+    assert "clips" in said
+    assert rows_of(output)[-1]["touch"] == "1"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_with_all_readings_written(software_usrp, tmp_path, number):
+    scene = scene_file(tmp_path, [])
+    device = software_usrp(scene)
+    with live(device.args, scene, *GAINS) as process:
+        wait_until(lambda: streaming_s(device) > 0.9)
+        process.send_signal(number)
+        output, said = process.communicate(timeout=30)
+    assert process.returncode == 0 and said.startswith("gr-wiforce: read ")
+    read_s = float(said.split()[2])
+    rows = list(csv.DictReader(output.splitlines()))
+    assert abs(len(rows) - read_s / GROUP_S) <= 2
+
+
+def test_a_device_that_vanishes_is_told_and_what_was_read_is_kept(software_usrp, tmp_path):
+    scene = scene_file(tmp_path, [])
+    device = software_usrp(scene)
+    output = tmp_path / "out.csv"
+    with live(device.args, scene, *GAINS, "-o", output) as process:
+        wait_until(lambda: streaming_s(device) > 1.0)
+        device.process.kill()
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert said.count("\n") == 1 and "has sent nothing" in said and device.address in said
+    assert len(rows_of(output)) > 15
+
+
+def failing(*command):
+    done = subprocess.run(
+        [sys.executable, "-m", "wiforce_app.main", *map(str, command)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.mark.parametrize("command", ["live", "check"])
+def test_without_a_device_one_line_says_what_else_there_is(command):
+    status, out, said = failing(command, "--scene", "demo", "--args", "addr=127.0.0.254")
+    assert (status, out) == (2, "") and said.count("\n") == 1
+    assert all(word in said for word in ("addr=127.0.0.254", "emulate", "read"))
+
+
+def test_what_the_device_cannot_do_is_told_in_one_line(software_usrp, tmp_path):
+    device = software_usrp("--air", "cable")
+    demo = ["--scene", "demo", "--args", device.args]
+    odd_rate = scene_of([])
+    odd_rate["radio"] = {"sample_rate_hz": 11e6}
+    (tmp_path / "rate.yaml").write_text(json.dumps(odd_rate))
+    (tmp_path / "run.sigmf-data").write_text("precious")
+    for options, words in [
+        (
+            ["--scene", tmp_path / "rate.yaml", "--args", device.args],
+            ["sample_rate_hz", "11000000"],
+        ),
+        ([*demo, "--rx-gain", 99], ["--rx-gain", "38"]),
+        ([*demo, "--antenna", "J1"], ["--antenna", "RX2"]),
+        ([*demo, "--reference", "sun"], ["--reference", "internal"]),
+        ([*demo, "--record", tmp_path / "run"], ["run.sigmf-data", "exists"]),
+        ([*demo, "-o", tmp_path / "out.txt"], ["out.txt", ".csv"]),
+        ([*demo, "--zmq", "ipc://x"], ["--zmq"]),
+        ([*demo, "--amplitude", 0.99], ["amplitude"]),
+    ]:
+        status, _, said = failing("live", *options)
+        assert status == 2 and said.count("\n") == 1, said
+        assert all(word in said for word in words), said
+    assert (tmp_path / "run.sigmf-data").read_text() == "precious"
+    assert not list(tmp_path.glob("*.csv"))
+
+
+def test_ten_starts_and_stops_leave_nothing_behind(software_usrp, tmp_path):
+    scene = scene_file(tmp_path, [])
+    device = software_usrp(scene)
+    held = run_session("repeated", scene, f"{device.args},{FRAMES}")
+    assert held[1:] == held[:1] * 4
+
+
+def test_a_check_finds_levels_delay_and_clock(software_usrp, tmp_path):
+    scene = scene_file(tmp_path, [])
+    device = software_usrp(scene)
+    command = ["check", "--scene", scene, "--args", f"{device.args},{FRAMES}", "--json"]
+    status, out, said = failing(*command, *GAINS)
+    assert (status, said) == (0, ""), said
+    found = json.loads(out)
+    # SPEC of a scene on the air: peak 3 dB below full scale, noise by snr_db, 5.12 us of delay.
+    channel = AirChannel(load_scene(scene))
+    assert found["levels"]["peak_dbfs"] == pytest.approx(-3, abs=1)
+    noise_dbfs = 20 * np.log10(channel.noise_std)
+    assert found["levels"]["noise_dbfs"] == pytest.approx(noise_dbfs, abs=0.3)
+    assert found["levels"]["dc_dbfs"] < -90 and found["levels"]["clipped"] == 0
+    assert found["delay_us"] == pytest.approx(5.12 + 2 * 0.08, abs=0.1)
+    (arm,) = found["sensors"]
+    assert arm["clock_offset_ppm"] == pytest.approx(40, abs=0.5)
+    assert arm["snr_db"] == pytest.approx([10, 10], abs=1)
+    assert max(arm["phase_error_deg"]) < 0.1
+    assert found["advice"] == []
+    # Far too little, and a tag that is off.
+    device.command("fault 0 off arm")
+    status, out, _ = failing(*command, "--tx-gain", 0, "--rx-gain", 0)
+    advice = " ".join(json.loads(out)["advice"])
+    assert status == 0 and "raise --rx-gain" in advice and "no tag heard" in advice
