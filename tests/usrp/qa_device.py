@@ -8,6 +8,7 @@ import struct
 import subprocess
 import sys
 import threading
+import time
 from contextlib import closing
 from pathlib import Path
 
@@ -154,6 +155,17 @@ def test_a_signal_stops_it_cleanly(software_usrp, number):
     for port in PORTS:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
             sock.bind((device.address, port))
+
+
+def test_a_fault_whose_time_has_passed_happens_at_once(software_usrp):
+    device = software_usrp("--air", "cable", faults=["0 swap"])
+    assert device.command("fault 0 late rx") == {"ok": True}
+    end = time.monotonic() + 10
+    while device.command("status")["faults"] < 2:
+        assert time.monotonic() < end
+    before = device.command("status")["device_time_s"]
+    while device.command("status")["device_time_s"] == before:
+        assert time.monotonic() < end
 
 
 def test_twenty_starts_and_stops_leave_nothing_behind():

@@ -422,7 +422,7 @@ def test_a_check_finds_levels_delay_and_clock(software_usrp, tmp_path):
     assert max(arm["phase_error_deg"]) < 0.1
     assert found["advice"] == []
     # Far too little, and a tag that is off.
-    device.command("fault 0 off arm")
+    device.command("fault +0 off arm")
     status, out, _ = failing(*command, "--tx-gain", 0, "--rx-gain", 0)
     advice = " ".join(json.loads(out)["advice"])
     assert status == 0 and "raise --rx-gain" in advice and "no tag heard" in advice

@@ -253,6 +253,8 @@ class Device:
 
     def _advance(self):
         """Move device time on by at most one step; seconds to wait before the next."""
+        for fault in self._faults.due(self.clock, self._origin):
+            self._inject(fault)
         if not self._deliver():
             return _HOLD_WAIT_S
         start = self.clock.ticks
@@ -321,8 +323,6 @@ class Device:
         self.air.forget(end)
         self._run_fifo()
         self._report()
-        for fault in self._faults.due(self.clock, self._origin):
-            self._inject(fault)
 
     def _report(self):
         reports = self.transmit.reports()
