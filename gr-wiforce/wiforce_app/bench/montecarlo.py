@@ -226,8 +226,8 @@ def summarise(case, estimator, runs):
     """
     from scipy.stats import t as student
 
-    runs = [run for run in runs if len(run.errors_deg)]
     unread = sum(run.unread for run in runs)
+    runs = [run for run in runs if len(run.errors_deg)]
     if not runs:
         nothing = [None] * (2 * len(case.clocks_hz))
         return Row(case.name, estimator, *([nothing] * 6), 0.0, 0, unread)

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The accuracy benchmark: its rows, its arithmetic, its interface."""
+
+import json
+import subprocess
+
+import numpy as np
+import pytest
+from wiforce_app.bench.cases import Case, cases
+from wiforce_app.bench.montecarlo import RunResult, run_case, summarise
+
+SHORT = Case("short", 10.0, groups=12, estimators=("harmonic", "paper, offset removed"))
+
+
+def a_run(errors, bound=0.5, std=0.5):
+    errors = np.asarray(errors, float).reshape(-1, 2)
+    return RunResult(errors, np.full_like(errors, std), np.full(2, bound), 1, 0.5, 10.0)
+
+
+def test_a_row_is_the_mean_over_runs_of_errors_against_their_own_bound():
+    rng = np.random.default_rng(1)
+    runs = [a_run(rng.standard_normal((50, 2)) * b, b, b) for b in (0.1, 1.0, 0.3)]
+    row = summarise(SHORT, "harmonic", runs)
+    relative = [np.mean((run.errors_deg / run.bound_deg[0]) ** 2, axis=0) for run in runs]
+    assert row.loss_db == pytest.approx(10 * np.log10(np.mean(relative, axis=0)))
+    assert row.n == 150 and row.unread == 3 and row.seconds_per_second == 0.05
+    everything = np.concatenate([run.errors_deg for run in runs])
+    assert row.bias_deg == pytest.approx(everything.mean(axis=0))
+    assert row.rms_deg == pytest.approx(np.sqrt((everything**2).mean(axis=0)))
+    for loss, (low, high) in zip(row.loss_db, row.loss_interval_db, strict=True):
+        assert low < loss < high and abs(loss) < 1.0
+
+
+def test_what_was_never_read_gives_a_row_without_numbers():
+    row = summarise(SHORT, "harmonic", [a_run([])])
+    assert row.n == 0 and row.unread == 1 and row.rms_deg == [None, None]
+
+
+def test_runs_repeat_and_differ_from_one_another():
+    first, again, other = (run_case(SHORT, run)["harmonic"] for run in (0, 0, 1))
+    assert np.array_equal(first.errors_deg, again.errors_deg)
+    assert not np.array_equal(first.errors_deg, other.errors_deg)
+    assert first.errors_deg.shape == (12, 2) and first.unread == 0
+    assert np.all(np.abs(first.errors_deg) < 6 * first.bound_deg)
+
+
+def test_every_condition_is_there_once():
+    quick, full = cases(), cases(full=True)
+    names = [case.name for case in full]
+    assert len(set(names)) == len(names) and len(full) == len(quick) + 1
+    assert {c.gamma_db for c in quick} >= {-20, -15, 0, 10, 20, 30}
+    assert {c.group_length for c in quick} >= {63, 125, 250, 625, 1250}
+    assert any(c.lost for c in quick) and any(c.off for c in quick)
+
+
+def test_json_rows_have_the_agreed_keys():
+    done = subprocess.run(
+        ["gr-wiforce", "bench", "accuracy", "--json", "--case", "N_g 63", "--jobs", "1"],
+        capture_output=True, text=True, timeout=110,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    rows = json.loads(done.stdout)["rows"]
+    assert [row["estimator"] for row in rows] == [
+        "harmonic", "sideband", "paper", "paper, offset removed",
+    ]  # fmt: skip
+    keys = {"case", "estimator", "rms_deg", "bias_deg", "bound_deg", "loss_db"}
+    keys |= {"loss_interval_db", "seconds_per_second", "n"}
+    assert all(keys <= set(row) and row["n"] == 1000 for row in rows)
+    assert max(rows[0]["loss_db"]) < 1.5 < min(rows[2]["loss_db"])
+
+
+def test_a_case_that_is_not_there_is_named():
+    done = subprocess.run(
+        ["gr-wiforce", "bench", "accuracy", "--case", "nonsense"],
+        capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    assert done.returncode == 2 and "no case holds 'nonsense'" in done.stderr
