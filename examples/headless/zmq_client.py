@@ -1,0 +1,18 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Prints touches as `gr-wiforce live --zmq 5555` publishes them."""
+
+import json
+import sys
+
+import zmq
+
+subscriber = zmq.Context().socket(zmq.SUB)
+subscriber.connect(sys.argv[1] if len(sys.argv) > 1 else "tcp://127.0.0.1:5555")
+subscriber.subscribe("")
+while True:
+    reading = json.loads(subscriber.recv_string())
+    if reading["touch"]:
+        print(
+            reading["sensor"], reading["force_n"], "N at", reading["location_mm"], "mm", flush=True
+        )
