@@ -222,7 +222,7 @@ class PressTracker:
         phases, std = self._checked(phases_deg, std_deg)
         if self._bank is None:
             self._bank = _Bank(self._forward, self._coarse, *self._start)
-        elif np.all(np.isfinite(phases)):
+        else:
             self._bank.walk(self._walk)
         lost = False
         if np.all(np.isfinite(phases)):
