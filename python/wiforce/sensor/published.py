@@ -123,7 +123,7 @@ def _bench_model(table, form):
     return calibrate(table, name, 80.0, form, ONSET_FORCE_N, location_steps="given")
 
 
-def score_presses(vna_path, presses, progress=lambda steps: None):
+def score_presses(vna_path, presses, progress=lambda steps: None, forms=FORMS):
     """Every model and method on every press.
 
     Parameters
@@ -132,6 +132,8 @@ def score_presses(vna_path, presses, progress=lambda steps: None):
     presses : sequence of Press
     progress : callable
         Called with 1 after each model.
+    forms : sequence of str
+        Forms of the curves.
 
     Returns
     -------
@@ -141,7 +143,7 @@ def score_presses(vna_path, presses, progress=lambda steps: None):
     for frequency in FREQUENCIES_HZ:
         table = read_vna_csv(vna_path, frequency)
         own = [press for press in presses if press.frequency_hz == frequency]
-        for form in FORMS:
+        for form in forms:
             bench = _bench_model(table, form)
             for trial in TRIALS:
                 other = [press for press in own if press.trial != trial]
