@@ -36,6 +36,9 @@ def invert(phases, model, output, frequency_hz, std_deg, tracked, smoothed):
     if tracked and smoothed:
         raise click.UsageError("--tracked and --smoothed exclude each other")
     sensor = load_sensor(model)
+    if frequency_hz is None and len(sensor.frequencies_hz) > 1:
+        held = ", ".join(f"{frequency:g}" for frequency in sensor.frequencies_hz)
+        raise InputError("--frequency-hz", f"must be one of the sensor's carriers, {held}")
     rows = _read(phases)
     std = DEFAULT_STD_DEG if std_deg is None else std_deg
     if tracked or smoothed:

@@ -145,8 +145,11 @@ def _metadata(meta):
     """Global and capture fields of a metadata file, held to SigMF's own schema."""
     import json
 
-    import sigmf
-    from sigmf.error import SigMFError
+    try:
+        import sigmf
+        from sigmf.error import SigMFError
+    except ImportError as error:
+        raise InputError(meta, "needs the Python package sigmf: pip install sigmf") from error
 
     try:
         parsed = json.loads(meta.read_text(encoding="utf-8"))

@@ -102,7 +102,11 @@ class force_inversion(GroupBlock):
         self._publish(self.readout.flush())
 
     def stop(self):
-        self.finish()
+        try:
+            self.finish()
+        except Exception as error:
+            # Raised through the scheduler it would abort the process.
+            self.failure = self.failure or error
         return True
 
     def _publish(self, readings):

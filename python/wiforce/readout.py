@@ -65,6 +65,8 @@ class _SensorReadout:
             there = False
         fields = {"time_s": time_s, "sensor": self.name, "flags": flags}
         if not there:
+            if not flags:
+                flags.append("weak")
             return fields
         decision = self._touch.update(time_s, np.degrees(np.angle(ratios)), std, in_reference)
         if decision.moved:

@@ -214,9 +214,11 @@ def _shipped_folder():
 def _scene_path(scene):
     """The file meant: a shipped scene when the name has no suffix and no such file is there."""
     path = Path(scene)
-    if path.suffix or path.exists():
+    if path.is_file() or path.suffix:
         return path
     if str(scene) not in shipped_scenes():
+        if path.exists():
+            return path
         rule = f"must be a .yaml file or one of {', '.join(shipped_scenes())}"
         raise InputError("scene", rule, str(scene))
     return _shipped_folder() / f"{scene}.yaml"
