@@ -6,9 +6,17 @@ set(without_caches PATTERN __pycache__ EXCLUDE PATTERN bindings EXCLUDE)
 install(DIRECTORY python/wiforce/ DESTINATION ${package} FILES_MATCHING PATTERN *.py ${without_caches})
 install(DIRECTORY gr-wiforce/wiforce_app DESTINATION ${GR_PYTHON_DIR} ${without_caches})
 install(DIRECTORY gr-wiforce/ DESTINATION ${WIFORCE_DATA_DIR}
-  PATTERN wiforce_app EXCLUDE ${without_caches})
+  PATTERN wiforce_app EXCLUDE PATTERN completions EXCLUDE ${without_caches})
 install(DIRECTORY grc/ DESTINATION ${GRC_BLOCKS_DIR} FILES_MATCHING PATTERN *.yml)
 install(DIRECTORY include/gnuradio/wiforce DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/gnuradio)
+
+install(FILES docs/gr-wiforce.1 DESTINATION ${CMAKE_INSTALL_MANDIR}/man1)
+install(FILES gr-wiforce/completions/gr-wiforce.bash RENAME gr-wiforce
+  DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions)
+install(FILES gr-wiforce/completions/gr-wiforce.zsh RENAME _gr-wiforce
+  DESTINATION ${CMAKE_INSTALL_DATADIR}/zsh/site-functions)
+install(FILES gr-wiforce/completions/gr-wiforce.fish
+  DESTINATION ${CMAKE_INSTALL_DATADIR}/fish/vendor_completions.d)
 
 # Relative, so that an installed tree can be moved.
 file(RELATIVE_PATH DATA_FROM_PACKAGE /${package} /${WIFORCE_DATA_DIR})

@@ -2,6 +2,9 @@
 """Documentation that is made from other text is what that text says now."""
 
 import importlib.util
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -9,12 +12,16 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 
 
-@pytest.fixture(scope="module")
-def maker():
-    spec = importlib.util.spec_from_file_location("maker", ROOT / "docs" / "make_block_pages.py")
+def loaded(name):
+    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+@pytest.fixture(scope="module")
+def maker():
+    return loaded("make_block_pages")
 
 
 def test_block_pages_say_what_descriptions_and_docstrings_say(maker):
@@ -33,3 +40,31 @@ def test_every_parameter_that_source_and_grc_share_is_explained(maker):
         for parameter in description.get("parameters", []):
             if parameter["id"] not in own:
                 assert known.get(parameter["id"]), (description["id"], parameter["id"])
+
+
+def test_the_man_page_says_what_the_command_does():
+    maker = loaded("make_man_page")
+    hint = "run: build/run python3 docs/make_man_page.py"
+    assert maker.PAGE.read_text(encoding="utf-8") == maker.page(), hint
+
+
+@pytest.mark.parametrize(
+    ("typed", "expected"), [("re", "plain,read"), ("sim", "plain,simulate"), ("nothing", "")]
+)
+def test_the_shell_completes_subcommands(typed, expected):
+    done = subprocess.run(
+        [sys.executable, "-c", "from wiforce_app.main import main; main()"],
+        env=os.environ
+        | {"_GR_WIFORCE_COMPLETE": "bash_complete", "COMP_WORDS": f"gr-wiforce {typed}"}
+        | {"COMP_CWORD": "1"},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.stdout.strip() == expected
+
+
+def test_the_shipped_completion_asks_the_command_itself():
+    for shell in ("bash", "zsh", "fish"):
+        text = (ROOT / "gr-wiforce" / "completions" / f"gr-wiforce.{shell}").read_text()
+        assert f"_GR_WIFORCE_COMPLETE={shell}_source" in text

@@ -1,0 +1,93 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Writes docs/gr-wiforce.1, the man page, from the command itself.
+
+build/run python3 docs/make_man_page.py
+"""
+
+import re
+from pathlib import Path
+
+import click
+from wiforce_app.main import PROGRAM, command
+
+PAGE = Path(__file__).resolve().parent / f"{PROGRAM}.1"
+_EPILOGUE = r"""
+.SH EXIT STATUS
+.TP
+.B 0
+Done.
+.TP
+.B 2
+Bad usage or bad input: a line on standard error names the file or option, rule and value.
+.TP
+.B 1
+Anything else.
+.SH FILES
+Captures are SigMF pairs (.sigmf\-meta, .sigmf\-data). Readings are CSV or JSON lines, a row per
+phase group and sensor. Scenes and sensors are YAML; shipped ones go by their names.
+.SH EXAMPLES
+.nf
+gr\-wiforce simulate tabletop press
+gr\-wiforce read press \-\-scene tabletop \-o readings.csv \-\-plot readings.png
+.fi
+.SH SHELL COMPLETION
+Installed for bash, zsh and fish. From a build tree, in bash:
+.PP
+.nf
+eval "$(_GR_WIFORCE_COMPLETE=bash_source gr\-wiforce)"
+.fi
+"""
+
+
+def roff(text):
+    """Text with what roff would take for its own made harmless."""
+    text = " ".join(str(text).replace("\b", " ").split())
+    text = text.replace("\\", r"\\").replace("-", r"\-")
+    return re.sub(r"^([.'])", r"\\&\1", text)
+
+
+def option_lines(parameter):
+    if isinstance(parameter, click.Option) and not parameter.hidden:
+        names = ", ".join([*parameter.opts, *parameter.secondary_opts])
+        value = "" if parameter.is_flag or parameter.count else f" {parameter.make_metavar()}"
+        yield from (".TP", rf"\fB{roff(names)}\fR{roff(value) and ' ' + roff(value)}")
+        default = parameter.default
+        shown = parameter.show_default and default is not None and not callable(default)
+        yield roff((parameter.help or "") + (f" Default: {default}." if shown else ""))
+
+
+def command_lines(name, each):
+    context = click.Context(each, info_name=name)
+    if isinstance(each, click.Group):
+        for sub in each.list_commands(context):
+            yield from command_lines(f"{name} {sub}", each.get_command(context, sub))
+        return
+    usage = " ".join(each.collect_usage_pieces(context))
+    yield from (f".SS {roff(name)}", rf"\fB{roff(name)}\fR {roff(usage)}", ".PP", roff(each.help))
+    for parameter in each.params:
+        yield from option_lines(parameter)
+
+
+def page():
+    """The man page as roff."""
+    context = click.Context(command, info_name=PROGRAM)
+    lines = [
+        r".\" Written by docs/make_man_page.py.",
+        f".TH {PROGRAM.upper()} 1",
+        ".SH NAME",
+        rf"{roff(PROGRAM)} \- {roff(command.help)[0].lower()}{roff(command.help)[1:].rstrip('.')}",
+        ".SH SYNOPSIS",
+        rf"\fB{roff(PROGRAM)}\fR [\fIOPTIONS\fR] \fICOMMAND\fR [\fIARGUMENTS\fR]",
+        ".SH OPTIONS",
+    ]
+    for parameter in command.params:
+        lines += option_lines(parameter)
+    lines.append(".SH COMMANDS")
+    for name in command.list_commands(context):
+        lines += command_lines(name, command.get_command(context, name))
+    return "\n".join(lines) + _EPILOGUE
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")

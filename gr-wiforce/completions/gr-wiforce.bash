@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+eval "$(_GR_WIFORCE_COMPLETE=bash_source gr-wiforce)"
