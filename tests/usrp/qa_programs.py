@@ -42,11 +42,11 @@ def test_the_device_is_found_and_probed_as_an_n210(software_usrp, board, name):
 
 def test_bursts_underflows_late_commands_and_broken_chains_are_reported(software_usrp):
     device = software_usrp("--air", "cable", speed=10)
-    arguments = ["--args", device.args, "--test-chain", "--ntests", 40]
+    arguments = ["--args", device.args, "--test-chain", "--ntests", 20]
     # The program waits 0.1 s by the wall for each report, which a busy machine may miss once.
     output = run("test_messages", *arguments, tries=3)
     results = re.findall(r"->\s+(\d+) successes,\s+(\d+) failures", output)
-    assert sum(int(good) for good, _ in results) == 40, output
+    assert sum(int(good) for good, _ in results) == 20, output
     assert all(bad == "0" for _, bad in results), output
 
 
@@ -92,11 +92,11 @@ def test_what_is_transmitted_is_received(software_usrp, tmp_path):
 def test_both_ways_at_full_rate_nothing_is_dropped_late_or_out_of_order(software_usrp, frame):
     device = software_usrp("--air", "cable")
     arguments = f"{device.args},recv_frame_size={frame},send_frame_size={frame}"
-    rates = ["--rx_rate", 12.5e6, "--tx_rate", 12.5e6, "--duration", 3]
+    rates = ["--rx_rate", 12.5e6, "--tx_rate", 12.5e6, "--duration", 2]
     limits = [f"--{kind}-threshold=0" for kind in ("overrun", "underrun", "drop", "seq")]
     summary = counts(run("benchmark_rate", "--args", arguments, *rates, *limits))
     moved = {"received samples", "transmitted samples"}
-    assert all(summary[name] > 5e6 for name in moved), summary
+    assert all(summary[name] > 2e6 for name in moved), summary
     assert not any(value for name, value in summary.items() if name not in moved), summary
     status = device.command("status")
     assert status["tx_sequence_errors"] == status["malformed"] == status["foreign"] == 0

@@ -8,6 +8,7 @@ from gnuradio import blocks, gr, uhd
 
 RATE = 12.5e6
 DELAY = 64  # samples at RATE: the default delay of the device
+START_S = 1.0  # far enough ahead for a busy machine
 
 
 class TagRecorder(gr.sync_block):
@@ -38,7 +39,7 @@ def record(args, count, path):
     source = uhd.usrp_source(f"{args},recv_frame_size=8000", stream)
     source.set_samp_rate(RATE)
     source.set_time_now(uhd.time_spec(0))
-    source.set_start_time(uhd.time_spec(0.5))
+    source.set_start_time(uhd.time_spec(START_S))
     head, sink, recorder = blocks.head(4, count), blocks.file_sink(4, str(path)), TagRecorder()
     flowgraph = gr.top_block()
     flowgraph.connect(source, head, sink)
@@ -53,16 +54,16 @@ def record(args, count, path):
 def test_ten_million_samples_at_full_rate_none_wrong(software_usrp, tmp_path):
     device = software_usrp("--air", "counter")
     values, times = record(device.args, 10_000_000, tmp_path / "ramp")
-    assert times == {0: RATE / 2}
+    assert times == {0: START_S * RATE}
     assert len(values) == 10_000_000
-    assert np.array_equal(values, RATE / 2 + np.arange(10_000_000))
+    assert np.array_equal(values, START_S * RATE + np.arange(10_000_000))
 
 
 def test_after_an_overflow_the_new_time_tells_how_much_is_lost(software_usrp, tmp_path, capfd):
     device = software_usrp("--air", "counter", faults=["+0.1 overflow 3630"])
     values, times = record(device.args, 2_000_000, tmp_path / "ramp")
     (start, first), (offset, resumed) = times.items()
-    assert (start, first) == (0, RATE / 2)
+    assert (start, first) == (0, START_S * RATE)
     assert resumed - first - offset == 3630
     # The counter holds device time: what is left is whole, and the tag tells the truth.
     assert np.array_equal(values[:offset], first + np.arange(offset))
@@ -143,11 +144,15 @@ def constant(value, count):
 
 def test_timed_bursts_return_at_their_sample_with_their_amplitude(software_usrp):
     device = software_usrp("--air", "cable")
-    bursts = {0.5: noise(5000, 1), 0.5 + 8000 / RATE: noise(1, 2), 0.501: noise(700, 3)}
-    received = Host(device).exchange(bursts, 0.5, 20000)
+    bursts = {
+        START_S: noise(5000, 1),
+        START_S + 8000 / RATE: noise(1, 2),
+        START_S + 0.001: noise(700, 3),
+    }
+    received = Host(device).exchange(bursts, START_S, 20000)
     expected = np.zeros(20000, np.complex64)
     for time_s, samples in bursts.items():
-        first = DELAY + round((time_s - 0.5) * RATE)
+        first = DELAY + round((time_s - START_S) * RATE)
         expected[first : first + len(samples)] = samples
     assert np.abs(codes(received) - codes(expected)).max() <= 1
     assert device.command("status")["tx_late_packets"] == 0
@@ -158,7 +163,7 @@ def test_amplitude_is_the_same_at_every_kind_of_rate(software_usrp, rate):
     device = software_usrp("--air", "cable", "--delay-us", 0)
     # At some rates the driver doubles what it sends and so clips above 0.5.
     samples = noise(1000, 4, limit=0.49)
-    received = Host(device, rate).exchange({0.5: samples}, 0.5, 1000)
+    received = Host(device, rate).exchange({START_S: samples}, START_S, 1000)
     assert np.abs(codes(received) - codes(samples)).max() <= 1
 
 
@@ -166,14 +171,14 @@ def test_what_is_tuned_elsewhere_appears_at_the_difference(software_usrp):
     device = software_usrp("--air", "cable", "--delay-us", 0)
     host = Host(device)
     host.source.set_center_freq(900.1e6)
-    received = host.exchange({0.5: constant(0.25, 12500)}, 0.5, 12500)
+    received = host.exchange({START_S: constant(0.25, 12500)}, START_S, 12500)
     turns = np.unwrap(np.angle(received)) / 2 / np.pi
     assert np.polyfit(np.arange(12500) / RATE, turns, 1)[0] == pytest.approx(-100e3, abs=1)
     assert np.allclose(np.abs(received), 0.25, atol=1e-4)
     del host
     host = Host(device)
     host.source.set_center_freq(950e6)
-    assert not host.exchange({0.5: constant(0.25, 1000)}, 0.5, 1000).any()
+    assert not host.exchange({START_S: constant(0.25, 1000)}, START_S, 1000).any()
     assert device.command("status")["tx_late_packets"] == 0
 
 
@@ -205,7 +210,7 @@ def test_gain_changes_the_level_and_the_converter_clips(software_usrp):
     host.source.set_gain(6)
     host.sink.set_gain(14)
     sent = np.concatenate([constant(0.05, 500), constant(0.5 - 0.5j, 500)])
-    received = host.exchange({0.5: sent}, 0.5, 1000)
+    received = host.exchange({START_S: sent}, START_S, 1000)
     assert np.allclose(received[:500], 0.5, atol=10 / 32767)  # 10 times half the host's step
     assert np.allclose(received[500:], 1 - 1j, atol=1e-4)
 
