@@ -18,7 +18,7 @@ def plot_losses(rows, wanted, path):
     """
     from matplotlib.figure import Figure
 
-    canvas = Figure(figsize=(10, 4.5), layout="constrained")
+    canvas = Figure(figsize=(10, 5), layout="constrained")
     panels = canvas.subplots(1, 2, sharey=True)
     sweeps = {
         "still scene, static +70 dB": "still, ",
@@ -41,5 +41,6 @@ def plot_losses(rows, wanted, path):
         axis.set_ylim(-0.7, 90)
         axis.grid(alpha=0.3)
     panels[0].set_ylabel("loss to the Cramer-Rao bound (dB)")
-    panels[1].legend(fontsize=8)
+    lines, labels = panels[0].get_legend_handles_labels()
+    canvas.legend(lines, labels, loc="outside lower center", ncols=len(ESTIMATORS), fontsize=8)
     canvas.savefig(path, dpi=110)
