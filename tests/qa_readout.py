@@ -115,9 +115,9 @@ def test_missing_snapshots_are_flagged_and_lost_groups_leave_empty_rows():
 @pytest.mark.parametrize(
     "clock, std_deg, value, flags",
     [
-        ({"locked": False}, 0.05, 1.0, ()),
-        ({}, np.inf, 1.0, ()),
-        ({}, 0.05, 0.0, ()),
+        ({"locked": False}, 0.05, 1.0, ("weak",)),
+        ({}, np.inf, 1.0, ("weak",)),
+        ({}, 0.05, 0.0, ("weak",)),
         ({"overlapping": True}, 0.05, 1.0, ("inconsistent",)),
     ],
 )
