@@ -13,7 +13,11 @@ namespace gr::wiforce {
 namespace {
 
 constexpr int INPUT_BUFFER_BYTES = 1 << 20;
+constexpr std::size_t FOLDED_BYTES = kernel::FFT_LENGTH * sizeof(kernel::fc32);
+// Frames that are folded before they are weighted: their vectors stay in the first cache.
+constexpr int BATCH = 32;
 
+const pmt::pmt_t incomplete_port = pmt::mp(names::INCOMPLETE);
 const pmt::pmt_t rx_time_key = pmt::mp(names::RX_TIME);
 const pmt::pmt_t snapshot_key = pmt::mp(names::SNAPSHOT);
 
@@ -28,17 +32,9 @@ bool is_time(const pmt::pmt_t& value)
            pmt::is_real(pmt::tuple_ref(value, 1));
 }
 
-} // namespace
-
-preamble_fold::sptr preamble_fold::make(int frame_length,
-                                        int first_averaged,
-                                        int repetitions,
-                                        double sample_rate,
-                                        std::uint64_t frame_offset,
-                                        const std::string& item_type)
+void check(double sample_rate, const std::string& item_type)
 {
     const char* where = "preamble_fold";
-    const kernel::preamble_folder folder(frame_length, first_averaged, repetitions);
     kernel::require(std::isfinite(sample_rate) && sample_rate > 0,
                     where,
                     "sample_rate",
@@ -49,21 +45,50 @@ preamble_fold::sptr preamble_fold::make(int frame_length,
                     "item_type",
                     "must be 'fc32' or 'sc16'",
                     "'" + item_type + "'");
+}
+
+} // namespace
+
+preamble_fold::sptr preamble_fold::make(int frame_length,
+                                        int first_averaged,
+                                        int repetitions,
+                                        double sample_rate,
+                                        std::uint64_t frame_offset,
+                                        const std::string& item_type)
+{
+    const kernel::preamble_folder folder(frame_length, first_averaged, repetitions);
+    check(sample_rate, item_type);
     if (item_type == "sc16")
-        return gnuradio::make_block_sptr<preamble_fold_impl<kernel::sc16>>(
+        return gnuradio::make_block_sptr<vector_fold<kernel::sc16>>(
             folder, sample_rate, frame_offset);
-    return gnuradio::make_block_sptr<preamble_fold_impl<kernel::fc32>>(
+    return gnuradio::make_block_sptr<vector_fold<kernel::fc32>>(
         folder, sample_rate, frame_offset);
+}
+
+preamble_fold::sptr preamble_fold::tones(const std::vector<std::complex<double>>& weights,
+                                         int group_length,
+                                         int frame_length,
+                                         int first_averaged,
+                                         int repetitions,
+                                         double sample_rate,
+                                         std::uint64_t frame_offset,
+                                         const std::string& item_type)
+{
+    const kernel::preamble_folder folder(frame_length, first_averaged, repetitions);
+    check(sample_rate, item_type);
+    auto transform = std::make_unique<doppler_tones>(weights, group_length);
+    if (item_type == "sc16")
+        return gnuradio::make_block_sptr<tone_fold<kernel::sc16>>(
+            folder, sample_rate, frame_offset, std::move(transform), group_length);
+    return gnuradio::make_block_sptr<tone_fold<kernel::fc32>>(
+        folder, sample_rate, frame_offset, std::move(transform), group_length);
 }
 
 template <class Sample>
 preamble_fold_impl<Sample>::preamble_fold_impl(const kernel::preamble_folder& folder,
                                                double sample_rate,
                                                std::uint64_t frame_offset)
-    : gr::block("preamble_fold",
-                gr::io_signature::make(1, 1, sizeof(Sample)),
-                gr::io_signature::make(1, 1, kernel::FFT_LENGTH * sizeof(kernel::fc32))),
-      d_folder(folder),
+    : d_folder(folder),
       d_sample_rate(sample_rate),
       d_first_window(frame_offset + folder.first_averaged())
 {
@@ -140,7 +165,6 @@ void preamble_fold_impl<Sample>::jump(const gap& gap)
         const std::uint64_t stride = d_folder.frame_length();
         d_frame = (d_position - d_first_window + stride - 1) / stride;
     }
-    d_announce = true;
     d_samples_lost += gap.lost;
     d_gaps++;
 }
@@ -152,14 +176,15 @@ int preamble_fold_impl<Sample>::general_work(int noutput_items,
                                              gr_vector_void_star& output_items)
 {
     const auto* in = static_cast<const Sample*>(input_items[0]);
-    auto* out = static_cast<kernel::fc32*>(output_items[0]);
+    d_out = static_cast<kernel::fc32*>(output_items[0]);
+    d_room = noutput_items;
+    d_produced = 0;
     const std::uint64_t available = ninput_items[0];
     const std::uint64_t stride = d_folder.frame_length();
     const std::uint64_t window = d_folder.averaged_length();
     find_gaps(ninput_items[0]);
 
     std::uint64_t consumed = 0;
-    int produced = 0;
     const auto advance = [&](std::uint64_t samples) {
         consumed += samples;
         d_position += samples;
@@ -174,23 +199,16 @@ int preamble_fold_impl<Sample>::general_work(int noutput_items,
         const std::uint64_t whole = at_window && end - consumed >= window
                                         ? 1 + (end - consumed - window) / stride
                                         : 0;
-        const int frames = std::min<std::uint64_t>(whole, noutput_items - produced);
-        if (frames > 0) {
-            if (d_announce)
-                this->add_item_tag(0,
-                                   this->nitems_written(0) + produced,
-                                   snapshot_key,
-                                   pmt::from_uint64(d_frame));
-            d_announce = false;
-            d_folder.fold(in + consumed, frames, out + produced * kernel::FFT_LENGTH);
+        if (whole > 0) {
+            const int frames =
+                d_produced < d_room ? this->take(in + consumed, whole, d_frame) : 0;
+            if (frames == 0) // output is full
+                break;
             advance((frames - 1) * stride + window);
-            produced += frames;
             d_frame += frames;
             d_snapshots += frames;
+            continue;
         }
-        if (static_cast<std::uint64_t>(frames) < whole) // output is full
-            break;
-        advance(std::min(end - consumed, window_start() - d_position));
         if (d_pending.empty() || gap_at > available)
             break;
         advance(end - consumed); // what is left of a frame that the gap cut
@@ -198,10 +216,85 @@ int preamble_fold_impl<Sample>::general_work(int noutput_items,
         d_pending.pop_front();
     }
     this->consume_each(consumed);
-    return produced;
+    return d_produced;
 }
 
-template class preamble_fold_impl<kernel::fc32>;
-template class preamble_fold_impl<kernel::sc16>;
+template <class Sample>
+vector_fold<Sample>::vector_fold(const kernel::preamble_folder& folder,
+                                 double sample_rate,
+                                 std::uint64_t frame_offset)
+    : gr::block("preamble_fold",
+                gr::io_signature::make(1, 1, sizeof(Sample)),
+                gr::io_signature::make(1, 1, FOLDED_BYTES)),
+      preamble_fold_impl<Sample>(folder, sample_rate, frame_offset)
+{
+}
+
+template <class Sample>
+int vector_fold<Sample>::take(const Sample* averaged, int frames, std::uint64_t snapshot)
+{
+    const int count = std::min(frames, this->d_room - this->d_produced);
+    if (d_expected != snapshot)
+        this->add_item_tag(0,
+                           this->nitems_written(0) + this->d_produced,
+                           snapshot_key,
+                           pmt::from_uint64(snapshot));
+    this->d_folder.fold(
+        averaged, count, this->d_out + this->d_produced * kernel::FFT_LENGTH);
+    this->d_produced += count;
+    d_expected = snapshot + count;
+    return count;
+}
+
+template <class Sample>
+tone_fold<Sample>::tone_fold(const kernel::preamble_folder& folder,
+                             double sample_rate,
+                             std::uint64_t frame_offset,
+                             std::unique_ptr<doppler_transform> transform,
+                             int group_length)
+    : gr::block("preamble_fold",
+                gr::io_signature::make(1, 1, sizeof(Sample)),
+                gr::io_signature::make(1, 1, transform->rows() * FOLDED_BYTES)),
+      preamble_fold_impl<Sample>(folder, sample_rate, frame_offset),
+      d_stream(std::move(transform), group_length, *this)
+{
+    this->message_port_register_out(incomplete_port);
+}
+
+template <class Sample>
+int tone_fold<Sample>::take(const Sample* averaged, int frames, std::uint64_t snapshot)
+{
+    const auto close_group = [&] {
+        this->d_produced +=
+            d_stream.close(this->d_out + static_cast<std::size_t>(this->d_produced) *
+                                             d_stream.item_length(),
+                           this->nitems_written(0) + this->d_produced);
+    };
+    if (d_stream.must_close_before(snapshot)) {
+        close_group();
+        if (this->d_produced == this->d_room)
+            return 0;
+    }
+    const int count = std::min({ frames, BATCH, d_stream.room(snapshot) });
+    this->d_folder.fold(averaged, count, d_stream.reserve(snapshot));
+    d_stream.accept(count);
+    if (d_stream.is_full())
+        close_group();
+    return count;
+}
+
+template <class Sample>
+void tone_fold<Sample>::tag_output(std::uint64_t offset,
+                                   const pmt::pmt_t& key,
+                                   std::uint64_t value)
+{
+    this->add_item_tag(0, offset, key, pmt::from_uint64(value));
+}
+
+template <class Sample>
+void tone_fold<Sample>::publish_incomplete(const pmt::pmt_t& pdu)
+{
+    this->message_port_pub(incomplete_port, pdu);
+}
 
 } // namespace gr::wiforce

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include "group_stream.h"
 #include "kernel/preamble_folder.h"
 #include <gnuradio/wiforce/preamble_fold.h>
 
@@ -9,6 +10,7 @@
 
 namespace gr::wiforce {
 
+// Walks the frame grid over gaps. What becomes of its frames is the derived block's part.
 // Sample is kernel::fc32 or kernel::sc16.
 template <class Sample>
 class preamble_fold_impl : public preamble_fold
@@ -28,6 +30,17 @@ public:
     std::uint64_t samples_lost() const override { return d_samples_lost; }
     std::uint64_t gaps() const override { return d_gaps; }
 
+protected:
+    // Folds some of the frames whose windows lie one frame length apart, the first at
+    // `averaged` with index `snapshot`; returns how many. Adds what it completed to
+    // `produced`, which is below `room`.
+    virtual int take(const Sample* averaged, int frames, std::uint64_t snapshot) = 0;
+
+    const kernel::preamble_folder d_folder;
+    kernel::fc32* d_out = nullptr;
+    int d_room = 0;     // output items
+    int d_produced = 0; // of them
+
 private:
     struct received_time {
         std::uint64_t item; // offset in the input stream
@@ -44,7 +57,6 @@ private:
     void jump(const gap& gap);
     std::uint64_t window_start() const; // of the next frame, on the grid
 
-    const kernel::preamble_folder d_folder;
     const double d_sample_rate;
     const std::uint64_t
         d_first_window; // grid position of frame 0's first averaged sample
@@ -52,7 +64,6 @@ private:
     std::uint64_t d_position = 0; // of the next input item, lost samples included
     std::uint64_t d_frame =
         0; // next frame to fold; its window starts at or after d_position
-    bool d_announce = true; // the next output carries its index
 
     std::uint64_t d_tags_read_to = 0; // input offset up to which tags were read
     std::optional<received_time> d_last_time;
@@ -61,6 +72,45 @@ private:
     std::uint64_t d_snapshots = 0;
     std::uint64_t d_samples_lost = 0;
     std::uint64_t d_gaps = 0;
+};
+
+// A folded vector per frame; its index is tagged when the one before it is not its
+// neighbour.
+template <class Sample>
+class vector_fold : public preamble_fold_impl<Sample>
+{
+public:
+    vector_fold(const kernel::preamble_folder& folder,
+                double sample_rate,
+                std::uint64_t frame_offset);
+
+protected:
+    int take(const Sample* averaged, int frames, std::uint64_t snapshot) override;
+
+private:
+    std::optional<std::uint64_t> d_expected;
+};
+
+// The tones of a phase group; its snapshots never leave the thread.
+template <class Sample>
+class tone_fold : public preamble_fold_impl<Sample>, private group_outlet
+{
+public:
+    tone_fold(const kernel::preamble_folder& folder,
+              double sample_rate,
+              std::uint64_t frame_offset,
+              std::unique_ptr<doppler_transform> transform,
+              int group_length);
+
+protected:
+    int take(const Sample* averaged, int frames, std::uint64_t snapshot) override;
+
+private:
+    void
+    tag_output(std::uint64_t offset, const pmt::pmt_t& key, std::uint64_t value) override;
+    void publish_incomplete(const pmt::pmt_t& pdu) override;
+
+    group_stream d_stream;
 };
 
 } // namespace gr::wiforce

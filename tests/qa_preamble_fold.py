@@ -119,6 +119,54 @@ def test_lost_samples_cost_their_snapshots_and_no_others(losses, chunk):
     assert fold.samples_lost() == sum(count for _, count in losses)
 
 
+@pytest.mark.parametrize("item_type", ["fc32", "sc16"])
+@pytest.mark.parametrize("chunk", [None, 364])
+def test_tones_in_one_thread_are_those_of_two_blocks_to_the_bit(chunk, item_type):
+    group_length, rate = 8, 12.5e6
+    rng = np.random.default_rng(4)
+    samples = rng.integers(-2000, 2000, size=(90 * 720, 2)).astype(np.int16)
+    # In a group, over whole groups, and in a guard.
+    losses = [(720 * 11 + 100, 1500), (720 * 30 + 70, 720 * 20), (720 * 70 + 400, 30)]
+    left, tags, _ = with_losses(samples, losses, rate)
+    if item_type == "fc32":
+        left = (left[:, 0] + 1j * left[:, 1]).astype(np.complex64)
+        left[720 * 40 + 99] = np.nan
+    weights = rng.normal(size=(3, group_length)) + 1j * rng.normal(size=(3, group_length))
+    parameters = {"frame_length": 720, "sample_rate": rate, "item_type": item_type}
+    two = [wiforce.preamble_fold(**parameters), wiforce.phase_group_doppler(weights, group_length)]
+    one = [wiforce.preamble_fold.tones(weights, group_length, **parameters)]
+    (want, want_tags, want_pdus), (tones, tone_tags, pdus) = (
+        run_tones(left, tags, chunk, chain) for chain in (two, one)
+    )
+    np.testing.assert_array_equal(tones, want)
+    assert tone_tags == want_tags
+    assert pdus == want_pdus
+    assert len(want) == 9  # of 11: two whole groups are lost
+    assert len(want_pdus) == (4 if item_type == "fc32" else 3)
+    assert one[0].gaps() == two[0].gaps() == 3
+    assert one[0].snapshots() == two[0].snapshots()
+
+
+def run_tones(samples, tags, chunk, chain):
+    """Tones, their tags and the PDUs of incomplete groups, as plain values."""
+    if samples.dtype == np.int16:
+        source = blocks.vector_source_s(samples.ravel().tolist(), False, 2, tags)
+    else:
+        source = blocks.vector_source_c(samples.tolist(), False, 1, tags)
+    packets = blocks.copy(source.output_signature().sizeof_stream_item(0))
+    if chunk:
+        packets.set_max_noutput_items(chunk)
+    length = chain[-1].output_signature().sizeof_stream_item(0) // gr.sizeof_gr_complex
+    sink, messages = blocks.vector_sink_c(length), blocks.message_debug()
+    flowgraph = gr.top_block()
+    flowgraph.connect(source, packets, *chain, sink)
+    flowgraph.msg_connect((chain[-1], "incomplete"), (messages, "store"))
+    flowgraph.run()
+    found = sorted((t.offset, str(t.key), pmt.to_uint64(t.value)) for t in sink.tags())
+    pdus = [pmt.serialize_str(messages.get_message(n)) for n in range(messages.num_messages())]
+    return np.array(sink.data()).reshape(-1, length), found, pdus
+
+
 def test_times_without_a_loss_change_nothing():
     samples = noise(20 * 720)
     tags = [rx_time(n, 5.5 + n / 12.5e6) for n in (0, 364, 728, 9000)]
@@ -160,3 +208,5 @@ def test_a_time_that_is_no_time_is_ignored():
 def test_bad_parameters_are_named(parameters, message):
     with pytest.raises(ValueError, match=message):
         wiforce.preamble_fold(**parameters)
+    with pytest.raises(ValueError, match=message):
+        wiforce.preamble_fold.tones(np.ones((1, 4)), 4, **parameters)

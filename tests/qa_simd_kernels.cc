@@ -103,15 +103,17 @@ BOOST_DATA_TEST_CASE(accumulate_adds_weighted_differences,
 
 BOOST_DATA_TEST_CASE(one_value_that_is_not_finite_is_seen, variants, simd)
 {
-    auto vector = noise(WIDTH, 7);
-    vector[3] = std::numeric_limits<float>::max();
-    BOOST_TEST(simd->is_finite(vector.data()));
+    constexpr int COUNT = 3;
+    auto vectors = noise(COUNT * WIDTH, 7);
+    vectors[3] = std::numeric_limits<float>::max();
+    BOOST_TEST(simd->are_finite(vectors.data(), COUNT));
     for (const float bad : { std::numeric_limits<float>::infinity(),
                              -std::numeric_limits<float>::infinity(),
                              std::numeric_limits<float>::quiet_NaN() })
-        for (int n = 0; n < WIDTH; n++) {
-            auto x = vector;
+        for (int n = 0; n < COUNT * WIDTH; n++) {
+            auto x = vectors;
             x[n] = bad;
-            BOOST_TEST(!simd->is_finite(x.data()));
+            BOOST_TEST(!simd->are_finite(x.data(), COUNT));
+            BOOST_TEST(simd->are_finite(x.data(), n / WIDTH));
         }
 }

@@ -45,9 +45,13 @@ void phase_group::add(int first_slot, const fc32* snapshots, int count)
 
 void phase_group::accept(int count)
 {
-    const auto& simd = fastest_kernels();
+    const auto are_finite = [this](int slots) {
+        return fastest_kernels().are_finite(
+            reinterpret_cast<const float*>(slot(d_decided)), slots);
+    };
+    const bool all_finite = are_finite(count);
     for (int end = d_decided + count; d_decided < end;) {
-        if (!simd.is_finite(reinterpret_cast<const float*>(slot(d_decided)))) {
+        if (!all_finite && !are_finite(1)) {
             skip_to(d_decided + 1);
             continue;
         }

@@ -40,8 +40,8 @@ struct simd_kernels {
                        int rows,
                        float* sums);
 
-    // Whether all 128 floats are finite.
-    bool (*is_finite)(const float* vector);
+    // Whether all floats of `count` vectors of 128 are finite.
+    bool (*are_finite)(const float* vectors, int count);
 
     static constexpr int ROW_BLOCK = 4;
 };

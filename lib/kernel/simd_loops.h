@@ -142,13 +142,13 @@ void accumulate(const float* snapshots,
             snapshots, reference, weights + row, count, rows, sums + row * WIDTH);
 }
 
-bool is_finite(const float* vector)
+bool are_finite(const float* vectors, int count)
 {
     typedef std::uint32_t bits __attribute__((may_alias, aligned(4)));
-    const bits* x = reinterpret_cast<const bits*>(vector);
+    const bits* x = reinterpret_cast<const bits*>(vectors);
     constexpr std::uint32_t exponent = 0x7f800000;
     std::uint32_t largest = 0;
-    for (int n = 0; n < WIDTH; n++) {
+    for (int n = 0; n < count * WIDTH; n++) {
         const std::uint32_t e = x[n] & exponent;
         largest = largest > e ? largest : e;
     }
@@ -162,6 +162,6 @@ const simd_kernels kernels = { WIFORCE_SIMD_NAME,
                                fold_any<fc32_samples>,
                                fold_any<sc16_samples>,
                                accumulate,
-                               is_finite };
+                               are_finite };
 
 } // namespace gr::wiforce::kernel::WIFORCE_SIMD

@@ -148,19 +148,22 @@ std::complex<double> tone_accumulator::sum_of_weights(int m,
 
 void tone_accumulator::tones_of(const phase_group& group, fc32* tones) const
 {
+    // Real arithmetic: the complex product of the library looks for infinities.
+    const std::vector<float> none(WIDTH, 0.0f);
     for (int m = 0; m < this->tones(); m++) {
         const tone& t = d_tones[m];
         const std::complex<double> weight = sum_of_weights(m, group);
         const fc32* h0 = group.reference();
         const float* a = &d_sums[std::size_t(t.real) * WIDTH];
         const float* b =
-            t.imaginary < 0 ? nullptr : &d_sums[std::size_t(t.imaginary) * WIDTH];
+            t.imaginary < 0 ? none.data() : &d_sums[std::size_t(t.imaginary) * WIDTH];
+        const double re = weight.real(), im = weight.imag(), sign = t.sign;
+        fc32* out = tones + m * FFT_LENGTH;
         for (int k = 0; k < FFT_LENGTH; k++) {
-            // (a_re + j a_im) + j sign (b_re + j b_im)
-            std::complex<double> sum(a[2 * k], a[2 * k + 1]);
-            if (b)
-                sum += double(t.sign) * std::complex<double>(-b[2 * k + 1], b[2 * k]);
-            tones[m * FFT_LENGTH + k] = fc32(sum + weight * std::complex<double>(h0[k]));
+            const double x = h0[k].real(), y = h0[k].imag();
+            // (a_re + j a_im) + j sign (b_re + j b_im) + (re + j im) (x + j y)
+            out[k] = fc32(a[2 * k] - sign * b[2 * k + 1] + (re * x - im * y),
+                          a[2 * k + 1] + sign * b[2 * k] + (re * y + im * x));
         }
     }
 }

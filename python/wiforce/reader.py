@@ -29,8 +29,9 @@ class reader(gr.hier_block2):
     Message port ``readings`` (out): a dict per group and sensor (see ``force_inversion``).
     Message port ``tare`` (in): take the untouched reference anew.
 
-    The inner blocks are attributes (``fold``, ``doppler``, ``estimator``, ``separation``,
-    ``difference``, ``average``, ``inversion``) for who wants to tap their streams.
+    The inner blocks are attributes (``estimator``, ``separation``, ``difference``, ``average``,
+    ``inversion``) for who wants to tap their streams. Before them comes ``fold``, which takes the
+    tones of samples in one thread; folded vectors enter by ``doppler``.
 
     Parameters
     ----------
@@ -68,12 +69,11 @@ class reader(gr.hier_block2):
         self.message_port_register_hier_out(names.READINGS)
         self.message_port_register_hier_in(names.TARE)
         self._make_blocks(input_type, frame_offset, tracked, on_reading)
-        chain = [self.doppler, self.estimator, self.separation, self.difference]
+        first = self.doppler if self.fold is None else self.fold
+        chain = [first, self.estimator, self.separation, self.difference]
         chain += [self.average, self.inversion]
-        if self.fold is not None:
-            chain.insert(0, self.fold)
         self.connect(self, *chain)
-        self.msg_connect(self.doppler, names.INCOMPLETE, self.separation, names.INCOMPLETE)
+        self.msg_connect(first, names.INCOMPLETE, self.separation, names.INCOMPLETE)
         self.msg_connect(self.inversion, names.READINGS, self, names.READINGS)
         self.msg_connect(self, names.TARE, self.difference, names.TARE)
         self.msg_connect(self, names.TARE, self.inversion, names.TARE)
@@ -82,9 +82,15 @@ class reader(gr.hier_block2):
         scene, settings = self.scene, self.plan
         waveform, table = settings.waveform, settings.table
         sensors = len(scene.sensors)
-        self.fold = None
-        if input_type != "folded":
-            self.fold = preamble_fold(
+        self.fold = self.doppler = None
+        if input_type == "folded":
+            self.doppler = phase_group_doppler(
+                weights=table.weights, group_length=settings.group_length
+            )
+        else:
+            self.fold = preamble_fold.tones(
+                weights=table.weights,
+                group_length=settings.group_length,
                 frame_length=waveform.frame_length,
                 first_averaged=waveform.first_averaged,
                 repetitions=waveform.repetitions,
@@ -92,9 +98,6 @@ class reader(gr.hier_block2):
                 frame_offset=frame_offset,
                 item_type=input_type,
             )
-        self.doppler = phase_group_doppler(
-            weights=table.weights, group_length=settings.group_length
-        )
         self.estimator = ofdm_channel_estimator(
             factors=waveform.equalizer().astype(np.complex64),
             rows=len(table.tones),

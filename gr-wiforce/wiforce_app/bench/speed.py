@@ -16,6 +16,7 @@ _CHAINS = (
     ("stream-fc32", 4, 1.0),
     ("stream-sc16", 16, 1.0),
     ("stream-sc16", 4, 1.0),
+    ("block-by-block", 16, 1.0),
     ("file-fc32", 16, 1.0),
     ("file-fc32", 4, 1.0),
     ("file-sc16", 16, 1.0),

@@ -4,24 +4,29 @@
 #include <gnuradio/block.h>
 #include <gnuradio/wiforce/api.h>
 
+#include <complex>
 #include <cstdint>
 #include <string>
+#include <vector>
 
 namespace gr::wiforce {
 
 /*!
- * \brief Folds the repeated part of each sounding frame into one vector of 64 samples.
+ * \brief Folds the repeated part of each sounding frame: one vector of 64 samples, or
+ * tones of phase groups.
  * \ingroup wiforce
  *
  * Input: samples, complex float (fc32) or complex int16 (sc16, scaled by 1/32768).
- * Output: one vector of 64 complex floats per frame, the mean over the repetitions.
+ * Output, first form: one vector of 64 complex floats per frame, the mean over the
+ * repetitions. Second form (tones): what phase_group_doppler makes of those, with its
+ * tags and message port `incomplete`, but in one thread, which is faster.
  *
  * Frames lie on a grid that starts at \p frame_offset. A tag `rx_time` that is later than
  * the samples before it account for means lost samples (an overflow): the frames that
- * miss averaged samples are dropped and the next whole one of the same grid follows. The
- * first output and the first one after every gap carry the tag `snapshot`, the index of
- * that frame on the grid. Input tags are not passed on: 1/frame_length of their offsets
- * means nothing once samples were lost.
+ * miss averaged samples are dropped and the next whole one of the same grid follows. In
+ * the first form the first output and the first one after every gap carry the tag
+ * `snapshot`, the index of that frame on the grid. Input tags are not passed on:
+ * 1/frame_length of their offsets means nothing once samples were lost.
  *
  * The block finds no frames by itself: reader and transmitter share their clock and
  * start.
@@ -46,6 +51,20 @@ public:
                      double sample_rate = 12.5e6,
                      std::uint64_t frame_offset = 0,
                      const std::string& item_type = "fc32");
+
+    /*!
+     * The second form.
+     * \param weights M x N_g weights, row by row, as of phase_group_doppler
+     * \param group_length snapshots per phase group, N_g
+     */
+    static sptr tones(const std::vector<std::complex<double>>& weights,
+                      int group_length,
+                      int frame_length,
+                      int first_averaged = 64,
+                      int repetitions = 4,
+                      double sample_rate = 12.5e6,
+                      std::uint64_t frame_offset = 0,
+                      const std::string& item_type = "fc32");
 
     //! Frames folded so far.
     virtual std::uint64_t snapshots() const = 0;

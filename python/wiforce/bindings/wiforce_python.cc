@@ -54,6 +54,34 @@ static void bind_preamble_fold(py::module& m)
              "sample_rate"_a = 12.5e6,
              "frame_offset"_a = 0,
              "item_type"_a = "fc32")
+        .def_static(
+            "tones",
+            [](const complex_array& weights,
+               int group_length,
+               int frame_length,
+               int first_averaged,
+               int repetitions,
+               double sample_rate,
+               std::uint64_t frame_offset,
+               const std::string& item_type) {
+                return preamble_fold::tones(rows_of(weights, group_length),
+                                            group_length,
+                                            frame_length,
+                                            first_averaged,
+                                            repetitions,
+                                            sample_rate,
+                                            frame_offset,
+                                            item_type);
+            },
+            "weights"_a,
+            "group_length"_a,
+            "frame_length"_a,
+            "first_averaged"_a = 64,
+            "repetitions"_a = 4,
+            "sample_rate"_a = 12.5e6,
+            "frame_offset"_a = 0,
+            "item_type"_a = "fc32",
+            "Tones of phase groups at once, as of phase_group_doppler behind this block.")
         .def("snapshots", &preamble_fold::snapshots, "Frames folded so far.")
         .def("samples_lost",
              &preamble_fold::samples_lost,

@@ -66,11 +66,25 @@ def sample_type(recording, item_type):
 @chain("stream-fc32", item_type="fc32")
 @chain("stream-sc16", item_type="sc16")
 def stream(recording, weights, item_type):
-    """The reader's three blocks behind a file source, nothing set by hand."""
+    """The reader's C++ blocks behind a file source, nothing set by hand."""
     path, size, _ = sample_type(recording, item_type)
     flowgraph = Flowgraph()
     source = blocks.file_source(size, path, False, 0, recording.samples)
-    fold = wiforce.preamble_fold(WAVEFORM.frame_length, item_type=item_type)
+    tones = wiforce.preamble_fold.tones(
+        weights, GROUP_LENGTH, WAVEFORM.frame_length, item_type=item_type
+    )
+    estimator = wiforce.ofdm_channel_estimator(WAVEFORM.equalizer(), len(weights))
+    flowgraph.top.connect(source, tones, estimator)
+    flowgraph.end(estimator)
+    return flowgraph
+
+
+@chain("block-by-block")
+def separate_blocks(recording, weights):
+    """Folding and tones in a block each, as a flowgraph that shows the snapshots has it."""
+    flowgraph = Flowgraph()
+    source = blocks.file_source(8, str(recording.fc32), False, 0, recording.samples)
+    fold = wiforce.preamble_fold(WAVEFORM.frame_length)
     doppler = wiforce.phase_group_doppler(weights, GROUP_LENGTH)
     estimator = wiforce.ofdm_channel_estimator(WAVEFORM.equalizer(), len(weights))
     flowgraph.top.connect(source, fold, doppler, estimator)

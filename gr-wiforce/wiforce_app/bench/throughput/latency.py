@@ -33,11 +33,10 @@ def measure_latency(weights, packet, seconds):
     """
     samples = int(seconds * WAVEFORM.sample_rate_hz)
     source = _paced(packet, samples)
-    fold = wiforce.preamble_fold(WAVEFORM.frame_length)
-    doppler = wiforce.phase_group_doppler(weights, GROUP_LENGTH)
+    tones = wiforce.preamble_fold.tones(weights, GROUP_LENGTH, WAVEFORM.frame_length)
     estimator = wiforce.ofdm_channel_estimator(WAVEFORM.equalizer(), len(weights))
     arrivals = Arrivals(64 * len(weights))
-    chain = _busy_share(source, fold, doppler, estimator, arrivals)
+    chain = _busy_share(source, tones, estimator, arrivals)
     alone = _busy_share(_paced(packet, samples), blocks.null_sink(gr.sizeof_gr_complex))
     sent = np.array(source.mark_times())[: len(arrivals.times)]
     latency_ms = 1e3 * (np.array(arrivals.times) - sent)
