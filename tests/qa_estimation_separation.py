@@ -296,6 +296,32 @@ def test_a_press_inside_a_group_makes_it_uncertain():
     assert np.all(gains[16:] < 1.3 * gains[14])
 
 
+@pytest.mark.parametrize("change_db", [6.0, -6.0])
+def test_a_new_noise_level_is_stated_within_half_a_second(change_db):
+    tag = TagOnAir(offset_ppm=20.0, start_cycles=0.1, untouched_deg=(35.0, -80.0))
+    before, after = (make_air(625, [tag], 21, gamma) for gamma in (10.0, 10.0 - change_db))
+    separator = make_separator()
+    for g in range(40):
+        separator.process(g, tones_of(separator, before.group(g)))
+    results = []
+    for g in range(40, 54):
+        results += separator.process(g, tones_of(separator, after.group(g)))
+    stated_db = 10 * np.log10(np.mean(results[-1][0].noise) / before.noise[0])
+    # 8 groups of 868 degrees of freedom tell it to 4 %, whose median to 5 %.
+    assert stated_db == pytest.approx(change_db, abs=0.5)
+
+
+def test_a_press_that_takes_two_thirds_of_a_leaky_tags_energy_is_still_that_tag():
+    # |G - G_off| goes from 1.3 to .7.
+    tag = TagOnAir(offset_ppm=40.0, untouched_deg=(180.0, 180.0), off_reflection=0.3)
+    air = make_air(625, [tag], 22, 20.0)
+    separator = make_separator()
+    results = []
+    for g in range(60):
+        results += separator.process(g, tones_of(separator, air.group(g, touched=g >= 30)))
+    assert [state.clocks[0].locked for state, _ in results] == [True] * 60
+
+
 def test_bins_that_nobody_sends_on_are_never_read():
     air = make_air(625, [TagOnAir(untouched_deg=(35.0, -80.0))], 26, 20.0)
     separator = make_separator()

@@ -80,13 +80,13 @@ def cases(full=False):
         replace(base, name="20 % of snapshots lost in a block", lost=0.2, lost_in="block"),
         replace(base, name="interferer on 12 subcarriers", interfered=True),
     ]  # fmt: skip
-    clean = replace(base, gamma_db=60.0, estimators=("harmonic",))
+    clean = replace(base, gamma_db=40.0, estimators=("harmonic",))
     clean_two = replace(clean, clocks_hz=(1000.0, 1400.0), levels_db=(0.0, 0.0))
     systematic = [
-        replace(clean, name="systematic: static +80 dB, gamma +60 dB", static_db=80.0),
-        replace(clean, name="systematic: off reflection .3 given, gamma +60 dB", off=0.3),
-        replace(clean_two, name="systematic: two tags, gamma +60 dB"),
-        replace(clean_two, name="systematic: two tags, second -20 dB, gamma +60 dB",
+        replace(clean, name="systematic: static +80 dB, gamma +40 dB", static_db=80.0),
+        replace(clean, name="systematic: off reflection .3 given, gamma +40 dB", off=0.3),
+        replace(clean_two, name="systematic: two tags, gamma +40 dB"),
+        replace(clean_two, name="systematic: two tags, second -20 dB, gamma +40 dB",
                 levels_db=(0.0, -20.0)),
     ]  # fmt: skip
     long = [

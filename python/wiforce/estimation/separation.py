@@ -7,6 +7,7 @@ clock's offset and lines that tags share cost almost nothing.
 """
 
 import math
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +29,10 @@ _NOISE_FLOOR = 1e-14
 # Residual of a group over the usual noise: below it is chance; above, noise has not become so.
 _NOTABLE = 1.15
 _UNUSUAL = 3.0
+# Groups whose median residual tells that the noise has changed, and from which factor on. A press
+# that changes disturbs fewer.
+_STEP_GROUPS = 8
+_STEP = 1.33
 # A mixing matrix that amplifies noise above this cannot separate its ends.
 _WORST_GAIN = 100.0
 
@@ -114,6 +119,7 @@ class EndSeparator:
         self._noise = None
         self._noise_groups = 0
         self._noise_memory = max(32, int(_NOISE_MEMORY_S / self.group_period_s))
+        self._misfits = deque(maxlen=_STEP_GROUPS)
         self._held = []
         self._started = False
 
@@ -231,7 +237,7 @@ class EndSeparator:
         ends, gain, residual = self._solve(item)
         misfit = self._misfit(residual, item)
         if fresh and item.usable and not item.missing:
-            self._learn_noise(residual / max(1.0, misfit / _UNUSUAL), item)
+            self._learn_noise(residual, misfit, item)
         # What does not fit is alike on all subcarriers, as noise is not.
         gain = gain * (1 + len(self.bins) * max(0.0, misfit - _NOTABLE))
         vectors = np.zeros((self.ends, 64), complex)
@@ -305,10 +311,18 @@ class EndSeparator:
         freedom = max(len(fit.left) - len(fit.rows), 1)
         return ends, gain, _power(fit.left).sum(axis=0) / freedom
 
-    def _learn_noise(self, residual, item):
+    def _learn_noise(self, residual, misfit, item):
+        self._misfits.append(misfit)
+        usual = float(np.median(self._misfits))
+        if len(self._misfits) == _STEP_GROUPS and not 1 / _STEP < usual < _STEP:
+            # Its level has changed; its course over the subcarriers is still the best known.
+            self._misfits.clear()
+            self._noise_groups = min(self._noise_groups, _STEP_GROUPS)
+            self._set_noise(usual * self._noise, [item])
+            return
         self._noise_groups = min(self._noise_groups + 1, self._noise_memory)
-        updated = self._noise + (residual - self._noise) / self._noise_groups
-        self._set_noise(updated, [item])
+        fitting = residual / max(1.0, misfit / _UNUSUAL)
+        self._set_noise(self._noise + (fitting - self._noise) / self._noise_groups, [item])
 
     def _snr_db(self, ends, gain):
         snr = np.full(len(ends), np.nan)
