@@ -37,6 +37,20 @@ def test_help_lists_the_subcommands_that_exist():
     assert done.returncode == 0 and "simulate" in done.stdout and done.stderr == ""
 
 
+def test_list_names_what_is_shipped_and_what_it_is():
+    from gnuradio.wiforce.scene import shipped_scenes
+    from gnuradio.wiforce.sensor import shipped_sensors
+
+    lines = run("list").stdout.splitlines()
+    told = dict(line.split(maxsplit=1) for line in lines if line.startswith("  "))
+    assert list(told) == [*shipped_scenes(), *shipped_sensors()]
+    assert (
+        told["walker"].startswith("A person walks")
+        and "simulated" in told["line-900mhz-calibrated"]
+    )
+    assert run("list", "sensors").stdout.splitlines() == lines[lines.index("sensors") :]
+
+
 def test_version_is_the_builds():
     from gnuradio.wiforce._config import VERSION
 

@@ -77,3 +77,10 @@ def test_the_shipped_completion_asks_the_command_itself():
     for shell in ("bash", "zsh", "fish"):
         text = (ROOT / "gr-wiforce" / "completions" / f"gr-wiforce.{shell}").read_text()
         assert f"_GR_WIFORCE_COMPLETE={shell}_source" in text
+
+
+def test_every_shipped_scene_is_explained():
+    from gnuradio.wiforce.scene import shipped_scenes
+
+    text = (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8")
+    assert [name for name in shipped_scenes() if f"`{name}`" not in text] == []

@@ -6,7 +6,7 @@ import pytest
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.channel import PEAK, Adc, AirChannel
 from gnuradio.wiforce.scene.paths import Fir, MovingPath, delay_taps, response, tag_taps
-from gnuradio.wiforce.scene.switching import PULSES, TagClock, switch_states
+from gnuradio.wiforce.scene.switching import SWITCHES, TagClock, switch_states
 from gnuradio.wiforce.waveform import sounding_waveform
 
 TA = 256 / 12.5e6
@@ -77,6 +77,39 @@ def test_tag_spectrum_agrees_with_the_analytic_harmonics_to_a_tenth_of_a_db(unto
     assert abs(np.angle(seen, deg=True)) < 0.5
 
 
+def test_two_naive_clocks_intermodulate_and_the_papers_do_not():
+    """Lines at sums and differences of 1.0 and 1.4 kHz: power that no clock of the tag explains."""
+    quiet = {}
+    for duty in ("two_frequencies", "pulses"):
+        one = scene(tags=[{"clock2_duty": duty}], clock_offset_ppm=0, clock_drift_ppm_per_s=0)
+        h = snapshots(AirChannel(one), one, 6945)  # 0.4 s
+        times = np.arange(len(h)) * T
+
+        def level_db(hz, h=h, times=times):
+            window = np.kaiser(len(h), 14)[:, None]
+            tone = np.exp(-2j * np.pi * hz * times)[:, None]
+            return 20 * np.log10(np.abs((h * tone * window).sum(axis=0)).mean() / window.sum())
+
+        quiet[duty] = [level_db(hz) - level_db(1000) for hz in (400, 2400)]
+    assert min(quiet["two_frequencies"]) > -10 and max(quiet["pulses"]) < -60
+
+
+def test_both_switches_on_pass_waves_through_an_untouched_line_only():
+    press = {"start_s": 0.5, "rise_s": 0, "hold_s": 9, "force_n": 4.0, "location_mm": 33.0}
+    one = scene(presses=[press], tags=[{"clock2_duty": "two_frequencies", "clock_phase_deg": 0}])
+    tag = AirChannel(one).sensors["s0"]
+    for start in (0, 12_500_000):
+        state = tag.pressed.reflections(np.array([start / 12.5e6]))[0]
+        both = tag.reflection(start, 10)[5] / tag._turn  # at a cycle's start both are on
+        if start:
+            assert both == pytest.approx(state.sum(), abs=1e-5)
+        else:
+            # once through, in both directions: half the phase of the open end's echo
+            assert abs(both) == pytest.approx(2, abs=1e-5)
+            echo = np.angle(state[0] * state[1]) / 2
+            assert (both / 2) ** 4 == pytest.approx(np.exp(2j * echo), abs=1e-4)
+
+
 def test_a_press_turns_each_end_by_what_the_sensor_model_says():
     press = {"start_s": 0.5, "rise_s": 0, "hold_s": 9, "force_n": 4.0, "location_mm": 33.0}
     one = scene(presses=[press])
@@ -108,7 +141,7 @@ def test_off_state_is_seen_while_neither_switch_is_on():
     channel = AirChannel(one)
     tag = channel.sensors["s0"]
     r = tag.reflection(0, 12500)
-    s1, s2 = switch_states(tag.clock, PULSES["pulses"], 0.0, 0, 12500, 12.5e6)
+    s1, s2 = switch_states(tag.clock, SWITCHES["pulses"], 0.0, 0, 12500, 12.5e6)
     psi = np.deg2rad(one.load_model("line-900mhz").untouched_deg())
     g1, g2 = np.exp(1j * psi)
     wanted = s1 * g1 + s2 * g2 + (1 - s1 - s2) * complex(*off)
@@ -319,6 +352,24 @@ def test_force_follows_the_press_of_the_scene():
     np.testing.assert_array_equal(state.touch, np.array(forces) >= 0.9)
 
 
+def test_a_hands_tremor_has_the_stated_rms_between_8_and_12_hz():
+    press = {
+        "start_s": 1.0,
+        "rise_s": 0.1,
+        "hold_s": 20,
+        "force_n": 4,
+        "location_mm": 45,
+        "tremor_n": 0.2,
+    }
+    channel = AirChannel(scene(presses=[press], duration_s=30))
+    times = 1.1 + np.arange(2000) / 100
+    tremor = channel.touch_state(times)["s0"].force_n - 4
+    assert np.std(tremor) == pytest.approx(0.2, rel=0.02)
+    power = np.abs(np.fft.rfft(tremor)) ** 2
+    hz = np.fft.rfftfreq(len(times), 0.01)
+    assert power[(hz > 8) & (hz < 12)].sum() > 0.99 * power.sum()
+
+
 def test_clock_phase_is_that_of_the_signal_model_until_the_crystals_limit():
     clock = TagClock(1000.0, 40.0, 0.5, 100.0, 0.3)
     t = np.array([0.0, 1.0, 60.0])
@@ -349,7 +400,7 @@ def test_a_new_clock_offset_keeps_the_phase():
 def test_edges_inside_a_sample_count_by_their_exact_place(shape):
     clock, delay = TagClock(1700.0, 80.0, 1.0, 100.0, 0.123), 3e-6
     rate, first, count, fine = 1e6, 12_345, 3000, 400
-    got = switch_states(clock, PULSES[shape], delay, first, count, rate)
+    got = switch_states(clock, SWITCHES[shape], delay, first, count, rate)
     t = (first - 0.5 + (np.arange(count * fine) + 0.5) / fine) / rate
     for i, lag in enumerate((0, delay)):
         u = clock.cycles(t - lag) % 1

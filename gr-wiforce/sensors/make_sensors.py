@@ -2,6 +2,7 @@
 """Makes the shipped sensors: build/run python3 gr-wiforce/sensors/make_sensors.py [FOLDER]"""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,11 @@ DATE = "2026-11-21"
 # Just under the least published force.
 ONSET_FORCE_N = 0.9
 CONTACT = ContactLaw(ONSET_FORCE_N, decay_length_mm=3.95, asymmetry=0.68, fade_mm=7.0)
+
+FORCES_N = np.arange(0.5, 8.1, 0.25)
+FINGER_WIDTH_MM = 18.0
+STAMP_WIDTH_MM = 16.0
+STIFF_MM = 0.02
 
 
 def line(mhz):
@@ -42,13 +48,72 @@ def line(mhz):
 
 def line_calibrated(mhz):
     """A model of the physical line, from a simulated VNA with noise."""
-    forces = np.arange(0.5, 8.1, 0.25)
-    table = measure_vna(line(mhz), (20, 30, 40, 50, 60), forces, noise_deg=0.2, seed=mhz)
+    table = measure_vna(line(mhz), (20, 30, 40, 50, 60), FORCES_N, noise_deg=0.2, seed=mhz)
     return calibrate(
         table,
         f"line-{mhz}mhz-calibrated",
         source=f"a VNA's sweep of line-{mhz}mhz, simulated: 0.5 to 8 N at 20, 30, 40, 50 and 60 mm "
         f"with 0.2 deg of noise (measure_vna, seed {mhz})",
+        date=DATE,
+    )
+
+
+def pressed_widely(name, width_mm):
+    """The 900 MHz line under something wide: the same beam, loaded evenly over its width."""
+    half = width_mm / 2 / CONTACT.decay_length_mm
+    # What touches the line at ONSET_FORCE_N at a point bends it by less when it is spread.
+    deflection = (1 - np.exp(-half) * np.cos(half)) / half
+    onset = round(ONSET_FORCE_N / deflection, 3)
+    return replace(
+        line(900),
+        name=name,
+        onset_force_n=onset,
+        force_span_n=(onset, 10.0),
+        contact=replace(CONTACT, onset_force_n=onset, width_mm=width_mm),
+        provenance={
+            "source": f"physics: line-900mhz pressed evenly over {width_mm:g} mm",
+            "date": DATE,
+            "assumed": ["the contact is as wide at all forces"],
+        },
+    )
+
+
+def calibrated_stamp():
+    """A calibration for fingertips, made with a flat stamp a little narrower than a finger."""
+    stamp = pressed_widely("stamp", STAMP_WIDTH_MM)
+    table = measure_vna(stamp, (20, 30, 40, 50, 60), FORCES_N, noise_deg=0.2, seed=902)
+    return calibrate(
+        table,
+        "fingertip-900mhz-calibrated",
+        source=f"a VNA's sweep of line-900mhz pressed with a stamp {STAMP_WIDTH_MM:g} mm wide, "
+        "simulated as that of line-900mhz (seed 902)",
+        date=DATE,
+    )
+
+
+def plain_trace():
+    """A line without the soft beam: what presses it shorts it in one place, however hard."""
+    contact = replace(CONTACT, decay_length_mm=STIFF_MM)
+    return replace(
+        line(900),
+        name="plain-trace-900mhz",
+        contact=contact,
+        provenance={
+            "source": "physics: a bare trace over ground, shorted where it is pressed; the short "
+            "hardly widens with force",
+            "date": DATE,
+            "assumed": [f"the short widens by {STIFF_MM * np.pi:.2f} mm at most"],
+        },
+    )
+
+
+def calibrated_plain_trace():
+    """What a calibration makes of the plain trace: curves that are flat against force."""
+    table = measure_vna(plain_trace(), (20, 30, 40, 50, 60), FORCES_N, noise_deg=0.2, seed=901)
+    return calibrate(
+        table,
+        "plain-trace-900mhz-calibrated",
+        source="a VNA's sweep of plain-trace-900mhz, simulated as that of line-900mhz (seed 901)",
         date=DATE,
     )
 
@@ -77,6 +142,10 @@ def all_sensors():
         yield line_calibrated(mhz)
         yield published("paper", mhz)
         yield published("wiforce", mhz)
+    yield pressed_widely("fingertip-900mhz", FINGER_WIDTH_MM)
+    yield calibrated_stamp()
+    yield plain_trace()
+    yield calibrated_plain_trace()
 
 
 if __name__ == "__main__":

@@ -10,14 +10,18 @@ from gnuradio.wiforce.angles import wrap_deg
 from gnuradio.wiforce.capture import open_capture
 from gnuradio.wiforce.estimation.off_state import corrected_phase_deg
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.scene.expected import expect
+from gnuradio.wiforce.scene.channel import AirChannel
+from gnuradio.wiforce.scene.expected import expect, why_not_readable
 from gnuradio.wiforce.scene.plan import plan
+from gnuradio.wiforce.scene.schema import about_scene
 from gnuradio.wiforce.scene.score import read_truth, score
 from gnuradio.wiforce.scene.simulator import simulate
 from gnuradio.wiforce.waveform import FFT_LENGTH
 
 from .bench.chain import SnapshotChain
 from .read import read_capture
+
+_SPECTRUM_LENGTH = 5000  # snapshots
 
 
 def run(scene_name, work_folder):
@@ -35,18 +39,21 @@ def run(scene_name, work_folder):
     dict
         Plain values that JSON can hold; per sensor the errors of ours, of the paper's method as
         published and with the constant clock offset removed, what the plan expected, and the
-        groups' readings for pictures. Phase errors are those of the change against the untouched
-        sensor; what a calibration errs by in the untouched phases counts in force and location.
+        groups' readings and the spectrum of the snapshots for pictures. Phase errors are those of
+        the change against the untouched sensor, and of the group's mean reflection: what a
+        calibration errs by in the untouched phases, and how the force changes about the group's
+        centre, count in force and location.
     """
     scene = load_scene(scene_name)
     with tempfile.TemporaryDirectory(dir=work_folder, prefix=".capture-") as folder:
         capture = Path(folder) / "capture"
         simulate(scene, capture)
-        truth = read_truth(f"{capture}.truth.csv")
+        truth = _with_mean_phases(scene, read_truth(f"{capture}.truth.csv"))
         recording = open_capture(capture)
         readings = []
         read_capture(recording, scene, readings.append)
-        paper = _paper_ratios(recording, scene)
+        spectrum = Spectrum(scene)
+        paper = _paper_ratios(recording, scene, spectrum)
     settings = plan(scene)
     expected = expect(scene, settings)
     sensors = [
@@ -54,11 +61,54 @@ def run(scene_name, work_folder):
     ]
     return {
         "scene": str(scene_name),
+        "about": about_scene(scene_name),
         "seed": scene.simulation.seed,
         "reference_s": scene.reference_s,
         "sensors": sensors,
         "sum": _sum_of_forces(scene, readings, truth),
+        "spectrum": spectrum.as_dict(),
     }
+
+
+def _with_mean_phases(scene, truth):
+    """Truth rows, their phases those of the group's mean reflection instead of its centre's."""
+    tags = AirChannel(scene).sensors
+    for row in truth:
+        pressed = tags[row["sensor"]].pressed
+        phases = pressed.mean_phases_deg([row["time_s"]], scene.group_period_s)[0]
+        row["phase1_deg"], row["phase2_deg"] = phases
+    return truth
+
+
+class Spectrum:
+    """Power of the snapshots over Doppler frequency, averaged over subcarriers and stretches."""
+
+    def __init__(self, scene):
+        self._period_s = scene.snapshot_period_s
+        self._power, self._stretches, self._waiting = 0.0, 0, []
+
+    def add(self, snapshots):
+        """Takes H (n, K) of one group."""
+        self._waiting.append(snapshots)
+        if sum(map(len, self._waiting)) < _SPECTRUM_LENGTH:
+            return
+        stretch = np.concatenate(self._waiting)[:_SPECTRUM_LENGTH]
+        window = np.kaiser(len(stretch), 14)[:, None]
+        lines = np.fft.fft(stretch * window, axis=0) / window.sum()
+        self._power = self._power + np.mean(np.abs(lines) ** 2, axis=1)
+        self._stretches += 1
+        self._waiting = []
+
+    def as_dict(self):
+        """Frequencies in Hz and levels in dB, rising from minus to plus half the snapshot rate."""
+        if not self._stretches:
+            return {"hz": [], "db": []}
+        level = 10 * np.log10(np.maximum(self._power / self._stretches, 1e-30))
+        hz = np.fft.fftfreq(_SPECTRUM_LENGTH, self._period_s)
+        return {
+            "hz": np.fft.fftshift(hz).round(2).tolist(),
+            "db": np.fft.fftshift(level).round(2).tolist(),
+        }
 
 
 def _sensor(scene, index, readings, paper, truth, expected):
@@ -79,10 +129,12 @@ def _sensor(scene, index, readings, paper, truth, expected):
         "missed": ours.missed,
         "false": ours.false,
         "flagged": ours.flagged,
+        "unflagged": sum(r.force_n is not None and not r.flags for r in own),
+        "not_readable": why_not_readable(scene, index),
         "flags": sorted({flag for reading in own for flag in reading.flags}),
         "bound_rms_deg": float(np.sqrt(np.mean(np.square(expected.phase_std_deg)))),
         "expected": {
-            "phase_deg": list(expected.phase_error_deg),
+            "phase_deg": expected.phase_error_deg,
             "force_n": expected.force_error_n,
             "location_mm": expected.location_error_mm,
         },
@@ -107,7 +159,7 @@ def _summary(phase, force, location):
     return found
 
 
-def _paper_ratios(recording, scene):
+def _paper_ratios(recording, scene, spectrum):
     """R (groups, 2S) of the paper's method: plain sums at lines 1 and 4, group to group."""
     phase_group = dataclasses.replace(scene.phase_group, estimator="paper")
     settings = plan(dataclasses.replace(scene, phase_group=phase_group))
@@ -116,7 +168,9 @@ def _paper_ratios(recording, scene):
     codes, per_group = np.memmap(recording.path, "<i2", "r"), 2 * scene.group_samples
     for group in range(len(codes) // per_group):
         part = codes[group * per_group : (group + 1) * per_group]
-        ratios += [ratio for _, ratio in chain.process(group, _channel(part, waveform))]
+        snapshots = _channel(part, waveform)
+        spectrum.add(snapshots)
+        ratios += [ratio for _, ratio in chain.process(group, snapshots)]
     ratios += [ratio for _, ratio in chain.flush()]
     return np.array(ratios)
 

@@ -14,6 +14,7 @@ PROGRAM = "gr-wiforce"
 # A line of help each, so that --help imports none of them.
 COMMANDS = {
     "demo": "Simulate a press, read it back, show it beside the truth.",
+    "list": "Shipped scenes and sensor models, by name.",
     "simulate": "Write the capture of a scene and its truth.",
     "read": "Read a capture to force and location.",
     "live": "Read from a USRP as it happens.",

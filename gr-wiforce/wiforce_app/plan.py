@@ -73,8 +73,10 @@ def _print(report, scene):
     click.echo(f"in all {needed / 1e6:.3g} Mflop per second of signal; {saved / 1e6:.3g} skipped")
     click.echo(f"\nexpected at snr_db {scene.simulation.snr_db:g} (medians)")
     for sensor in report["expected"]:
-        error = sensor["phase_error_deg"]
-        std = sensor["phase_std_deg"]
+        error, std = sensor["phase_error_deg"], sensor["phase_std_deg"]
+        if error is None:
+            click.echo(f"{sensor['sensor']}: not readable")
+            continue
         click.echo(
             f"{sensor['sensor']}: phases {error[0]:.3g}/{error[1]:.3g} deg "
             f"(noise {std[0]:.3g}/{std[1]:.3g} rms), force {sensor['force_error_n']:.3g} N, "

@@ -37,3 +37,10 @@ def simulate(scene, name, datatype, seed):
         paths = simulator.simulate(scene, name, datatype, done)
     for path in paths:
         click.echo(path)
+    told = scene.simulation
+    click.echo(
+        f"gr-wiforce: {samples / scene.radio.sample_rate_hz:.3g} s, "
+        f"phase groups: {simulator.frame_count(scene) // scene.phase_group.snapshots}, "
+        f"presses: {len(told.presses)}, moves: {len(told.moves)}, seed: {told.seed}",
+        err=True,
+    )

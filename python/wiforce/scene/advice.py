@@ -7,15 +7,13 @@ import numpy as np
 
 from ..errors import InputError
 from .clocks import assess_clocks, propose_clocks
-from .expected import expect, receive_levels
+from .expected import expect, receive_levels, why_not_readable
 from .plan import plan as plan_of
 
 # A press that rises within so many groups is blurred by them.
 _GROUPS_PER_RISE = 2
 # Shares of the reading's variance, or dB, that are worth a word.
 _WORTH_DB = 0.5
-# ADC steps of noise below which rounding is no longer like noise.
-_DITHER_STEPS = 0.3
 _NYQUIST_MARGIN = 0.9
 _LEVELS_APART_DB = 20
 _SHORTEST_FRAME = 320
@@ -127,13 +125,9 @@ def _motion_warnings(scene, plan):
 
 def _receiver_warnings(scene):
     levels = receive_levels(scene)
-    if levels.noise_steps < _DITHER_STEPS and levels.tag_steps < 10:
-        yield (
-            f"ADC range: beside the static path the tag's line has {levels.tag_steps:.2g} steps "
-            f"and noise {levels.noise_steps:.2g}; rounding errs systematically, the tag is out of "
-            "the ADC's range"
-        )
-    else:
+    reasons = [why_not_readable(scene, i, levels) for i in range(len(scene.sensors))]
+    yield from dict.fromkeys(filter(None, reasons))
+    if not levels.out_of_range:
         cost_db = 10 * np.log10(1 + levels.quantisation / levels.noise)
         if cost_db > _WORTH_DB:
             yield f"ADC range: the ADC's steps cost {cost_db:.1f} dB"

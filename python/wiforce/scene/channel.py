@@ -3,7 +3,8 @@
 
 Received samples are y = sum over paths of the transmit samples, delayed and scaled. A tag's path
 is scaled by r(t) = s_1 G_1 + s_2 G_2 + (1 - s_1 - s_2) G_off, with the switches s_i driven by the
-tag's own clock. The walk of a piece of signal is :meth:`AirChannel._piece`.
+tag's own clock; where both are on at once, waves also run through the line from end to end. The
+walk of a piece of signal is :meth:`AirChannel._piece`.
 """
 
 import numpy as np
@@ -12,7 +13,7 @@ from .oscillators import FreeOscillators
 from .paths import MOVING_PATHS as _MOVING_PATHS
 from .paths import Fir, MovingPath, Ramp, mean_power, static_taps, tag_taps
 from .presses import PressedSensor
-from .switching import PULSES, TagClock, switch_states
+from .switching import SWITCHES, TagClock, switch_states
 
 PEAK = 10 ** (-3 / 20)  # of full scale: where a scene's transmit frame peaks at the ADC
 _NOISE_PEAK = 4.5  # standard deviations of a noise component that count as its peak
@@ -220,7 +221,7 @@ class TagOnAir:
             max(sensor.clock_tolerance_ppm, abs(tag.clock_offset_ppm), abs(last_ppm)),
             phase,
         )
-        self._pulses, self._delay_s = PULSES[tag.clock2_duty], tag.clock2_delay_s
+        self._switches, self._delay_s = SWITCHES[tag.clock2_duty], tag.clock2_delay_s
         self._off = np.array(sensor.off_reflection)
         self._turn = np.exp(2j * np.pi * rng.random())
         self.pressed = PressedSensor(
@@ -234,17 +235,24 @@ class TagOnAir:
         """r / rho of the samples; complex64, shape (count,)."""
         if not self.on:
             return np.zeros(count, np.complex64)
-        states = switch_states(self.clock, self._pulses, self._delay_s, first, count, self._rate)
+        first_on, second_on = switch_states(
+            self.clock, self._switches, self._delay_s, first, count, self._rate
+        )
+        both_on = first_on * second_on
         times = self._ramp.knots(first, count)
         ends = self.pressed.reflections(times)
         path = self._turn * self.pressed.motion(times)
-        parts = [
-            state * self._over_time((ends[:, i] - self._off[i]) * path, first, count)
-            for i, state in enumerate(states)
-        ]
+        # Against the off state, which is taken with the rest of the time.
+        terms = [(first_on, ends[:, 0] - self._off[0]), (second_on, ends[:, 1] - self._off[1])]
+        if both_on.any():
+            through = self.pressed.through(times) + self._off.mean()
+            terms.append((both_on, through))
+        total = sum(
+            state * self._over_time(ends_at * path, first, count) for state, ends_at in terms
+        )
         if self._off.any():
-            parts.append(self._over_time(self._off.mean() * path, first, count))
-        return sum(parts)
+            total = total + self._over_time(self._off.mean() * path, first, count)
+        return total
 
     def _over_time(self, values, first, count):
         """A constant as it is, values at the knots drawn over the samples."""

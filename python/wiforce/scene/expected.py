@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How accurate a scene's readings will be: phases from the Cramer-Rao bound, force and location
-from what the reader's model makes of them. Nothing is simulated."""
+"""How accurate a scene's readings will be: noise of the phases from the Cramer-Rao bound, force and
+location from what the reader's model makes of such phases. No samples are simulated."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..estimation.bound import phase_bound_deg
 from ..estimation.tag_clock import harmonics
 from .channel import PEAK
+from .presses import PressedSensor
 
 # Median of |x| for a Gaussian x of unit standard deviation.
 MEDIAN = 0.6745
@@ -16,6 +17,11 @@ MEDIAN = 0.6745
 _UNTOUCHED_SWEEPS = 10
 # Groups over which the bound is computed are not longer than this; it scales with their length.
 _LONGEST = 1250
+# Groups of a scene whose readings are drawn at most, and drawings of each.
+_GROUPS, _DRAWS = 300, 16
+# Standard deviation of a noise component, in ADC steps, below which rounding is not like noise, and
+# steps of the tag's line that are then too few.
+_DITHER_STEPS, _FEW_STEPS = 0.3, 10
 # Peak of noise in standard deviations of a component.
 _NOISE_PEAK = 4.5
 
@@ -34,6 +40,11 @@ class Levels:
     tag_steps: float
     noise_steps: float
 
+    @property
+    def out_of_range(self):
+        """Whether the tag is lost in the ADC's rounding, which errs systematically then."""
+        return self.noise_steps < _DITHER_STEPS and self.tag_steps < _FEW_STEPS
+
 
 @dataclass(frozen=True)
 class Expected:
@@ -44,20 +55,18 @@ class Expected:
     sensor : str
     phase_std_deg : (float, float)
         Noise of the phases of a reading while nothing changes.
-    phase_error_deg : (float, float)
-        Median error: noise, and what the calibration left open in the untouched phases.
-    force_error_n, location_error_mm : float
-        Median error over the presses: noise and the model's own error.
-    presses : tuple
-        (force_n, location_mm, force std, location std) of each representative press.
+    phase_error_deg : (float, float) or None
+        Median error of the phases' changes against the untouched sensor; None, as all below, for a
+        sensor that is not readable.
+    force_error_n, location_error_mm : float or None
+        Median error while touched: noise, and what the reader's model errs by.
     """
 
     sensor: str
     phase_std_deg: tuple
-    phase_error_deg: tuple
-    force_error_n: float
-    location_error_mm: float
-    presses: tuple = field(repr=False)
+    phase_error_deg: tuple | None
+    force_error_n: float | None
+    location_error_mm: float | None
 
 
 def receive_levels(scene):
@@ -81,65 +90,122 @@ def expect(scene, plan):
     Parameters
     ----------
     scene : Scene
-        Its ``simulation`` gives noise, clutter and presses; without presses the calibrated span
-        of force and location is taken.
+        Its ``simulation`` gives noise, clutter, presses, moves and the sensor that is pressed.
+        Where nothing is pressed the calibrated span of force and location is taken, with the errors
+        that the calibration itself claims.
     plan : Plan
 
     Returns
     -------
     tuple of Expected
     """
-    noise = receive_levels(scene)
-    variance = noise.noise + noise.quantisation
-    points = [_presses(scene, i) for i in range(len(scene.sensors))]
+    levels = receive_levels(scene)
+    variance = levels.noise + levels.quantisation
+    carrier_hz = scene.radio.center_frequency_hz
+    models = [sensor.load_model(scene) for sensor in scene.sensors]
+    presses = [_presses(scene, i) for i in range(len(models))]
+    points = [
+        _span(model) if press is None else press
+        for model, press in zip(models, presses, strict=True)
+    ]
     phases = [
-        model.phases_deg(*points[i].T, scene.radio.center_frequency_hz)
-        for i, model in enumerate(_models(scene))
+        model.phases_deg(*p.T[:2], carrier_hz) for model, p in zip(models, points, strict=True)
     ]
     bound = _bound_deg(scene, plan, phases, variance)
     found = []
-    for i, (sensor, model) in enumerate(zip(scene.sensors, _models(scene), strict=True)):
+    for i, (sensor, model) in enumerate(zip(scene.sensors, models, strict=True)):
         std = _reading_std(sensor, phases[i], bound[2 * i : 2 * i + 2])
-        untouched = np.array(model.noise_deg(scene.radio.center_frequency_hz))
-        untouched = untouched / np.sqrt(_UNTOUCHED_SWEEPS)
-        total = np.hypot(std, untouched)
-        spread = _spread(model, scene.radio.center_frequency_hz, points[i], total)
-        medians = MEDIAN * np.median(spread, axis=0)
-        found.append(
-            Expected(
-                sensor.name,
-                tuple(std.tolist()),
-                tuple((MEDIAN * total).tolist()),
-                float(medians[0]),
-                float(medians[1]),
-                tuple(map(tuple, np.hstack([points[i], spread]).tolist())),
-            )
-        )
+        if why_not_readable(scene, i, levels):
+            medians = None, None, None
+        elif presses[i] is None:
+            medians = _claimed(model, carrier_hz, points[i], std)
+        else:
+            medians = _drawn(model, carrier_hz, points[i], std)
+        found.append(Expected(sensor.name, tuple(std.tolist()), *medians))
     return tuple(found)
 
 
-def _models(scene):
-    return [sensor.load_model(scene) for sensor in scene.sensors]
+def why_not_readable(scene, index, levels=None):
+    """Why nothing can be read of a simulated scene's sensor; None when it can."""
+    tag, levels = scene.simulation.tags[index], levels or receive_levels(scene)
+    if levels.out_of_range:
+        return (
+            f"ADC range: beside the static path the tag's line has {levels.tag_steps:.2g} steps "
+            f"and noise {levels.noise_steps:.2g}; rounding errs systematically, the tag is out of "
+            "the ADC's range"
+        )
+    if tag.clock2_duty != "pulses":
+        return (
+            f"both switches of '{tag.sensor}' are on together (clock2_duty: {tag.clock2_duty}): "
+            "its ends cannot be told apart"
+        )
+    return None
 
 
 def _presses(scene, index):
-    """Representative (force, location) of a sensor; shape (n, 2)."""
-    sensor = scene.sensors[index]
-    own = [p for p in scene.simulation.presses if p.sensor == sensor.name]
-    share = np.array([0.0, 0.5, 1.0])
-    if own:
-        return np.array(
-            [
-                (p.force_n + s * (p.end_force_n - p.force_n), p.location_mm)
-                for p in own
-                for s in share
-            ]
-        )
-    model = sensor.load_model(scene)
-    spans = [
-        low + share * (high - low) for low, high in (model.force_span_n, model.location_span_mm)
+    """Groups in which a sensor is steadily touched; None where there are none.
+
+    Returns
+    -------
+    ndarray, shape (n, 6) or None
+        Force, location, changes of both phases against the untouched sensor, and how much of
+        these changes is motion of the tag (twice, one for each phase).
+    """
+    sensor, carrier_hz = scene.sensors[index], scene.radio.center_frequency_hz
+    simulation, period_s = scene.simulation, scene.group_period_s
+    truth = scene.load_model(simulation.tags[index].truth_model)
+    own = [
+        [e for e in many if e.sensor == sensor.name]
+        for many in (simulation.presses, simulation.moves)
     ]
+    pressed = PressedSensor(truth, *own, carrier_hz)
+    rows = []
+    for press in own[0]:
+        end_s = min(press.end_s, simulation.duration_s)
+        times = (np.arange(press.start_s // period_s, end_s // period_s + 1) + 0.5) * period_s
+        times = times[:: max(1, len(times) * len(own[0]) // _GROUPS)]
+        around = pressed.state(np.concatenate([times - period_s, times, times + period_s]))
+        steady = around.touch.reshape(3, -1).all(axis=0)
+        if not steady.any():
+            continue
+        times, states = times[steady], pressed.state(times[steady])
+        moved = np.broadcast_to(pressed.motion(times), times.shape)
+        moved = moved * np.conj(pressed.motion(np.array([press.start_s])))
+        motion = np.degrees(np.angle(moved))[:, None]
+        change = pressed.mean_phases_deg(times, period_s) - truth.untouched_deg(carrier_hz)
+        place = np.stack([states.force_n, states.location_mm], axis=1)
+        rows.append(np.hstack([place, change + motion, motion, motion]))
+    return np.concatenate(rows) if rows else None
+
+
+def _span(model):
+    """Force and location over what a model was calibrated for; shape (9, 2)."""
+    spans = [np.linspace(*span, 3) for span in (model.force_span_n, model.location_span_mm)]
     return np.stack(np.meshgrid(*spans, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+def _drawn(model, carrier_hz, points, std):
+    """Median errors of phases, force and location where it is known what is pressed."""
+    noise = std * np.random.default_rng(0).standard_normal((_DRAWS, len(points), 2))
+    phases = points[:, 2:4] + model.untouched_deg(carrier_hz) + noise
+    found = model.invert(phases.reshape(-1, 2), std, frequency_hz=carrier_hz)
+    force = found.force_n - np.tile(points[:, 0], _DRAWS)
+    location = found.location_mm - np.tile(points[:, 1], _DRAWS)
+    phase = np.median(np.abs(points[:, 4:6] + noise), axis=(0, 1))
+    return tuple(phase.tolist()), _median(force), _median(location)
+
+
+def _median(error):
+    known = np.isfinite(error)
+    return float(np.median(np.abs(error[known]))) if known.any() else None
+
+
+def _claimed(model, carrier_hz, points, std):
+    """The same where only the calibration tells what it errs by."""
+    untouched = np.array(model.noise_deg(carrier_hz)) / np.sqrt(_UNTOUCHED_SWEEPS)
+    spread = _spread(model, carrier_hz, points, np.hypot(std, untouched))
+    force, location = MEDIAN * np.median(spread, axis=0)
+    return tuple((MEDIAN * std).tolist()), float(force), float(location)
 
 
 def _bound_deg(scene, plan, phases, variance):

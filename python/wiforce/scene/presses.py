@@ -6,6 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 SPEED_OF_LIGHT_M_S = 299_792_458.0
+# Physiological tremor of a hand lies between 8 and 12 Hz.
+TREMOR_HZ = (8.3, 9.7, 11.4)
+_TIMES_INSIDE = 32
 
 
 @dataclass(frozen=True)
@@ -58,7 +61,7 @@ class PressedSensor:
         for press in self._presses[first : np.searchsorted(self._starts, time_s.max(), "right")]:
             during = (time_s >= press.start_s) & (time_s < press.end_s)
             location[during] = press.location_mm
-            force[during] = np.interp(time_s[during], *_profile(press))
+            force[during] = _force(press, time_s[during])
         return force, location
 
     def state(self, time_s):
@@ -85,6 +88,27 @@ class PressedSensor:
             self._last = key, row
         return row
 
+    def mean_phases_deg(self, time_s, period_s):
+        """Phases of the mean reflection over ``period_s`` about each time; shape (n, 2)."""
+        inside = ((np.arange(_TIMES_INSIDE) + 0.5) / _TIMES_INSIDE - 0.5) * period_s
+        times = np.add.outer(np.asarray(time_s, float), inside)
+        reflections = np.broadcast_to(self.reflections(times.ravel()), (times.size, 2))
+        mean = reflections.reshape(*times.shape, 2).mean(axis=1)
+        return np.degrees(np.angle(mean))
+
+    def through(self, time_s):
+        """By how much both switches on together differ from the sum of the two; complex, (n,).
+
+        A press shorts the line, so that each end answers for itself. Untouched, both waves run
+        through to the other end, once, instead of to its open end and back: 2 exp(j psi/2) takes
+        the place of G_1 + G_2 (psi/2 leaves the sign open: a line half a wavelength longer).
+        """
+        untouched = self._model.phases_deg(0.0, 0.0, self._carrier_hz)
+        passing = 2 * np.exp(1j * np.deg2rad(untouched.sum() / 4))
+        alone = np.exp(1j * np.deg2rad(untouched)).sum()
+        touch = self.force(time_s)[0] >= self._model.onset_force_n
+        return np.where(touch, 0.0, passing - alone)
+
     def motion(self, time_s):
         """Turn of the tag's whole path by its moves, exp(-j 4 pi d / lambda); 1 when it rests."""
         if not self._moves:
@@ -105,6 +129,17 @@ def _profile(press):
     """Times and forces between which a press is linear."""
     times = press.start_s + np.cumsum([0, press.rise_s, press.hold_s, press.rise_s])
     return times, [0.0, press.force_n, press.end_force_n, 0.0]
+
+
+def _force(press, time_s):
+    """Force of a press at times within it, with the tremor of a hand that holds it."""
+    force = np.interp(time_s, *_profile(press))
+    if press.tremor_n:
+        turns = np.outer(TREMOR_HZ, time_s - press.start_s)
+        tremor = np.sin(2 * np.pi * turns).sum(axis=0) * np.sqrt(2 / len(TREMOR_HZ))
+        share = force / max(press.force_n, press.end_force_n)
+        force = np.maximum(force + press.tremor_n * share * tremor, 0.0)
+    return force
 
 
 def _progress(move, time_s):

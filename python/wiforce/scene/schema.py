@@ -7,6 +7,7 @@ mirror its sections. Keys and defaults are listed in docs/scenes.md.
 
 import dataclasses
 from dataclasses import dataclass, field
+from itertools import takewhile
 from pathlib import Path
 
 from ..errors import InputError
@@ -61,7 +62,10 @@ class Environment:
 
 @dataclass(frozen=True)
 class Press:
-    """A press: force rises from 0, goes linearly to ``end_force_n``, falls again to 0."""
+    """A press: force rises from 0, goes linearly to ``end_force_n``, falls again to 0.
+
+    ``tremor_n`` is the rms of a hand's tremor about that.
+    """
 
     sensor: str
     start_s: float
@@ -70,6 +74,7 @@ class Press:
     force_n: float
     end_force_n: float
     location_mm: float
+    tremor_n: float = 0.0
 
     @property
     def end_s(self):
@@ -205,6 +210,12 @@ def shipped_scenes():
     return sorted(path.stem for path in _shipped_folder().glob("*.yaml"))
 
 
+def about_scene(name):
+    """What a scene shows: the comment that its file begins with, as one line."""
+    lines = _scene_path(name).read_text(encoding="utf-8").splitlines()
+    return " ".join(line.lstrip("# ") for line in takewhile(lambda x: x.startswith("#"), lines))
+
+
 def _shipped_folder():
     from .._config import DATA_DIR
 
@@ -239,7 +250,7 @@ def _scene(top, path):
     scene = Scene(radio, sounding, phase_group, sensors, environment, reference_s, simulation, path)
     _check_clocks_apart(top, scene)
     _check_duration(top, scene)
-    _check_presses(top, scene)
+    _check_presses(top, scene, _checked_models(top, scene))
     return scene
 
 
@@ -404,7 +415,7 @@ def _tags(section, sensors, truth_model, offset, drift):
                 entry.number("clock_drift_ppm_per_s", drift, low=-10, high=10),
                 entry.number("clock_phase_deg", low=-1e6, high=1e6, optional=True),
                 entry.number("clock2_delay_s", 0.0, low=-1e-3, high=1e-3),
-                entry.choice("clock2_duty", ("pulses", "overlapping"), "pulses"),
+                entry.choice("clock2_duty", ("pulses", "overlapping", "two_frequencies"), "pulses"),
             )
         )
         entry.finish()
@@ -423,6 +434,7 @@ def _presses(sections, names, reference_s):
             force_n,
             section.number("end_force_n", force_n, low=0, high=1000),
             section.number("location_mm", low=0, high=10_000),
+            section.number("tremor_n", 0.0, low=0, high=100),
         )
         section.finish()
         if press.start_s < reference_s:
@@ -487,14 +499,29 @@ def _check_duration(top, scene):
             raise top.error(f"simulation.presses[{i}].start_s", rule, press.start_s)
 
 
-def _check_presses(top, scene):
+def _checked_models(top, scene):
+    """Every model by the name the scene gives it; each must be there and hold the carrier."""
+    keys = {sensor.model: f"sensors[{i}].model" for i, sensor in enumerate(scene.sensors)}
+    for tag in scene.simulation.tags:
+        keys.setdefault(tag.truth_model, "simulation: truth_model")
+    models = {}
+    for name, key in keys.items():
+        try:
+            models[name] = scene.load_model(name)
+        except InputError as error:
+            raise top.error(key, str(error).removeprefix("sensor: ")) from None
+        try:
+            models[name].carrier_index(scene.radio.center_frequency_hz)
+        except InputError as error:
+            raise top.error("radio.center_frequency_hz", f"model {error}") from None
+    return models
+
+
+def _check_presses(top, scene, models):
     """Locations must lie on the pressed line; its length is the truth model's."""
-    tags = {tag.sensor: tag for tag in scene.simulation.tags}
-    lengths = {}
+    truths = {tag.sensor: models[tag.truth_model] for tag in scene.simulation.tags}
     for i, press in enumerate(scene.simulation.presses):
-        name = tags[press.sensor].truth_model
-        if name not in lengths:
-            lengths[name] = scene.load_model(name).length_mm
-        if press.location_mm > lengths[name]:
-            rule = f"must lie on the line, 0 to {lengths[name]:g} mm"
+        length_mm = truths[press.sensor].length_mm
+        if press.location_mm > length_mm:
+            rule = f"must lie on the line, 0 to {length_mm:g} mm"
             raise top.error(f"simulation.presses[{i}].location_mm", rule, press.location_mm)

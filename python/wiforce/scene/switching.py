@@ -5,12 +5,16 @@ import math
 
 import numpy as np
 
-# When each switch is on, in cycles of clock 1: clock 1 has 25 % duty about 0; clock 2 has twice
-# the frequency, 25 % duty and pulses about +-1/4 (SPEC: never high together with clock 1).
-PULSES = {
-    "pulses": (((-1 / 8, 1 / 8),), ((3 / 16, 5 / 16), (11 / 16, 13 / 16))),
+# Cycles of each switch's clock per cycle of clock 1, and when in its cycle the switch is on.
+# Clock 1 has 25 % duty about 0.
+SWITCHES = {
+    # Clock 2 at twice the frequency: pulses about +-1/4 of clock 1's cycle, which are never high
+    # together with clock 1 (SPEC).
+    "pulses": ((1.0, (-1 / 8, 1 / 8)), (2.0, (3 / 8, 5 / 8))),
     # Clock 2 at a true 75 % duty about the same centres: both switches are on for Ts/16 at a time.
-    "overlapping": (((-1 / 8, 1 / 8),), ((1 / 16, 7 / 16), (9 / 16, 15 / 16))),
+    "overlapping": ((1.0, (-1 / 8, 1 / 8)), (2.0, (1 / 8, 7 / 8))),
+    # The naive scheme: two unrelated square waves, on together for a quarter of the time.
+    "two_frequencies": ((1.0, (-1 / 4, 1 / 4)), (1.4, (-1 / 4, 1 / 4))),
 }
 
 
@@ -77,7 +81,7 @@ class TagClock:
         return np.where(s < 2 * limit, s * s / 2 - limit * s, limit * down - down * down / 2)
 
 
-def switch_states(clock, pulses, delay_s, first_sample, count, sample_rate_hz):
+def switch_states(clock, switches, delay_s, first_sample, count, sample_rate_hz):
     """How much of each sample either switch is on.
 
     Sample n stands for the time (n - 1/2 .. n + 1/2) / sample_rate: an edge inside it counts by
@@ -86,8 +90,8 @@ def switch_states(clock, pulses, delay_s, first_sample, count, sample_rate_hz):
     Parameters
     ----------
     clock : TagClock
-    pulses : tuple
-        Per switch, its on-intervals in cycles (see :data:`PULSES`).
+    switches : tuple
+        One of :data:`SWITCHES`.
     delay_s : float
         By how much switch 2 lags behind the clock.
     first_sample, count : int
@@ -101,17 +105,16 @@ def switch_states(clock, pulses, delay_s, first_sample, count, sample_rate_hz):
     edge_s = (first_sample - 0.5) / sample_rate_hz
     span_s = np.array([0, count / sample_rate_hz])
     states = []
-    for intervals, lag_s in zip(pulses, (0.0, delay_s), strict=True):
-        start, stop = clock.cycles(edge_s + span_s - lag_s).tolist()
+    for (rate, (on, off)), lag_s in zip(switches, (0.0, delay_s), strict=True):
+        start, stop = (rate * clock.cycles(edge_s + span_s - lag_s)).tolist()
         # The rate is taken as constant over these samples: at 10 ppm/s that errs by 4e-4 samples
         # in the middle of 5 ms, and by nothing at either end.
         samples_per_cycle = count / (stop - start)
         state = np.zeros(count, np.float32)
         for period in range(math.floor(start) - 1, math.floor(stop) + 2):
-            for on, off in intervals:
-                low = (period + on - start) * samples_per_cycle
-                high = (period + off - start) * samples_per_cycle
-                _cover(state, max(low, 0.0), min(high, float(count)))
+            low = (period + on - start) * samples_per_cycle
+            high = (period + off - start) * samples_per_cycle
+            _cover(state, max(low, 0.0), min(high, float(count)))
         states.append(state)
     return states
 

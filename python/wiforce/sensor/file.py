@@ -105,6 +105,7 @@ def _read_line(section, common):
         decay_length_mm=contact.number("decay_length_mm", above=0),
         asymmetry=contact.number("asymmetry", low=0, high=0.99),
         fade_mm=contact.number("fade_mm", above=0),
+        width_mm=contact.number("width_mm", 0.0, low=0, high=common["length_mm"]),
     )
     contact.finish()
     frequencies = _numbers(section, "frequencies_hz", (None,))
@@ -228,6 +229,9 @@ def write_sensor(model, path):
 def sensor_to_dict(model):
     """The content of a model's file."""
     is_line = isinstance(model, LineModel)
+    if is_line:
+        contact = ["decay_length_mm", "asymmetry", "fade_mm"]
+        contact += ["width_mm"] if model.contact.width_mm else []
     content = {
         "name": model.name,
         "kind": "line" if is_line else "curves",
@@ -242,10 +246,7 @@ def sensor_to_dict(model):
         return content | {
             "frequencies_hz": list(model.frequencies_hz),
             "port_offset_deg": list(model.port_offset_deg),
-            "contact": {
-                key: getattr(model.contact, key)
-                for key in ("decay_length_mm", "asymmetry", "fade_mm")
-            },
+            "contact": {key: getattr(model.contact, key) for key in contact},
         }
     content |= {"cross_validation": model.cross_validation, "form": model.form}
     if model.knots_n is not None:

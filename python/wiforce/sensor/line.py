@@ -31,7 +31,16 @@ def _foundation_profile(u):
     return np.exp(-u) * (np.cos(u) + np.sin(u))
 
 
-# The profile falls monotonically from 1 at u = 0 to -e^-pi at u = pi.
+def _spread_profile(u, half):
+    """The same for a load spread evenly over -half..half: the profile's integral over the load."""
+
+    def integral(v):  # of the profile from 0 to v; odd
+        return np.sign(v) * (1 - np.exp(-np.abs(v)) * np.cos(v))
+
+    return (integral(u + half) - integral(u - half)) / (2 * integral(half))
+
+
+# The profile falls monotonically from 1 at u = 0 to its first minimum, at u = pi for a point load.
 _PROFILE_U = np.linspace(0.0, np.pi, 4001)
 _PROFILE = _foundation_profile(_PROFILE_U)
 
@@ -47,6 +56,14 @@ def _inverse_profile(ratio):
     return u
 
 
+def _inverse_spread_profile(ratio, half):
+    """u at which the relative deflection under a spread load is ``ratio`` in (0, 1]."""
+    # Squared spacing: the profile is flat under the load.
+    u = (half + np.pi) * np.linspace(0.0, 1.0, 8001) ** 2
+    profile = np.minimum.accumulate(_spread_profile(u, half))
+    return np.interp(-ratio, -profile, u)
+
+
 @dataclass(frozen=True)
 class ContactLaw:
     """A soft beam pressed onto the line.
@@ -57,6 +74,8 @@ class ContactLaw:
     ``exp(-ka) (cos ka + sin ka) = F_onset / F``. The ends of the beam are held, which tilts the
     short towards the nearer end: ``a_1 = a (1 + t)``, ``a_2 = a (1 - t)`` with
     ``t = asymmetry x / sqrt(x^2 + fade^2)``, ``x = L/2 - l``; in the middle both ends move alike.
+    What presses over a width (a fingertip) deflects the beam by the average of that profile over
+    its width: the line is touched later, and then over more of its length.
 
     Attributes
     ----------
@@ -68,12 +87,15 @@ class ContactLaw:
         Tilt far from the middle, in [0, 1).
     fade_mm : float
         Distance from the middle over which the tilt builds up.
+    width_mm : float
+        Width of what presses, evenly loaded; 0 for a point.
     """
 
     onset_force_n: float
     decay_length_mm: float
     asymmetry: float
     fade_mm: float
+    width_mm: float = 0.0
 
     def extents_mm(self, force_n, location_mm, length_mm):
         """How far the short reaches towards port 1 and port 2; shape (..., 2).
@@ -84,7 +106,11 @@ class ContactLaw:
             np.asarray(force_n, float), np.asarray(location_mm, float)
         )
         ratio = self.onset_force_n / np.maximum(force, self.onset_force_n)
-        half_width = self.decay_length_mm * _inverse_profile(ratio)
+        if self.width_mm:
+            u = _inverse_spread_profile(ratio, self.width_mm / 2 / self.decay_length_mm)
+        else:
+            u = _inverse_profile(ratio)
+        half_width = self.decay_length_mm * u
         from_middle = length_mm / 2 - location
         tilt = self.asymmetry * from_middle / np.hypot(from_middle, self.fade_mm)
         return np.stack([half_width * (1 + tilt), half_width * (1 - tilt)], axis=-1)

@@ -1,0 +1,21 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``gr-wiforce list``: the scenes and sensor models that are shipped."""
+
+import click
+from gnuradio.wiforce.scene.schema import about_scene, shipped_scenes
+from gnuradio.wiforce.sensor import load_sensor, shipped_sensors
+
+
+@click.command()
+@click.argument("what", type=click.Choice(["scenes", "sensors"]), required=False)
+def list(what):
+    """Shipped scenes and sensor models: the names that every command takes."""
+    if what != "sensors":
+        click.echo("scenes")
+        for name in shipped_scenes():
+            first_sentence = about_scene(name).partition(". ")[0].rstrip(".")
+            click.echo(f"  {name:<31}{first_sentence}")
+    if what != "scenes":
+        click.echo("sensors")
+        for name in shipped_sensors():
+            click.echo(f"  {name:<31}{load_sensor(name).provenance['source']}")
