@@ -22,12 +22,13 @@ IMAGES = ROOT / "docs" / "images"
 FLOWGRAPH = ROOT / "examples" / "press_simulation.grc"
 DISPLAY = ":97"
 WIDTH, HEIGHT = 1680, 900
+# GRC spells the last one so.
 PREFERENCES = f"""[main]
 main_window_width = {WIDTH}
 main_window_height = {HEIGHT}
 blocks_window_position = {WIDTH - 200}
 console_window_visible = False
-variable_editor_visible = False
+variable_editor_visable = False
 """
 GRAB = """
 import sys
