@@ -313,7 +313,7 @@ class EndSeparator:
 
     def _learn_noise(self, residual, misfit, item):
         self._misfits.append(misfit)
-        usual = float(np.median(self._misfits))
+        usual = sorted(self._misfits)[len(self._misfits) // 2]
         if len(self._misfits) == _STEP_GROUPS and not 1 / _STEP < usual < _STEP:
             # Its level has changed; its course over the subcarriers is still the best known.
             self._misfits.clear()
