@@ -105,10 +105,20 @@ int frame_walk::fold(int count, kernel::fc32* folded)
     const std::size_t sample = d_integers ? sizeof(kernel::sc16) : sizeof(kernel::fc32);
     const std::uint64_t byte = run.file_byte + d_frame * d_folder.frame_length() * sample;
     const char* averaged = d_recording->at(byte);
-    if (d_integers)
-        d_folder.fold(reinterpret_cast<const kernel::sc16*>(averaged), frames, folded);
-    else
-        d_folder.fold(reinterpret_cast<const kernel::fc32*>(averaged), frames, folded);
+    const bool there = kernel::mapped_read::succeeds([&] {
+        if (d_integers)
+            d_folder.fold(
+                reinterpret_cast<const kernel::sc16*>(averaged), frames, folded);
+        else
+            d_folder.fold(
+                reinterpret_cast<const kernel::fc32*>(averaged), frames, folded);
+    });
+    const std::uint64_t stride = d_folder.frame_length();
+    const std::uint64_t samples = (frames - 1) * stride + d_folder.averaged_length();
+    if (!there || !d_recording->reaches(byte + samples * sample)) {
+        end_here();
+        return 0;
+    }
     d_recording->release_before(byte);
     d_folded += frames;
     d_frame += frames;
@@ -117,6 +127,17 @@ int frame_walk::fold(int count, kernel::fc32* folded)
         d_frame = 0;
     }
     return frames;
+}
+
+void frame_walk::end_here()
+{
+    const auto& runs = d_recording->runs();
+    std::uint64_t frames = runs[d_run].frames - d_frame;
+    for (std::size_t run = d_run + 1; run < runs.size(); run++)
+        frames += runs[run].frames;
+    d_samples_cut += frames * d_folder.frame_length();
+    d_run = runs.size();
+    d_frame = 0;
 }
 
 folded_recording_source::folded_recording_source(frame_walk walk)
@@ -129,7 +150,7 @@ folded_recording_source::folded_recording_source(frame_walk walk)
 
 std::uint64_t folded_recording_source::samples_missing() const
 {
-    return d_walk.recording().samples_missing();
+    return d_walk.samples_missing();
 }
 
 std::uint64_t folded_recording_source::samples_left_over() const
@@ -170,7 +191,7 @@ tone_recording_source::tone_recording_source(frame_walk walk,
 
 std::uint64_t tone_recording_source::samples_missing() const
 {
-    return d_walk.recording().samples_missing();
+    return d_walk.samples_missing();
 }
 
 std::uint64_t tone_recording_source::samples_left_over() const

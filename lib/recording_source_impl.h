@@ -2,6 +2,7 @@
 #pragma once
 
 #include "group_stream.h"
+#include "kernel/mapped_read.h"
 #include "kernel/recording.h"
 #include <gnuradio/wiforce/recording_source.h>
 
@@ -18,20 +19,28 @@ public:
                bool integers);
 
     const kernel::recording& recording() const { return *d_recording; }
+    std::uint64_t samples_missing() const
+    {
+        return d_recording->samples_missing() + d_samples_cut;
+    }
     std::uint64_t folded() const { return d_folded; } // frames so far
     bool at_end() const { return d_run == d_recording->runs().size(); }
     bool at_run_start() const { return d_frame == 0; }
     std::uint64_t snapshot() const; // index of the next frame
-    // Folds up to `count` frames of the run at hand; returns how many.
+    // Folds up to `count` frames of the run at hand; returns how many: none when the file
+    // was cut short since it was mapped, which ends the walk.
     int fold(int count, kernel::fc32* folded);
 
 private:
+    void end_here();
+
     std::unique_ptr<kernel::recording> d_recording;
     kernel::preamble_folder d_folder;
     bool d_integers;
     std::size_t d_run = 0;
     std::uint64_t d_frame = 0; // in the run
     std::uint64_t d_folded = 0;
+    std::uint64_t d_samples_cut = 0; // of whole frames that the file lost meanwhile
 };
 
 class folded_recording_source : public recording_source

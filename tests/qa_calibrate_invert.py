@@ -63,8 +63,8 @@ def test_phases_become_force_and_location_between_the_calibrated_ones(folder, li
 @pytest.mark.parametrize(
     "content, told",
     [
-        ("", "must have a column phase1_deg"),
-        ("phase1_deg,phase2_deg\n", "holds no row"),
+        ("", "has no rows"),
+        ("phase1_deg,phase2_deg\n", "has no rows"),
         ("phase1_deg\n1\n", "must have a column phase2_deg"),
         ("phase1_deg,phase2_deg\n1,x\n", "row 2: phase2_deg: must be a finite number, got 'x'"),
         ("phase1_deg,phase2_deg\n1,nan\n", "row 2: phase2_deg: must be a finite number"),

@@ -264,8 +264,35 @@ def test_touchstone_gives_the_phases_at_the_carrier(tmp_path, rows):
     with pytest.raises(InputError, match="row 5: file: is not a Touchstone file"):
         read_touchstone_index(path, 900e6)
     (tmp_path / "p3.s2p").unlink()
-    with pytest.raises(InputError, match="row 5: file: does not exist"):
+    with pytest.raises(InputError, match="row 5: file: .*p3.s2p: cannot be read"):
         read_touchstone_index(path, 900e6)
+
+
+def test_a_touchstone_file_that_is_a_pickle_runs_no_code(tmp_path):
+    import pickle
+
+    (tmp_path / "p.s2p").write_bytes(pickle.dumps(_Pwned(tmp_path / "ran")))
+    index = written(tmp_path / "index.csv", ["file,force_n,location_mm", "p.s2p,1,20"])
+    with pytest.raises(InputError, match="is not a Touchstone file"):
+        read_touchstone_index(index, 900e6)
+    assert not (tmp_path / "ran").exists()
+
+
+class _Pwned:
+    """Makes a file when it is unpickled."""
+
+    def __init__(self, path):
+        self._path = path
+
+    def __reduce__(self):
+        return self._path.write_text, ("",)
+
+
+@pytest.mark.parametrize("name", ["../x.s2p", "/etc/passwd", "a/../../x.s2p"])
+def test_an_index_cannot_lead_out_of_its_folder(tmp_path, name):
+    index = written(tmp_path / "index.csv", ["file,force_n,location_mm", f"{name},1,20"])
+    with pytest.raises(InputError, match="row 2: file: must lie in the index's folder"):
+        read_touchstone_index(index, 900e6)
 
 
 def tap_rows(law, offset_deg, noise_deg, rng):

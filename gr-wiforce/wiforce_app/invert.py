@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """``gr-wiforce invert``: phases measured by anything to readings."""
 
-import csv
 import math
 
 import click
@@ -10,6 +9,7 @@ from gnuradio.wiforce.angles import wrap_deg
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.readings import WEAK_FORCE_N, WEAK_PHASE_DEG, Reading, open_writer
 from gnuradio.wiforce.sensor.inversion import DEFAULT_STD_DEG
+from gnuradio.wiforce.textfile import read_csv
 
 _NEEDED = ("phase1_deg", "phase2_deg")
 
@@ -54,19 +54,11 @@ def invert(phases, model, output, frequency_hz, std_deg, tracked, smoothed):
 
 
 def _read(path):
-    try:
-        with open(path, encoding="utf-8-sig", newline="") as stream:
-            reader = csv.DictReader(stream)
-            rows = list(reader)
-            header = reader.fieldnames or []
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(path, f"cannot be read ({error})") from error
+    header, rows = read_csv(path)
     for column in _NEEDED:
         if column not in header:
             raise InputError(path, f"must have a column {column}", ", ".join(header))
-    if not rows:
-        raise InputError(path, "holds no row")
-    return [_numbers(path, number, row) for number, row in enumerate(rows, 2)]
+    return [_numbers(path, number, row) for number, row in rows]
 
 
 def _numbers(path, number, row):

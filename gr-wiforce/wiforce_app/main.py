@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The ``gr-wiforce`` command: finds its subcommands, and turns every failure into one line."""
 
+import errno
 import os
 import sys
 import traceback
 
 import click
-from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.errors import InputError, OutputError
 
 from .lazy import LazyGroup
 
@@ -26,6 +27,16 @@ COMMANDS = {
     "emulate": "A software USRP N210 with a scene on the air.",
     "evaluate": "Error tables against truth and against the paper.",
     "bench": "Measure accuracy, speed and numerical limits.",
+}
+# What the system says of a name that cannot be used: bad input; all else (a full disk) is not.
+_BAD_NAMES = {
+    errno.EACCES,
+    errno.EISDIR,
+    errno.ELOOP,
+    errno.ENAMETOOLONG,
+    errno.ENOENT,
+    errno.ENOTDIR,
+    errno.EROFS,
 }
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
@@ -95,11 +106,19 @@ def main(argv=None):
         return _fail(BAD_INPUT, error.format_message())
     except InputError as error:
         return _fail(BAD_INPUT, str(error))
+    except OutputError as error:
+        return _fail(FAILED, str(error))
     except (click.Abort, KeyboardInterrupt):
         return _fail(INTERRUPTED, "interrupted")
     except BrokenPipeError:
         _silence_stdout()
         return FAILED
+    except OSError as error:
+        if state["debug"]:
+            traceback.print_exc()
+        status = BAD_INPUT if error.errno in _BAD_NAMES else FAILED
+        named = f"{error.filename}: " if error.filename is not None else ""
+        return _fail(status, f"{named}{error.strerror or error}")
     except Exception as error:
         if state["debug"]:
             traceback.print_exc()

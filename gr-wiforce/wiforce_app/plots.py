@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Pictures of readings."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -15,13 +16,15 @@ def check_picture(path):
     Raises
     ------
     InputError
-        For an unknown suffix or a folder that is not there.
+        For an unknown suffix, a folder that is not there or a file that cannot be written.
     """
     path = Path(path)
     if path.suffix.lower() not in _SUFFIXES:
         raise InputError(path, f"picture must end in {', '.join(_SUFFIXES)}")
     if not path.parent.is_dir():
         raise InputError(path, "folder does not exist")
+    if not os.access(path if path.exists() else path.parent, os.W_OK) or path.is_dir():
+        raise InputError(path, "cannot be written")
 
 
 def figure(rows, title, height_in=2.1):

@@ -77,6 +77,8 @@ def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False, on
     """
     from gnuradio import gr, wiforce
 
+    # It logs to standard output, where readings may go; what fails is raised below.
+    gr.logging().set_default_level(gr.log_levels.off)
     flowgraph = gr.top_block("gr-wiforce read", catch_exceptions=False)
     source = wiforce.capture_source(recording, scene, frame_offset)
     reader = wiforce.reader(scene, input_type="folded", tracked=tracked, on_reading=on_reading)

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "recording.h"
 
+#include "mapped_read.h"
 #include "require.h"
 
 #include <fcntl.h>
@@ -52,17 +53,24 @@ recording::recording(const std::string& path,
     }
     map(path);
     if (d_size < header_bytes + sample_bytes) {
-        munmap(const_cast<char*>(d_map), d_size);
+        unmap();
         refuse(path, "holds no sample");
     }
     find_runs(segments, sample_bytes, header_bytes, folder, frame_offset);
 }
 
-recording::~recording() { munmap(const_cast<char*>(d_map), d_size); }
+recording::~recording() { unmap(); }
+
+void recording::unmap()
+{
+    munmap(const_cast<char*>(d_map), d_size);
+    close(d_file);
+}
 
 void recording::map(const std::string& path)
 {
-    const int file = open(path.c_str(), O_RDONLY | O_CLOEXEC);
+    // A pipe without a writer must not keep us waiting.
+    const int file = open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
     if (file < 0)
         refuse(path, std::string("cannot be opened (") + std::strerror(errno) + ')');
     struct stat status;
@@ -72,14 +80,18 @@ void recording::map(const std::string& path)
         d_size = status.st_size;
         address = mmap(nullptr, d_size, PROT_READ, MAP_SHARED, file, 0);
     }
-    close(file);
+    const std::string reason = std::strerror(errno);
+    if (address == MAP_FAILED)
+        close(file);
     if (!regular)
         refuse(path, "must be a regular file");
     if (status.st_size == 0)
         refuse(path, "holds no sample");
     if (address == MAP_FAILED)
-        refuse(path, std::string("cannot be mapped (") + std::strerror(errno) + ')');
+        refuse(path, "cannot be mapped (" + reason + ')');
+    d_file = file;
     d_map = static_cast<const char*>(address);
+    mapped_read::prepare();
     madvise(address, d_size, MADV_SEQUENTIAL);
 }
 
@@ -116,6 +128,13 @@ void recording::find_runs(const std::vector<segment>& segments,
               frame,
               frames });
     }
+}
+
+bool recording::reaches(std::uint64_t file_byte) const
+{
+    struct stat status;
+    return fstat(d_file, &status) == 0 &&
+           static_cast<std::uint64_t>(status.st_size) >= file_byte;
 }
 
 void recording::release_before(std::uint64_t file_byte)

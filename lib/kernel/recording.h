@@ -52,6 +52,10 @@ public:
     std::uint64_t samples_left_over() const { return d_samples_left_over; }
 
     const char* at(std::uint64_t file_byte) const { return d_map + file_byte; }
+    // Whether the file still reaches up to there: another program may cut it short.
+    // Beyond its end the last page reads as zeros, the pages behind end the process
+    // (mapped_read.h).
+    bool reaches(std::uint64_t file_byte) const;
 
     // Gives the memory of all bytes before this one back: a long recording takes no more
     // than a short one.
@@ -59,12 +63,14 @@ public:
 
 private:
     void map(const std::string& path);
+    void unmap();
     void find_runs(const std::vector<segment>& segments,
                    std::size_t sample_bytes,
                    std::uint64_t header_bytes,
                    const preamble_folder& folder,
                    std::uint64_t frame_offset);
 
+    int d_file = -1;
     const char* d_map = nullptr;
     std::uint64_t d_size = 0;
     std::uint64_t d_released = 0;

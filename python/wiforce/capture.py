@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from .errors import InputError
+from .textfile import read_bytes
 
+MAX_METADATA_BYTES = 8_000_000
 SAMPLE_BYTES = {"ci16_le": 4, "cf32_le": 8}
 
 
@@ -96,6 +98,8 @@ def open_capture(path, datatype=None):
         When a file is missing, empty or not what it says it is.
     """
     path = Path(path)
+    if not path.name:
+        raise InputError(repr(str(path)), "is not the name of a capture")
     if datatype is not None:
         return _open_raw(path, datatype)
     stem = path.with_suffix("") if path.suffix in (".sigmf-meta", ".sigmf-data") else path
@@ -152,7 +156,7 @@ def _metadata(meta):
         raise InputError(meta, "needs the Python package sigmf: pip install sigmf") from error
 
     try:
-        parsed = json.loads(meta.read_text(encoding="utf-8"))
+        parsed = json.loads(read_bytes(meta, MAX_METADATA_BYTES))
         if not isinstance(parsed, dict):
             raise InputError(meta, "must hold a SigMF object", type(parsed).__name__)
         checked = sigmf.SigMFFile(metadata=parsed)

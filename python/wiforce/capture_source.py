@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Block: a capture's folded frames, gaps and all, as its metadata and a scene describe it."""
 
+import os
+
 from .capture import Capture, open_capture
 from .errors import InputError
 from .scene import load_scene
@@ -40,7 +42,7 @@ def capture_source(recording, scene, frame_offset=0, datatype=None):
     recording.check_against(scene)
     waveform = scene.waveform()
     return recording_source(
-        path=str(recording.path),
+        path=os.fsencode(recording.path),
         datatype=recording.datatype,
         segments=[(s.file_sample, s.global_index, s.length) for s in recording.segments],
         frame_length=waveform.frame_length,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The one error that bad input raises, everywhere in the project."""
+"""What bad input raises everywhere in the project, and what output that cannot be written."""
 
 
 class InputError(ValueError):
@@ -18,6 +18,21 @@ class InputError(ValueError):
     def __init__(self, where, rule, *value):
         given = f", got {_short(value[0])}" if value else ""
         super().__init__(f"{where}: {rule}{given}")
+
+
+class OutputError(OSError):
+    """Output that cannot be written to its end: says in one line where, and why.
+
+    Parameters
+    ----------
+    where : str
+        File.
+    rule : str
+        What happened, and what is kept.
+    """
+
+    def __init__(self, where, rule):
+        super().__init__(f"{where}: {rule}")
 
 
 def _short(value, limit=80):

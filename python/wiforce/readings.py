@@ -2,12 +2,13 @@
 """Readings: the rows a reader gives, one per phase group and sensor, and their files."""
 
 import csv
+import io
 import json
 import math
 import sys
 from dataclasses import asdict, dataclass
 
-from .errors import InputError
+from .errors import InputError, OutputError
 
 FLAGS = (
     "reference",
@@ -78,36 +79,70 @@ def _rounded(key, value):
     return round(value, _DECIMALS.get(key, 4)) if math.isfinite(value) else None
 
 
-class CsvWriter:
-    """Writes readings as CSV with a header, flushed row by row."""
+class ReadingsWriter:
+    """Writes readings a row each: what was written is in the file at once, and in whole rows.
 
-    def __init__(self, stream):
-        self._stream = stream
-        self._writer = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
-        self._writer.writeheader()
+    Parameters
+    ----------
+    path : str or Path, optional
+        Standard output when not given.
+    form : callable
+        From a reading's ``row()`` to a line of text.
+    header : str
+        First line.
+    """
+
+    def __init__(self, path, form, header=""):
+        self._path, self._form, self._whole = path, form, 0
+        try:
+            self._file = None if path is None else open(path, "wb", buffering=0)
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise InputError(path, f"cannot be written ({reason})") from error
+        self._put(header)
 
     def write(self, reading):
-        self._writer.writerow({k: "" if v is None else v for k, v in reading.row().items()})
-        self._stream.flush()
+        """Write one reading.
+
+        Raises
+        ------
+        OutputError
+            When it cannot be written, as on a full disk; the file then ends with the row before.
+        """
+        self._put(self._form(reading.row()))
 
     def close(self):
-        if self._stream is not sys.stdout:
-            self._stream.close()
+        if self._file is not None:
+            self._file.close()
+
+    def _put(self, text):
+        if self._file is None:
+            sys.stdout.write(text)
+            sys.stdout.flush()
+            return
+        left = text.encode()
+        try:
+            while left:
+                left = left[self._file.write(left) :]
+        except OSError as error:
+            self._cut()
+            rule = f"cannot be written further ({error.strerror}); all rows until then are kept"
+            raise OutputError(self._path, rule) from error
+        self._whole += len(text.encode())
+
+    def _cut(self):
+        """Take back the part of a row that was still written."""
+        try:
+            self._file.truncate(self._whole)
+            self._file.seek(self._whole)
+        except OSError:
+            pass  # no regular file
 
 
-class JsonLinesWriter:
-    """Writes readings as JSON lines, unknown values as null, flushed row by row."""
-
-    def __init__(self, stream):
-        self._stream = stream
-
-    def write(self, reading):
-        self._stream.write(json.dumps(reading.row(), allow_nan=False) + "\n")
-        self._stream.flush()
-
-    def close(self):
-        if self._stream is not sys.stdout:
-            self._stream.close()
+def _csv_line(cells):
+    stream = io.StringIO()
+    csv.writer(stream, lineterminator="\n").writerow("" if c is None else c for c in cells)
+    return stream.getvalue()
 
 
 def open_writer(path=None):
@@ -120,14 +155,9 @@ def open_writer(path=None):
     InputError
         For another suffix or a file that cannot be created.
     """
-    if path is None:
-        return CsvWriter(sys.stdout)
-    kinds = {".csv": CsvWriter, ".jsonl": JsonLinesWriter}
-    suffix = next((s for s in kinds if str(path).lower().endswith(s)), None)
-    if suffix is None:
+    name = "" if path is None else str(path).lower()
+    if name.endswith(".jsonl"):
+        return ReadingsWriter(path, lambda row: json.dumps(row, allow_nan=False) + "\n")
+    if path is not None and not name.endswith(".csv"):
         raise InputError(path, "output must end in .csv or .jsonl")
-    try:
-        stream = open(path, "w", encoding="utf-8", newline="")
-    except OSError as error:
-        raise InputError(path, f"cannot be written ({error.strerror})") from error
-    return kinds[suffix](stream)
+    return ReadingsWriter(path, lambda row: _csv_line(row.values()), _csv_line(COLUMNS))

@@ -7,6 +7,7 @@ import re
 import yaml
 
 from .errors import InputError
+from .textfile import read_bytes
 
 MAX_BYTES = 2_000_000
 MAX_DEPTH = 16
@@ -53,15 +54,7 @@ def read_yaml(path):
         YAML, holds aliases or repeated keys, or has no mapping at the top. One line, with the
         file and, where known, line and column.
     """
-    try:
-        with open(path, "rb") as stream:
-            data = stream.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})") from error
-    except ValueError as error:  # a NUL in the name
-        raise InputError(repr(str(path)), f"cannot be read ({error})") from error
-    if len(data) > MAX_BYTES:
-        raise InputError(path, f"must not be larger than {MAX_BYTES // 1_000_000} MB")
+    data = read_bytes(path, MAX_BYTES)
     try:
         content = yaml.load(data, _Loader)
     except yaml.MarkedYAMLError as error:

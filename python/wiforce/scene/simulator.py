@@ -2,6 +2,7 @@
 """Simulated captures: a scene on the air, written as SigMF with its truth beside it."""
 
 import csv
+import errno
 import os
 import tempfile
 from contextlib import contextmanager
@@ -9,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, OutputError
 from .channel import Adc, AirChannel
 
 TRUTH_COLUMNS = (
@@ -17,6 +18,7 @@ TRUTH_COLUMNS = (
 )  # fmt: skip
 DATATYPES = ("ci16_le", "cf32_le")
 _FRAMES_AT_ONCE = 500
+_NO_ROOM = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO)
 
 
 def simulate(scene, name, datatype="ci16_le", progress=None):
@@ -44,22 +46,27 @@ def simulate(scene, name, datatype="ci16_le", progress=None):
     ------
     InputError
         For an unknown datatype, or files that cannot be written.
+    OutputError
+        When the disk is full.
     """
     if datatype not in DATATYPES:
         raise InputError("datatype", f"must be {' or '.join(DATATYPES)}", datatype)
+    if not Path(name).name or str(name).endswith("/"):
+        raise InputError("NAME", "must be a file name without suffix", str(name))
     paths = [Path(f"{name}{suffix}") for suffix in (".sigmf-data", ".truth.csv", ".sigmf-meta")]
     channel = AirChannel(scene)
     try:
         with _all_or_nothing(paths) as (data, truth, meta):
             with open(data, "wb") as stream:
                 for samples in capture(scene, channel, datatype):
-                    samples.tofile(stream)
+                    stream.write(samples.data)
                     if progress is not None:
                         progress(samples.size // (2 if datatype == "ci16_le" else 1))
             write_truth(scene, channel, truth)
             _write_metadata(scene, datatype, data, meta)
     except OSError as error:
-        raise InputError(name, f"cannot be written ({error.strerror})") from error
+        refusal = OutputError if error.errno in _NO_ROOM else InputError
+        raise refusal(name, f"cannot be written ({error.strerror or error})") from error
     return paths
 
 

@@ -2,6 +2,7 @@
 """Calibration tables: phases of known presses, from a VNA, Touchstone files or a tag's taps."""
 
 import csv
+import io
 import math
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -9,7 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
+from ..textfile import read_bytes, read_csv
 
+_MAX_TOUCHSTONE_BYTES = 8_000_000
+_LARGEST = 1e6  # of any number in a table: MHz, mm, N, degrees
 _VNA_COLUMNS = ("freq_mhz", "location_mm", "port", "force_n", "phase_deg")
 
 
@@ -85,7 +89,7 @@ def read_vna_csv(path, frequency_hz=None):
     InputError
         Naming file, row, rule and value.
     """
-    header, lines = _read_csv(path)
+    header, lines = read_csv(path)
     needed = _VNA_COLUMNS[1:] if frequency_hz is not None else _VNA_COLUMNS
     _need_columns(path, header, needed, "(or give --frequency-hz)" if needed != header else "")
     rows = []
@@ -124,7 +128,7 @@ def read_tap_csv(path, frequency_hz):
     InputError
         Naming file, row, rule and value.
     """
-    header, lines = _read_csv(path)
+    header, lines = read_csv(path)
     _need_columns(path, header, ("phase1_deg", "phase2_deg", "force_n", "location_mm"))
     rows = []
     for number, line in lines:
@@ -147,32 +151,44 @@ def read_touchstone_index(path, frequency_hz):
     InputError
         Naming file, row, rule and value; also for a carrier outside a file's span.
     """
-    header, lines = _read_csv(path)
+    header, lines = read_csv(path)
     _need_columns(path, header, ("file", "force_n", "location_mm"))
     rows = []
     for number, line in lines:
         where = f"{path}: row {number}"
         location, force = _place_and_force(line, where)
-        name = Path(path).parent / (line["file"] or "")
+        name = _beside(path, line["file"] or "", where)
         for port, phase in enumerate(_touchstone_phases(name, frequency_hz, where), 1):
             rows.append((number, frequency_hz, location, port, force, phase, _press(line)))
     return _table(path, rows)
+
+
+def _beside(index, name, where):
+    """The file that an index names: it must not lead out of the index's folder."""
+    if Path(name).is_absolute() or ".." in Path(name).parts:
+        raise InputError(f"{where}: file", "must lie in the index's folder", name)
+    return Path(index).parent / name
 
 
 def _touchstone_phases(path, frequency_hz, where):
     """Phases (deg) of S11 and S22 at the carrier."""
     import skrf
 
-    if not path.is_file():
-        raise InputError(f"{where}: file", "does not exist", str(path))
     try:
-        network = skrf.Network(str(path))
+        text = read_bytes(path, _MAX_TOUCHSTONE_BYTES)
+    except InputError as error:
+        raise InputError(f"{where}: file", str(error)) from None
+    try:
+        named = io.StringIO(text.decode("latin-1"))
+        named.name = path.name  # its suffix tells the number of ports
+        network = skrf.Network()
+        network.read_touchstone(named)  # given a name, Network would try to unpickle the file
+        low, high = network.f[0], network.f[-1]
     except Exception as error:
         # scikit-rf raises whatever its parser stumbles over
         raise InputError(f"{where}: file", "is not a Touchstone file", str(path)) from error
     if network.nports != 2:
         raise InputError(f"{where}: file", "must have two ports", network.nports)
-    low, high = network.f[0], network.f[-1]
     if not low <= frequency_hz <= high:
         rule = f"{path.name} must span the carrier {frequency_hz / 1e6:g} MHz"
         raise InputError(f"{where}: file", rule, f"{low / 1e6:g}..{high / 1e6:g} MHz")
@@ -191,7 +207,7 @@ def table_kind(path):
     ------
     InputError
     """
-    header, _ = _read_csv(path)
+    header, _ = read_csv(path)
     if "file" in header:
         return "touchstone"
     return "taps" if "phase1_deg" in header else "vna"
@@ -251,22 +267,6 @@ def write_vna_csv(table, path):
         raise InputError(path, f"cannot be written ({error.strerror})") from error
 
 
-def _read_csv(path):
-    """Header and (line number, row dict) of a CSV file, comments and empty lines left out."""
-    try:
-        with open(path, encoding="utf-8-sig", newline="") as stream:
-            reader = csv.DictReader(stream)
-            header = tuple(reader.fieldnames or ())
-            lines = [(reader.line_num, line) for line in reader if any(line.values())]
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(path, f"is not a CSV file ({error})") from error
-    if not lines:
-        raise InputError(path, "has no rows")
-    return header, lines
-
-
 def _need_columns(path, header, needed, hint=""):
     missing = [name for name in needed if name not in header]
     if missing:
@@ -282,8 +282,8 @@ def _number(line, key, where, empty=None):
         value = float(text)
     except ValueError:
         raise InputError(f"{where}: {key}", "must be a number", text) from None
-    if not math.isfinite(value):
-        raise InputError(f"{where}: {key}", "must be finite", text)
+    if not abs(value) <= _LARGEST:
+        raise InputError(f"{where}: {key}", f"must be finite and at most {_LARGEST:g}", text)
     return value
 
 

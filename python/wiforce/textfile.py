@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Text files that come from outside: read up to a limit, every failure an InputError."""
+
+import csv
+import io
+
+from .errors import InputError
+
+MAX_CSV_BYTES = 32_000_000
+
+
+def read_bytes(path, limit):
+    """A file's content.
+
+    Parameters
+    ----------
+    path : str or Path
+    limit : int
+        Bytes that it may have.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read or is larger.
+    """
+    try:
+        with open(path, "rb") as stream:
+            data = stream.read(limit + 1)
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror})") from error
+    except ValueError as error:  # a NUL in the name
+        raise InputError(repr(str(path)), f"cannot be read ({error})") from error
+    if len(data) > limit:
+        raise InputError(path, f"must not be larger than {limit // 1_000_000} MB")
+    return data
+
+
+def read_csv(path):
+    """A CSV file in UTF-8.
+
+    Returns
+    -------
+    header : tuple of str
+    rows : list of (int, dict)
+        Line number and cells by column, None where a row is short; empty rows are left out.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read, is larger than 32 MB, is no CSV or holds no row.
+    """
+    data = read_bytes(path, MAX_CSV_BYTES)
+    try:
+        reader = csv.DictReader(io.StringIO(data.decode("utf-8-sig"), newline=""))
+        header = tuple(reader.fieldnames or ())
+        rows = [(reader.line_num, row) for row in reader if any(row.values())]
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(path, f"is not a CSV file ({error})") from error
+    if not rows:
+        raise InputError(path, "has no rows")
+    return header, rows

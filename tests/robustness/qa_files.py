@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Disks that fill up, files that are cut while they are read, names nobody expects."""
+
+import os
+import resource
+import shutil
+import threading
+import time
+
+import numpy as np
+import pytest
+from gnuradio import blocks, gr, wiforce
+
+READ = ("--scene", "scene.yaml")
+
+
+def complaint(done, status):
+    """The one line that a failed command said."""
+    assert done.returncode == status, done
+    assert done.stderr.count("\n") == 1 and done.stderr.startswith("gr-wiforce: "), done.stderr
+    return done.stderr
+
+
+def room_for(size):
+    return lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_full_disk_keeps_every_whole_row_and_is_told_in_one_line(sandbox, readings, seed):
+    size = int(np.random.default_rng(seed).integers(len("".join(readings))))
+    output = sandbox.folder / f"full{seed}.csv"
+    done = sandbox.run("read", "press", *READ, "-o", output, before=room_for(size))
+    assert f"{output}: cannot be written further" in complaint(done, 1)
+    assert done.stdout == ""
+    kept = output.read_text()
+    assert kept == "".join(readings)[: len(kept)] and kept[-1:] in ("", "\n")
+    rest = "".join(readings)[len(kept) :]
+    assert len(kept) + len(rest.splitlines(keepends=True)[0]) > size
+
+
+def test_standard_output_on_a_full_disk_is_told_in_one_line(sandbox):
+    with open("/dev/full", "w") as full:
+        before = os.dup(1)
+        try:
+            done = sandbox.run("read", "press", *READ, before=lambda: os.dup2(full.fileno(), 1))
+        finally:
+            os.close(before)
+    assert "No space left" in complaint(done, 1)
+
+
+def test_a_full_disk_leaves_nothing_of_a_simulation(sandbox):
+    done = sandbox.run("simulate", "scene.yaml", "none", before=room_for(100_000))
+    assert "none: cannot be written (File too large)" in complaint(done, 1)
+    assert not [name for name in os.listdir(sandbox.folder) if "none" in name or name[0] == "."]
+
+
+@pytest.mark.parametrize(
+    "name", ["/", "", ".", "x" * 5000, "/dev/zero", "a\nb", "press/x", "\x1b[2J"]
+)
+@pytest.mark.parametrize("kind", [(), ("--datatype", "ci16_le")])
+def test_what_is_no_capture_is_refused(sandbox, name, kind):
+    complaint(sandbox.run("read", name, *READ, *kind), 2)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("simulate", "scene.yaml", "/"),
+        ("simulate", "scene.yaml", ""),
+        ("simulate", "scene.yaml", "/proc/x"),
+        ("read", "press", "--scene", "/dev/zero"),
+        ("read", "press", "--scene", "x" * 5000 + ".yaml"),
+        ("read", "press", *READ, "-o", "/proc/x.csv"),
+        ("read", "press", *READ, "-o", "o.csv", "--plot", "scene.yaml/x.png"),
+        ("invert", "/dev/zero", "--sensor", "wiforce-900mhz"),
+        ("invert", "scene.yaml", "--sensor", "x" * 5000),
+        ("calibrate", "/dev/zero", "-o", "x.yaml"),
+        ("calibrate", ".", "-o", "x.yaml"),
+    ],
+)
+def test_names_that_cannot_be_used_are_refused_before_any_work(sandbox, arguments):
+    before = sorted(os.listdir(sandbox.folder))
+    complaint(sandbox.run(*arguments), 2)
+    assert sorted(os.listdir(sandbox.folder)) == before
+
+
+@pytest.mark.parametrize("name", ["Prüfung 1.5 N", "-x", "a'b\"c;$(d)", "été\u2028neu", "~", "%s"])
+def test_any_name_that_the_system_takes_is_read(sandbox, readings, name):
+    for suffix in (".sigmf-data", ".sigmf-meta"):
+        shutil.copy(sandbox.folder / f"press{suffix}", sandbox.folder / f"{name}{suffix}")
+    done = sandbox.run("read", *READ, "-o", f"{name}.csv", "--", name)
+    assert done.returncode == 0, done.stderr
+    assert (sandbox.folder / f"{name}.csv").read_text() == "".join(readings)
+
+
+def test_a_name_that_is_no_text_is_read(sandbox, readings):
+    name, folder = b"caf\xe9", os.fsencode(sandbox.folder)
+    for suffix in (b".sigmf-data", b".sigmf-meta"):
+        shutil.copy(folder + b"/press" + suffix, folder + b"/" + name + suffix)
+    done = sandbox.run("read", os.fsdecode(name), *READ)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "".join(readings)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_recording_cut_short_while_it_is_read_ends_there(tmp_path, seed):
+    rng = np.random.default_rng(seed)
+    samples = 720 * 40_000
+    path = tmp_path / "x.bin"
+    with open(path, "wb") as stream:
+        stream.truncate(4 * samples)
+    source = wiforce.recording_source(str(path), "ci16_le", [(0, 0, samples)], 720)
+    flowgraph = gr.top_block()
+    flowgraph.connect(source, blocks.null_sink(64 * gr.sizeof_gr_complex))
+
+    after_s, size = rng.random() * 0.01, int(rng.choice([0, rng.integers(4 * samples)]))
+    other = threading.Thread(target=lambda: (time.sleep(after_s), os.truncate(path, size)))
+    other.start()
+    flowgraph.run()
+    other.join()
+    assert 720 * source.snapshots() + source.samples_missing() == samples
