@@ -147,10 +147,11 @@ def pages():
 
 
 def main():
+    written = pages()
     PAGES.mkdir(exist_ok=True)
     for old in PAGES.glob("*.md"):
         old.unlink()
-    for name, text in pages().items():
+    for name, text in written.items():
         (PAGES / name).write_text(text, encoding="utf-8")
 
 

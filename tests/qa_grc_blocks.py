@@ -80,6 +80,9 @@ def test_description_is_complete(block_id):
     assert description["id"] == block_id
     assert description["category"] == "[WiForce]"
     assert len(description["documentation"]) > 80
+    for ports, heading in (("inputs", "In"), ("outputs", "Out")):
+        said = re.search(rf"^(In, )?{heading}(, Out)?:$", description["documentation"], re.M)
+        assert bool(said) == bool(description.get(ports)), f"{heading}: of the documentation"
     assert all(p.get("label") for p in description.get("parameters", []))
 
 
@@ -211,6 +214,8 @@ REFUSED = [
     ("wiforce_force_inversion", {"center_frequency": 0}),
     ("wiforce_force_inversion", {"group_period": 0}),
     ("wiforce_force_inversion", {"output": "readings.txt"}),
+    ("wiforce_preamble_fold", {"mode": "tones", "group_length": 0}),
+    ("wiforce_preamble_fold", {"mode": "tones", "group_length": 600}),
     ("wiforce_reader", {"scene": "missing.yaml"}),
     ("wiforce_reader", {"scene": "dome"}),
     ("wiforce_reader", {"frame_offset": -1}),
