@@ -13,7 +13,8 @@ gr.logging().set_default_level(gr.log_levels.error)
 
 # How far ahead the common start is set. A busy machine may miss it: then again, further ahead.
 _START_LEADS_S = (0.5, 1.5, 4.0)
-_START_GRACE_S = 2.0
+_START_GRACE_S = 1.0
+_START_LOOK_S = 0.02
 _BUFFER_SAMPLES = 1 << 18
 _RECEIVE_SAMPLES = 1 << 16  # 5 ms: handling every packet by itself would cost two cores
 _RECEIVE_TIMEOUT_S = 0.1
@@ -105,20 +106,20 @@ class LiveSession:
             When nothing comes back.
         """
         for lead_s in _START_LEADS_S:
-            self._radio.start_together(lead_s)
+            start_s = self._radio.start_together(lead_s)
             self._flowgraph.start()
-            if self._hears_within(lead_s + _START_GRACE_S):
+            if self._hears_after(start_s):
                 return
             self._flowgraph.stop()
             self._flowgraph.wait()
         raise DeviceLost(f"{self._radio.hardware}: sends no samples")
 
-    def _hears_within(self, seconds):
-        end_s = time.monotonic() + seconds
+    def _hears_after(self, start_s):
+        """Whether samples come soon after this device time."""
         while self.samples_heard == 0:
-            if time.monotonic() > end_s:
+            if self._radio.time_s > start_s + _START_GRACE_S:
                 return False
-            time.sleep(0.01)
+            time.sleep(_START_LOOK_S)
         return True
 
     def stop(self):

@@ -69,13 +69,19 @@ class Radio:
         """Names of the oscillators that have not locked after a second; a list of str."""
         return [way for way, block in (("tx", self.sink), ("rx", self.source)) if not _locks(block)]
 
+    @property
+    def time_s(self):
+        """Device time."""
+        return self.source.get_time_now().get_real_secs()
+
     def start_together(self, lead_s):
-        """Let both streams start at one device time, so much later than now."""
+        """Let both streams start at one device time, so much later than now; that time."""
         from gnuradio import uhd
 
-        start = self.source.get_time_now() + uhd.time_spec(lead_s)
-        self.source.set_start_time(start)
-        self.sink.set_start_time(start)
+        start_s = self.time_s + lead_s
+        for block in (self.source, self.sink):
+            block.set_start_time(uhd.time_spec(start_s))
+        return start_s
 
     def settings(self):
         """What the device does, as plain values for metadata."""

@@ -3,7 +3,9 @@
 whose device is gone, and must not end the tests'.
 
     session_runs.py timed SCENE ARGS NAME SECONDS   records, prints when which reading came
+    session_runs.py told SCENE ARGS                 starts when told, by a line; prints what it read
     session_runs.py repeated SCENE ARGS             starts and stops, prints what is held open
+    session_runs.py refused OPTIONS ...             `live` with each of these lists; their statuses
 """
 
 import gc
@@ -14,6 +16,7 @@ import time
 
 from gnuradio.wiforce.scene import load_scene
 from wiforce_app.live_session import LiveSession
+from wiforce_app.main import main
 from wiforce_app.radio import Radio
 
 
@@ -33,6 +36,20 @@ def timed(scene, args, name, seconds):
     print(json.dumps(came))
 
 
+def told(scene, args):
+    scene = load_scene(scene)
+    times = []
+    radio = Radio(args, scene, 15, 15)
+    print("opened", flush=True)
+    sys.stdin.readline()
+    session = LiveSession(scene, radio, lambda reading: times.append(reading.time_s))
+    session.start()
+    while session.time_s < 1.3:
+        time.sleep(0.02)
+    session.stop()
+    print(json.dumps({"time_s": times, "gaps": session.gaps}))
+
+
 def repeated(scene, args):
     scene = load_scene(scene)
     held = []
@@ -48,6 +65,10 @@ def repeated(scene, args):
     print(json.dumps(held))
 
 
+def refused(*cases):
+    print(json.dumps([main(["live", *map(str, json.loads(case))]) for case in cases]))
+
+
 def _held():
     """Sockets and threads of this process."""
     sockets = 0
@@ -60,4 +81,5 @@ def _held():
 
 
 if __name__ == "__main__":
-    {"timed": timed, "repeated": repeated}[sys.argv[1]](*sys.argv[2:])
+    run = {"timed": timed, "told": told, "repeated": repeated, "refused": refused}[sys.argv[1]]
+    run(*sys.argv[2:])

@@ -3,6 +3,7 @@
 
 import json
 import os
+import stat
 
 from gnuradio.wiforce.errors import InputError
 
@@ -73,7 +74,10 @@ def _numbers(name, texts):
 
 
 class LineControl:
-    """Lines on a file descriptor, answers on a stream."""
+    """Lines on a file descriptor, answers on a stream.
+
+    The end of a pipe ends the device: whoever was at its other end has gone.
+    """
 
     def __init__(self, console, device, descriptor, out):
         self._console, self._device, self._descriptor, self._out = console, device, descriptor, out
@@ -84,6 +88,8 @@ class LineControl:
         data = os.read(self._descriptor, 65536)
         if not data:
             self._device.unwatch(self._descriptor)
+            if stat.S_ISFIFO(os.fstat(self._descriptor).st_mode):
+                self._device.stop()
             return
         *lines, self._rest = (self._rest + data).split(b"\n")
         for line in lines:

@@ -277,7 +277,8 @@ class Adc:
         """Codes of complex samples (full scale 1 per component); int16, shape (2 n,), I Q I Q."""
         parts = np.ascontiguousarray(samples, np.complex64).view(np.float32) * self._half
         np.rint(parts, out=parts)
-        np.clip(parts, -self._half, self._half - 1, out=parts)
+        np.minimum(parts, self._half - 1, out=parts)
+        np.maximum(parts, -self._half, out=parts)
         return parts.astype(np.int16) << (16 - self.bits)
 
 

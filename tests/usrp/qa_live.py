@@ -3,6 +3,7 @@
 
 import csv
 import json
+import math
 import os
 import signal
 import socket
@@ -16,8 +17,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gnuradio.wiforce.capture import open_capture
+from gnuradio.wiforce.estimation.frame import MARGIN
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.channel import AirChannel
+from software_usrp import SoftwareUsrp
 
 GROUP_S = 0.036
 FRAMES = "recv_frame_size=8000,send_frame_size=8000"
@@ -29,11 +32,21 @@ PRESSES = [
     (6.5, 2.5, 5.0, 38.0), (7.9, 5.0, 5.0, 29.0), (9.3, 6.0, 4.0, 56.0), (10.7, 4.5, 4.5, 42.0),
     (12.1, 3.5, 6.5, 36.0), (13.5, 5.5, 5.5, 48.0),
 ]  # fmt: skip
+CYCLE_S = 14.0  # after which they come again
 
 
-def scene_of(presses, reference_s=0.5, **simulation):
+# A fifth of the usual rate costs a fifth of the time, where the rate is not what is tested.
+SLOW = {
+    "radio": {"sample_rate_hz": 2.5e6},
+    "sounding": {"frame_length": 400},
+    "phase_group": {"snapshots": 200},
+}
+SLOW_GROUP_S = 200 * 400 / 2.5e6
+
+
+def scene_of(presses, clock_hz=1000, reference_s=0.5, **sections):
     return {
-        "sensors": [{"name": "arm", "model": "line-900mhz-calibrated"}],
+        "sensors": [{"name": "arm", "model": "line-900mhz-calibrated", "clock_hz": clock_hz}],
         "reference_s": reference_s,
         "simulation": {
             "truth_model": "line-900mhz",
@@ -52,8 +65,8 @@ def scene_of(presses, reference_s=0.5, **simulation):
                 }
                 for start, force, last, place in presses
             ],
-            **simulation,
         },
+        **sections,
     }
 
 
@@ -61,6 +74,20 @@ def scene_file(folder, *arguments, **options):
     path = folder / "scene.yaml"
     path.write_text(json.dumps(scene_of(*arguments, **options)))
     return path
+
+
+@pytest.fixture(scope="module")
+def slow_scene(tmp_path_factory):
+    """An untouched sensor at a low rate."""
+    return scene_file(tmp_path_factory.mktemp("slow"), [], 400, 0.3, **SLOW)
+
+
+@pytest.fixture(scope="module")
+def slow_device(slow_scene):
+    """A device that serves one test after the other; each session begins the scene anew."""
+    device = SoftwareUsrp(slow_scene)
+    yield device
+    device.stop()
 
 
 def live_command(args, scene, *options):
@@ -134,80 +161,101 @@ class Readings:
         assert np.all(np.abs(self.location_error[good]) < 4 * self.location_std[good] + 0.5)
 
 
+class SideBySide:
+    """Two readers on two devices at once, one of them with two faults every second.
+
+    Attributes
+    ----------
+    clean, faulty : Readings
+    said : list of str
+        What either reader had to say.
+    faults : int
+    """
+
+    def __init__(self, folder, seconds):
+        cycles = range(math.ceil(seconds / CYCLE_S))
+        presses = [(start + CYCLE_S * i, *rest) for i in cycles for start, *rest in PRESSES]
+        scene = scene_file(folder, presses)
+        faults = [f"+{second}.33 overflow 3630" for second in range(1, seconds)]
+        faults += [f"+{second}.71 lose 2" for second in range(1, seconds)]
+        self.faults = len(faults)
+        devices = [SoftwareUsrp(scene), SoftwareUsrp(scene, faults=faults)]
+        outputs = [folder / "clean.csv", folder / "faulty.csv"]
+        options = [*GAINS, "--duration", seconds + 0.1, "-o"]
+        try:
+            running = [
+                subprocess.Popen(
+                    live_command(f"{device.args},{FRAMES}", scene, *options, output),
+                    stderr=subprocess.PIPE,
+                    text=True,
+                )
+                for device, output in zip(devices, outputs, strict=True)
+            ]
+            self.said = [process.communicate()[1] for process in running]
+            assert [process.returncode for process in running] == [0, 0], self.said
+        finally:
+            for process in running:
+                process.kill()
+            for device in devices:
+                device.stop()
+        self.clean, self.faulty = (Readings(output, scene) for output in outputs)
+
+    def check_clean(self, seconds):
+        """Nothing is missing, and nothing wrong."""
+        clean = self.clean
+        assert clean.time_s[0] == GROUP_S / 2 and clean.time_s[-1] > seconds
+        assert np.allclose(np.diff(clean.time_s), GROUP_S)
+        assert not any("gap" in flags for flags in clean.flags)
+        clean.check()
+        assert self.said[0].count("\n") == 1 and "gaps" not in self.said[0]
+
+    def check_faulty(self):
+        """Faults cost no more than their groups; nothing restarts."""
+        clean, faulty = self.clean, self.faulty
+        faulty.check()
+        flagged = sum("gap" in flags for flags in faulty.flags)
+        assert self.faults / 2 <= flagged <= 2 * self.faults
+        # Time goes on over the gaps, and the reference holds.
+        assert np.allclose(np.diff(faulty.time_s), GROUP_S)
+        assert sum("reference" in flags for flags in faulty.flags) <= 13
+        others = [flags - {"gap"} for flags in faulty.flags[: len(clean.flags)]]
+        different = sum(a != b for a, b in zip(others, clean.flags, strict=False))
+        assert different <= 2 * self.faults
+        assert "gaps" in self.said[1] and "samples lost" in self.said[1]
+
+
 @pytest.fixture(scope="module")
 def side_by_side(tmp_path_factory):
-    """Two readers on two devices for 15 s of device time, one of them with faults every second."""
-    from software_usrp import SoftwareUsrp
-
-    folder = tmp_path_factory.mktemp("live")
-    scene = scene_file(folder, PRESSES)
-    faults = [f"+{second}.33 overflow 3630" for second in range(1, 15)]
-    faults += [f"+{second}.71 lose 2" for second in range(1, 15)]
-    devices = [SoftwareUsrp(scene), SoftwareUsrp(scene, faults=faults)]
-    outputs = [folder / "clean.csv", folder / "faulty.csv"]
-    try:
-        running = [
-            subprocess.Popen(
-                live_command(f"{d.args},{FRAMES}", scene, *GAINS, "--duration", 15.1, "-o", out),
-                stderr=subprocess.PIPE,
-                text=True,
-            )
-            for d, out in zip(devices, outputs, strict=True)
-        ]
-        said = [process.communicate(timeout=300)[1] for process in running]
-        assert [process.returncode for process in running] == [0, 0], said
-    finally:
-        for process in running:
-            process.kill()
-        for device in devices:
-            device.stop()
-    return [Readings(output, scene) for output in outputs], said, len(faults)
+    return SideBySide(tmp_path_factory.mktemp("live"), 15)
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(600)
 def test_presses_are_read_for_fifteen_seconds(side_by_side):
-    (clean, _), said, _ = side_by_side
-    assert clean.time_s[0] == GROUP_S / 2 and clean.time_s[-1] > 15
-    assert np.allclose(np.diff(clean.time_s), GROUP_S)
-    assert not any("gap" in flags for flags in clean.flags)
-    clean.check()
-    assert said[0].count("\n") == 1 and "gaps" not in said[0]
+    side_by_side.check_clean(15)
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(600)
 def test_overflows_and_losses_cost_no_more_than_their_groups(side_by_side):
-    (clean, faulty), said, faults = side_by_side
-    faulty.check()
-    flagged = sum("gap" in flags for flags in faulty.flags)
-    assert faults / 2 <= flagged <= 2 * faults
-    # Nothing restarts: time goes on over the gaps, and the reference holds.
-    assert np.allclose(np.diff(faulty.time_s), GROUP_S)
-    assert sum("reference" in flags for flags in faulty.flags) <= 13
-    others = [flags - {"gap"} for flags in faulty.flags[: len(clean.flags)]]
-    different = sum(a != b for a, b in zip(others, clean.flags, strict=False))
-    assert different <= 2 * faults
-    assert "gaps" in said[1] and "samples lost" in said[1]
+    side_by_side.check_faulty()
 
 
 def run_session(*arguments):
-    """What a run of session_runs.py prints."""
+    """The last line that a run of session_runs.py prints, and what it says besides."""
     script = Path(__file__).with_name("session_runs.py")
     command = [sys.executable, str(script), *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=100)
     assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout.splitlines()[-1])
+    return json.loads(done.stdout.splitlines()[-1]), done.stderr
 
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
     """A short recorded run with an overflow: scene, recording, readings and when they came."""
-    from software_usrp import SoftwareUsrp
-
     folder = tmp_path_factory.mktemp("recorded")
     scene = scene_file(folder, [(0.7, 4.0, 4.0, 45.0)], reference_s=0.3)
     device = SoftwareUsrp(scene, faults=["+1.0 overflow 45000"])
     try:
-        readings = run_session("timed", scene, f"{device.args},{FRAMES}", folder / "run", 1.4)
+        readings, _ = run_session("timed", scene, f"{device.args},{FRAMES}", folder / "run", 1.4)
     finally:
         device.stop()
     return scene, folder / "run", readings
@@ -268,10 +316,8 @@ def test_killed_it_leaves_all_but_the_last_second(software_usrp, tmp_path):
     assert capture.sample_rate_hz == 12.5e6 and capture.center_frequency_hz == 900e6
 
 
-def test_readings_and_requests_go_over_zmq_and_clipping_is_told(software_usrp, tmp_path):
+def test_readings_and_requests_go_over_zmq_and_clipping_is_told(slow_scene, slow_device, tmp_path):
     zmq = pytest.importorskip("zmq")
-    scene = scene_file(tmp_path, [])
-    device = software_usrp(scene)
     ports = []
     for _ in range(2):
         with socket.socket() as free:
@@ -279,8 +325,9 @@ def test_readings_and_requests_go_over_zmq_and_clipping_is_told(software_usrp, t
             ports.append(free.getsockname()[1])
     output = tmp_path / "out.csv"
     options = ["--zmq", ports[0], "--control", f"tcp://127.0.0.1:{ports[1]}", "-o", output]
+    options += ["--tx-gain", 15, "--rx-gain", 20]
     with (
-        live(device.args, scene, "--tx-gain", 15, "--rx-gain", 20, *options) as process,
+        live(slow_device.args, slow_scene, *options) as process,
         zmq.Context() as context,
         context.socket(zmq.SUB) as subscriber,
         context.socket(zmq.REQ) as client,
@@ -306,43 +353,43 @@ def test_readings_and_requests_go_over_zmq_and_clipping_is_told(software_usrp, t
         # Sample 0 of the stream lies some samples behind the common start of both directions.
         assert first["device_time_s"] - first["time_s"] > 0
         status = ask("status")
-        assert status["ok"] and 50 <= status["frame_offset"] <= 72
-        assert status["clock_offset_ppm"][0] == pytest.approx(40, abs=2)
+        delay = (status["frame_offset"] + MARGIN) % 400
+        assert status["ok"] and delay == pytest.approx(5.12 * 2.5 + 2, abs=2)
+        assert status["clock_offset_ppm"][0] == pytest.approx(40, abs=4)
         assert ask("tare") == {"ok": True}
         assert ask("dance")["ok"] is False
         # The new reference, then a touch against it.
         tared_s = ask("status")["time_s"]
-        later = receive_until(lambda row: row["time_s"] > tared_s + 0.8)
+        later = receive_until(lambda row: row["time_s"] > tared_s + 0.6)
         assert any("reference" in row["flags"] for row in later if row["time_s"] > tared_s)
         assert "reference" not in later[-1]["flags"]
-        device.command("press arm 4.0 45.0")
+        slow_device.command("press arm 4.0 45.0")
         receive_until(lambda row: row["touch"] == 1)
         assert ask("stop") == {"ok": True}
-        _, said = process.communicate(timeout=30)
+        _, said = process.communicate(timeout=60)
         assert process.returncode == 0
     assert "clips" in said
     assert rows_of(output)[-1]["touch"] == "1"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_it_with_all_readings_written(software_usrp, tmp_path, number):
-    scene = scene_file(tmp_path, [])
-    device = software_usrp(scene)
-    with live(device.args, scene, *GAINS) as process:
-        wait_until(lambda: streaming_s(device) > 0.9)
+def test_a_signal_ends_it_with_all_readings_written(slow_scene, slow_device, number):
+    with live(slow_device.args, slow_scene, *GAINS) as process:
+        wait_until(lambda: 0.9 < streaming_s(slow_device) and process.poll() is None)
         process.send_signal(number)
-        output, said = process.communicate(timeout=30)
+        output, said = process.communicate(timeout=60)
     assert process.returncode == 0 and said.startswith("gr-wiforce: read ")
     read_s = float(said.split()[2])
     rows = list(csv.DictReader(output.splitlines()))
-    assert abs(len(rows) - read_s / GROUP_S) <= 2
+    assert abs(len(rows) - read_s / SLOW_GROUP_S) <= 2
 
 
-def test_a_device_that_vanishes_is_told_and_what_was_read_is_kept(software_usrp, tmp_path):
-    scene = scene_file(tmp_path, [])
-    device = software_usrp(scene)
+def test_a_device_that_vanishes_is_told_and_what_was_read_is_kept(
+    software_usrp, slow_scene, tmp_path
+):
+    device = software_usrp(slow_scene)
     output = tmp_path / "out.csv"
-    with live(device.args, scene, *GAINS, "-o", output) as process:
+    with live(device.args, slow_scene, *GAINS, "-o", output) as process:
         wait_until(lambda: streaming_s(device) > 1.0)
         device.process.kill()
         _, said = process.communicate(timeout=60)
@@ -351,19 +398,41 @@ def test_a_device_that_vanishes_is_told_and_what_was_read_is_kept(software_usrp,
     assert len(rows_of(output)) > 15
 
 
-def failing(*command):
+def test_a_device_that_stalls_or_is_late_is_waited_for(software_usrp, slow_scene):
+    """A second without a sample costs nothing, and a start that was missed is tried again."""
+    device = software_usrp(slow_scene, faults=["+0.8 stall 1.0"])
+    script = Path(__file__).with_name("session_runs.py")
+    command = [sys.executable, str(script), "told", str(slow_scene), f"{device.args},{FRAMES}"]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout.readline() == "opened\n"
+        for direction in ("rx", "tx"):
+            device.command(f"fault 0 late {direction}")
+        output, _ = process.communicate("start\n", timeout=100)
+    assert process.returncode == 0
+    told = json.loads(output.splitlines()[-1])
+    status = device.command("status")
+    assert status["faults"] == 3 and status["tx_late_packets"] > 0
+    assert told["gaps"] == 0
+    assert np.allclose(np.diff(told["time_s"]), SLOW_GROUP_S)
+    assert told["time_s"][-1] > 1.2
+
+
+def command(*words):
+    """Exit status, output and messages of a command."""
     done = subprocess.run(
-        [sys.executable, "-m", "wiforce_app.main", *map(str, command)],
+        [sys.executable, "-m", "wiforce_app.main", *map(str, words)],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=100,
     )
     return done.returncode, done.stdout, done.stderr
 
 
-@pytest.mark.parametrize("command", ["live", "check"])
-def test_without_a_device_one_line_says_what_else_there_is(command):
-    status, out, said = failing(command, "--scene", "demo", "--args", "addr=127.0.0.254")
+@pytest.mark.parametrize("name", ["live", "check"])
+def test_without_a_device_one_line_says_what_else_there_is(name):
+    status, out, said = command(name, "--scene", "demo", "--args", "addr=127.0.0.254")
     assert (status, out) == (2, "") and said.count("\n") == 1
     assert all(word in said for word in ("addr=127.0.0.254", "emulate", "read"))
 
@@ -371,11 +440,10 @@ def test_without_a_device_one_line_says_what_else_there_is(command):
 def test_what_the_device_cannot_do_is_told_in_one_line(software_usrp, tmp_path):
     device = software_usrp("--air", "cable")
     demo = ["--scene", "demo", "--args", device.args]
-    odd_rate = scene_of([])
-    odd_rate["radio"] = {"sample_rate_hz": 11e6}
+    odd_rate = scene_of([], radio={"sample_rate_hz": 11e6})
     (tmp_path / "rate.yaml").write_text(json.dumps(odd_rate))
     (tmp_path / "run.sigmf-data").write_text("precious")
-    for options, words in [
+    cases = [
         (
             ["--scene", tmp_path / "rate.yaml", "--args", device.args],
             ["sample_rate_hz", "11000000"],
@@ -387,42 +455,40 @@ def test_what_the_device_cannot_do_is_told_in_one_line(software_usrp, tmp_path):
         ([*demo, "-o", tmp_path / "out.txt"], ["out.txt", ".csv"]),
         ([*demo, "--zmq", "ipc://x"], ["--zmq"]),
         ([*demo, "--amplitude", 0.99], ["amplitude"]),
-    ]:
-        status, _, said = failing("live", *options)
-        assert status == 2 and said.count("\n") == 1, said
-        assert all(word in said for word in words), said
+    ]
+    # One process for all of them: starting it takes longer than what it does.
+    statuses, said = run_session("refused", *(json.dumps(case, default=str) for case, _ in cases))
+    assert statuses == [2] * len(cases)
+    for line, (_, words) in zip(said.splitlines(), cases, strict=True):
+        assert all(word in line for word in words), line
     assert (tmp_path / "run.sigmf-data").read_text() == "precious"
     assert not list(tmp_path.glob("*.csv"))
 
 
-def test_ten_starts_and_stops_leave_nothing_behind(software_usrp, tmp_path):
-    scene = scene_file(tmp_path, [])
-    device = software_usrp(scene)
-    held = run_session("repeated", scene, f"{device.args},{FRAMES}")
+def test_ten_starts_and_stops_leave_nothing_behind(slow_scene, slow_device):
+    held, _ = run_session("repeated", slow_scene, f"{slow_device.args},{FRAMES}")
     assert held[1:] == held[:1] * 4
 
 
-def test_a_check_finds_levels_delay_and_clock(software_usrp, tmp_path):
-    scene = scene_file(tmp_path, [])
-    device = software_usrp(scene)
-    command = ["check", "--scene", scene, "--args", f"{device.args},{FRAMES}", "--json"]
-    status, out, said = failing(*command, *GAINS)
+def test_a_check_finds_levels_delay_and_clock(slow_scene, slow_device):
+    check = ["check", "--scene", slow_scene, "--args", f"{slow_device.args},{FRAMES}", "--json"]
+    status, out, said = command(*check, *GAINS)
     assert (status, said) == (0, ""), said
     found = json.loads(out)
     # SPEC of a scene on the air: peak 3 dB below full scale, noise by snr_db, 5.12 us of delay.
-    channel = AirChannel(load_scene(scene))
+    channel = AirChannel(load_scene(slow_scene))
     assert found["levels"]["peak_dbfs"] == pytest.approx(-3, abs=1)
     noise_dbfs = 20 * np.log10(channel.noise_std)
     assert found["levels"]["noise_dbfs"] == pytest.approx(noise_dbfs, abs=0.3)
     assert found["levels"]["dc_dbfs"] < -90 and found["levels"]["clipped"] == 0
-    assert found["delay_us"] == pytest.approx(5.12 + 2 * 0.08, abs=0.1)
+    assert found["delay_us"] == pytest.approx(5.12 + 2 * 0.4, abs=0.5)
     (arm,) = found["sensors"]
-    assert arm["clock_offset_ppm"] == pytest.approx(40, abs=0.5)
+    assert arm["clock_offset_ppm"] == pytest.approx(40, abs=4)
     assert arm["snr_db"] == pytest.approx([10, 10], abs=1)
-    assert max(arm["phase_error_deg"]) < 0.1
+    assert max(arm["phase_error_deg"]) < 0.3
     assert found["advice"] == []
     # Far too little, and a tag that is off.
-    device.command("fault +0 off arm")
-    status, out, _ = failing(*command, "--tx-gain", 0, "--rx-gain", 0)
+    slow_device.command("fault +0 off arm")
+    status, out, _ = command(*check, "--tx-gain", 0, "--rx-gain", 0)
     advice = " ".join(json.loads(out)["advice"])
     assert status == 0 and "raise --rx-gain" in advice and "no tag heard" in advice
