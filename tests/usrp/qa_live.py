@@ -50,7 +50,7 @@ def scene_of(presses, clock_hz=1000, reference_s=0.5, **sections):
         "reference_s": reference_s,
         "simulation": {
             "truth_model": "line-900mhz",
-            "duration_s": 20.0,
+            "duration_s": max((start for start, *_ in presses), default=0) + 5,
             "snr_db": 10,
             "static_clutter_db": 60,
             "clock_offset_ppm": 40,
@@ -175,6 +175,7 @@ class SideBySide:
     def __init__(self, folder, seconds):
         cycles = range(math.ceil(seconds / CYCLE_S))
         presses = [(start + CYCLE_S * i, *rest) for i in cycles for start, *rest in PRESSES]
+        presses = [press for press in presses if press[0] < seconds]
         scene = scene_file(folder, presses)
         faults = [f"+{second}.33 overflow 3630" for second in range(1, seconds)]
         faults += [f"+{second}.71 lose 2" for second in range(1, seconds)]
