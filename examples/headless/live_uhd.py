@@ -6,53 +6,79 @@ live_uhd.py addr=192.168.10.2 scene.yaml
 """
 
 import sys
-import time
 
 from gnuradio import gr, uhd, wiforce
 
-# Both directions start this long after the device's time was set: making them takes a while.
-START_S = 1.0
+GAIN_DB = 15.0
+# Both directions start this long after the call: making them takes a while.
+START_S = 2.0
+RECEIVE_SAMPLES = 1 << 16  # handled packet by packet, 12.5 Msps cost two cores
 
 
-class LiveUhd(gr.top_block):
-    def __init__(self, device, scene, tx_gain_db=10.0, rx_gain_db=10.0):
-        gr.top_block.__init__(self, "live_uhd", catch_exceptions=False)
-        self.scene = wiforce.load_scene(scene)
-        rate, carrier_hz = self.scene.radio.sample_rate_hz, self.scene.radio.center_frequency_hz
-        stream = uhd.stream_args(cpu_format="sc16", otw_format="sc16", channels=[0])
-        self.transmitter = uhd.usrp_sink(device, stream)
-        self.receiver = uhd.usrp_source(device, stream)
-        for end, gain_db, antenna in (
-            (self.transmitter, tx_gain_db, "TX/RX"),
-            (self.receiver, rx_gain_db, "RX2"),
-        ):
-            end.set_samp_rate(rate)
-            end.set_center_freq(carrier_hz)
-            end.set_gain(gain_db)
-            end.set_antenna(antenna)
-        self.sounder = wiforce.sounding_source(
-            waveform=self.scene.sounding.waveform,
-            frame_length=self.scene.sounding.frame_length,
-            sample_rate=rate,
-            amplitude=0.3,
-            item_type="sc16",
-        )
-        self.reader = wiforce.reader(self.scene, input_type="sc16", on_reading=print)
-        self.connect(self.sounder, self.transmitter)
-        self.connect(self.receiver, self.reader)
-        self.receiver.set_time_now(uhd.time_spec(time.time()))
+class Usrp:
+    """Both directions of a USRP as a scene needs them: the air between `sounder` and `frames`."""
+
+    def __init__(self, device, scene):
+        sounding = {
+            "waveform": scene.sounding.waveform,
+            "frame_length": scene.sounding.frame_length,
+            "sample_rate": scene.radio.sample_rate_hz,
+            "item_type": "sc16",
+        }
+        self.sounder = wiforce.sounding_source(amplitude=0.5, **sounding)
+        self.transmitter = prepared(uhd.usrp_sink, device, scene, "TX/RX")
+        self.receiver = prepared(uhd.usrp_source, device, scene, "RX2")
+        self.receiver.set_recv_timeout(0.1, False)
+        self.receiver.set_max_noutput_items(RECEIVE_SAMPLES)
+        self.frames = wiforce.frame_alignment(**sounding)
+        for block in (self.receiver, self.frames):
+            block.set_min_output_buffer(4 * RECEIVE_SAMPLES)
+
+    def connect(self, flowgraph, *blocks):
+        """Lead what is heard, from its first whole frame on, through blocks of a flowgraph."""
+        flowgraph.connect(self.sounder, self.transmitter)
+        flowgraph.connect(self.receiver, self.frames, *blocks)
+
+    def start_together(self):
+        """Let both directions start at one device time; just before the flowgraph starts."""
         start = self.receiver.get_time_now() + uhd.time_spec(START_S)
         self.transmitter.set_start_time(start)
         self.receiver.set_start_time(start)
 
 
-if __name__ == "__main__":
-    if len(sys.argv) != 3:
-        sys.exit("usage: live_uhd.py DEVICE SCENE     for example: addr=192.168.10.2 demo")
-    flowgraph = LiveUhd(*sys.argv[1:])
+def prepared(direction, device, scene, antenna):
+    """One direction of a device, tuned."""
+    end = direction(device, uhd.stream_args(cpu_format="sc16", otw_format="sc16", channels=[0]))
+    end.set_samp_rate(scene.radio.sample_rate_hz)
+    end.set_center_freq(scene.radio.center_frequency_hz)
+    end.set_gain(GAIN_DB)
+    end.set_antenna(antenna)
+    return end
+
+
+def run(flowgraph, *usrps):
+    """Run until Enter is pressed."""
+    for usrp in usrps:
+        usrp.start_together()
     flowgraph.start()
     try:
         input("Press Enter to end.\n")
     finally:
         flowgraph.stop()
         flowgraph.wait()
+
+
+def main(device, scene):
+    scene = wiforce.load_scene(scene)
+    flowgraph = gr.top_block("live_uhd", catch_exceptions=False)
+    usrp = Usrp(device, scene)
+    reader = wiforce.reader(scene, input_type="sc16", on_reading=print)
+    usrp.connect(flowgraph, reader)
+    run(flowgraph, usrp)
+    reader.finish()
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 3:
+        sys.exit("usage: live_uhd.py DEVICE SCENE     for example: addr=192.168.10.2 demo")
+    main(*sys.argv[1:])

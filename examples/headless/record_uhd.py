@@ -1,0 +1,33 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Records what one USRP sends and hears as SigMF: record_uhd.grc without a window.
+
+record_uhd.py addr=192.168.10.2 scene.yaml press
+gr-wiforce read press --scene scene.yaml
+"""
+
+import sys
+
+from gnuradio import gr, wiforce
+from live_uhd import Usrp, run
+
+
+def main(device, scene, name):
+    scene = wiforce.load_scene(scene)
+    flowgraph = gr.top_block("record_uhd", catch_exceptions=False)
+    recorder = wiforce.sigmf_recorder(
+        name,
+        sample_rate=scene.radio.sample_rate_hz,
+        center_frequency=scene.radio.center_frequency_hz,
+        item_type="sc16",
+        fields={"core:hw": device},
+    )
+    usrp = Usrp(device, scene)
+    usrp.connect(flowgraph, recorder)
+    run(flowgraph, usrp)
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 4:
+        sys.exit("usage: record_uhd.py DEVICE SCENE RECORDING")
+    main(*sys.argv[1:])

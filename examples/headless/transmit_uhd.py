@@ -1,0 +1,31 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Sends the sounding frames with a USRP and nothing else: transmit_uhd.grc without a window.
+
+transmit_uhd.py addr=192.168.10.2 scene.yaml
+"""
+
+import sys
+
+from gnuradio import gr, uhd, wiforce
+from live_uhd import prepared, run
+
+
+def main(device, scene):
+    scene = wiforce.load_scene(scene)
+    flowgraph = gr.top_block("transmit_uhd", catch_exceptions=False)
+    sounder = wiforce.sounding_source(
+        waveform=scene.sounding.waveform,
+        frame_length=scene.sounding.frame_length,
+        sample_rate=scene.radio.sample_rate_hz,
+        amplitude=0.5,
+        item_type="sc16",
+    )
+    flowgraph.connect(sounder, prepared(uhd.usrp_sink, device, scene, "TX/RX"))
+    run(flowgraph)
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 3:
+        sys.exit("usage: transmit_uhd.py DEVICE SCENE")
+    main(*sys.argv[1:])

@@ -1,0 +1,36 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Two USRPs, each a reader at its own carrier: two_readers_uhd.grc without a window.
+
+two_readers_uhd.py addr=192.168.10.2 scene.yaml addr=192.168.10.3 other.yaml
+"""
+
+import sys
+
+from gnuradio import gr, wiforce
+from live_uhd import Usrp, run
+
+
+def main(*devices_and_scenes):
+    flowgraph = gr.top_block("two_readers_uhd", catch_exceptions=False)
+    usrps, readers = [], []
+    for device, scene in zip(devices_and_scenes[::2], devices_and_scenes[1::2], strict=True):
+        scene = wiforce.load_scene(scene)
+        usrps.append(Usrp(device, scene))
+        readers.append(
+            wiforce.reader(
+                scene,
+                input_type="sc16",
+                on_reading=lambda reading, device=device: print(device, reading),
+            )
+        )
+        usrps[-1].connect(flowgraph, readers[-1])
+    run(flowgraph, *usrps)
+    for reader in readers:
+        reader.finish()
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 5:
+        sys.exit("usage: two_readers_uhd.py DEVICE SCENE DEVICE SCENE")
+    main(*sys.argv[1:])

@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The examples with a USRP, run as shipped against the software one."""
+
+import csv
+import os
+import subprocess
+import sys
+import threading
+from contextlib import contextmanager
+from pathlib import Path
+from statistics import median
+
+import pytest
+from qa_live import FRAMES, SLOW, SLOW_GROUP_S, command, rows_of, scene_file, wait_until
+from software_usrp import SoftwareUsrp
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    """A sensor that is pressed from 0.8 s on, at a low rate."""
+    folder = tmp_path_factory.mktemp("pressed")
+    return scene_file(folder, [(0.8, 4.0, 4.0, 45.0)], 400, 0.3, **SLOW)
+
+
+@pytest.fixture(scope="module")
+def device(scene):
+    device = SoftwareUsrp(scene)
+    yield device
+    device.stop()
+
+
+@contextmanager
+def running(*words, **options):
+    """A program that ends when Enter is pressed; what it prints goes to ``lines``."""
+    process = subprocess.Popen(
+        [sys.executable, *map(str, words)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        **options,
+    )
+    process.lines = []
+    reading = threading.Thread(target=lambda: process.lines.extend(process.stdout))
+    reading.start()
+    try:
+        yield process
+        process.stdin.write("\n")
+        process.stdin.close()
+        assert process.wait(timeout=60) == 0, process.lines
+    finally:
+        process.kill()
+        reading.join()
+
+
+def example(name, *arguments):
+    return running(EXAMPLES / "headless" / name, *arguments)
+
+
+def args_of(device):
+    return f"{device.args},{FRAMES}"
+
+
+def heard(device, seconds):
+    """Waits until a device has sent so many seconds of samples."""
+    wait_until(lambda: device.command("status")["streaming_s"] > seconds)
+
+
+def assert_pressed(lines):
+    """Readings as printed: the press is among them, and read right."""
+    pressed = [line for line in lines if "touch=1" in line and "flags=()" in line]
+    assert len(pressed) > 5
+    for name, true, limit in (("force_n", 4.0, 0.15), ("location_mm", 45.0, 0.5)):
+        values = [float(line.split(f" {name}=")[1].split(",")[0]) for line in pressed]
+        assert median(values) == pytest.approx(true, abs=limit)
+
+
+def test_live_prints_the_press(device, scene):
+    with example("live_uhd.py", args_of(device), scene) as process:
+        heard(device, 1.4)
+    assert_pressed(process.lines)
+
+
+def test_what_record_writes_can_be_read(device, scene, tmp_path):
+    with example("record_uhd.py", args_of(device), scene, tmp_path / "press"):
+        heard(device, 1.4)
+    status, _, said = command(
+        "read", tmp_path / "press", "--scene", scene, "-o", tmp_path / "press.csv"
+    )
+    assert status == 0, said
+    rows = rows_of(tmp_path / "press.csv")
+    assert len(rows) > 1.2 / SLOW_GROUP_S
+    assert any(row["touch"] == "1" for row in rows)
+
+
+def test_transmit_sends_and_hears_nothing(device, scene):
+    with example("transmit_uhd.py", args_of(device), scene):
+        wait_until(lambda: device.command("status")["tx_streaming"])
+        status = device.command("status")
+    assert not status["rx_streaming"] and status["tx_underflows"] == 0
+
+
+def test_two_readers_read_each_its_own_sensor(device, scene, software_usrp, tmp_path):
+    untouched = scene_file(tmp_path, [], 400, 0.3, **SLOW)
+    other = software_usrp(untouched)
+    with example(
+        "two_readers_uhd.py", args_of(device), scene, args_of(other), untouched
+    ) as process:
+        heard(device, 1.4)
+        heard(other, 1.4)
+    first, second = (
+        [line for line in process.lines if line.startswith(which.args)] for which in (device, other)
+    )
+    assert_pressed(first)
+    assert len(second) > 1.2 / SLOW_GROUP_S and not any("touch=1" in line for line in second)
+
+
+def test_the_flowgraph_reads_live(software_usrp, tmp_path):
+    subprocess.run(
+        ["grcc", "-o", str(tmp_path), str(EXAMPLES / "live_uhd.grc")],
+        check=True,
+        capture_output=True,
+        timeout=100,
+    )
+    device = software_usrp("demo")
+    screenless = {**os.environ, "QT_QPA_PLATFORM": "offscreen"}
+    words = (tmp_path / "live_uhd.py", "--device", args_of(device))
+    process = subprocess.Popen([sys.executable, *map(str, words)], cwd=tmp_path, env=screenless)
+    try:
+        heard(device, 1.3)
+        process.terminate()
+        assert process.wait(timeout=60) == 0
+    finally:
+        process.kill()
+    with open(tmp_path / "readings.csv", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert any(row["touch"] == "1" and not row["flags"] for row in rows)
