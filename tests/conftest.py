@@ -14,6 +14,16 @@ TIMEOUT_S = 120
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
+def pytest_addoption(parser):
+    parser.addoption("--long", action="store_true", help="Run what runs by the number at length.")
+
+
+@pytest.fixture(scope="session")
+def long_run(request):
+    """Whether numbers of runs are to be those of the long command."""
+    return request.config.getoption("--long")
+
+
 def pytest_configure(config):
     config.addinivalue_line("markers", f"timeout(seconds): instead of {TIMEOUT_S} s")
     try:

@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """``gr-wiforce read``: a capture to readings, through the GNU Radio chain."""
 
+import signal
+import time
+
 import click
 from gnuradio.wiforce.capture import open_capture
 from gnuradio.wiforce.errors import InputError
@@ -26,22 +29,26 @@ _SEARCHED_FRAMES = 2000
     help="Samples before the first frame; found by itself when not given.",
 )
 @click.option("--tracked", is_flag=True, help="Follow each press over time.")
-def read(capture, scene_path, output, plot_path, datatype, frame_offset, tracked):
+@click.option("--follow", is_flag=True, help="Read on while the capture grows, until ^C.")
+def read(capture, scene_path, output, plot_path, datatype, frame_offset, tracked, follow):
     """Read a CAPTURE (SigMF pair, or raw samples with --datatype) to readings."""
     scene = load_scene(scene_path)
     recording = open_capture(capture, datatype)
     recording.check_against(scene)
     settings = plan(scene)
+    if follow:
+        recording = wait_for_frames(recording, capture, datatype, settings.waveform)
     if frame_offset is None:
         frame_offset = find_offset(recording, settings.waveform)
-    warn_of_leftover(recording, scene, settings, frame_offset)
+    if not follow:
+        warn_of_leftover(recording, scene, settings, frame_offset)
     if plot_path is not None:
         from .plots import check_picture
 
         check_picture(plot_path)
     writer = open_writer(output)
     kept = []
-    rows = int(recording.span / scene.group_samples) * len(scene.sensors)
+    rows = 0 if follow else int(recording.span / scene.group_samples) * len(scene.sensors)
     with progress("reading", rows) as step:
 
         def on_reading(reading):
@@ -51,9 +58,14 @@ def read(capture, scene_path, output, plot_path, datatype, frame_offset, tracked
             step(1)
 
         try:
-            read_capture(recording, scene, on_reading, frame_offset, tracked)
+            if follow:
+                source = (capture, datatype)
+                counts = follow_capture(source, scene, on_reading, frame_offset, tracked)
+            else:
+                counts = read_capture(recording, scene, on_reading, frame_offset, tracked)
         finally:
             writer.close()
+    click.echo(f"gr-wiforce: read {counts}", err=True)
     if plot_path is not None:
         from .plots import plot_readings
 
@@ -74,20 +86,70 @@ def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False, on
     tracked : bool
     on_ratios : callable, optional
         Takes GroupState and R (2S,) of every group.
+
+    Returns
+    -------
+    GroupCounts
     """
-    from gnuradio import gr, wiforce
+    from gnuradio import wiforce
+
+    source = wiforce.capture_source(recording, scene, frame_offset)
+    reader = wiforce.reader(scene, input_type="folded", tracked=tracked, on_reading=on_reading)
+    reader.inversion.on_ratios = on_ratios
+    _run(source, reader)
+    if source.samples_missing():
+        click.echo(
+            f"gr-wiforce: warning: {recording.path}: was cut short while it was read, "
+            f"{source.samples_missing()} samples are missing",
+            err=True,
+        )
+    return reader.counts
+
+
+def follow_capture(capture, scene, on_reading, frame_offset, tracked):
+    """Reads a capture that grows until interrupted; see `read_capture`.
+
+    Parameters
+    ----------
+    capture : tuple
+        Arguments of ``open_capture``.
+    """
+    from gnuradio import wiforce
+    from gnuradio.wiforce.capture_stream import capture_stream
+
+    source = capture_stream(*capture, scene.radio.sample_rate_hz)
+    reader = wiforce.reader(
+        scene, source.item_type, frame_offset, tracked=tracked, on_reading=on_reading
+    )
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: source.ended.set())
+    _run(source, reader)
+    if source.failure is not None:
+        raise source.failure
+    return reader.counts
+
+
+def _run(source, reader):
+    from gnuradio import gr
 
     # It logs to standard output, where readings may go; what fails is raised below.
     gr.logging().set_default_level(gr.log_levels.off)
     flowgraph = gr.top_block("gr-wiforce read", catch_exceptions=False)
-    source = wiforce.capture_source(recording, scene, frame_offset)
-    reader = wiforce.reader(scene, input_type="folded", tracked=tracked, on_reading=on_reading)
-    reader.inversion.on_ratios = on_ratios
     flowgraph.connect(source, reader)
     flowgraph.run()
     reader.finish()
     if reader.failure is not None:
         raise reader.failure
+
+
+def wait_for_frames(recording, capture, datatype, waveform):
+    """The recording as soon as it holds the frames in which their offset is searched."""
+    while recording.segments[0].length < _SEARCHED_FRAMES * waveform.frame_length:
+        if len(recording.segments) > 1:
+            break
+        time.sleep(0.1)
+        recording = open_capture(capture, datatype)
+    return recording
 
 
 def find_offset(recording, waveform):

@@ -117,18 +117,19 @@ def _open_raw(path, datatype):
         raise InputError("datatype", f"must be one of {', '.join(SAMPLE_BYTES)}", datatype)
     if not path.is_file():
         raise InputError(path, "no such file")
-    samples = _count(path, datatype)
+    samples = _count(path, datatype, path.stat().st_size)
     return Capture(path, datatype, None, None, (Segment(0, 0, samples),))
 
 
-def _count(path, datatype):
-    size = path.stat().st_size
+def _count(path, datatype, size):
     if size < SAMPLE_BYTES[datatype]:
         raise InputError(path, "is empty")
     return size // SAMPLE_BYTES[datatype]
 
 
 def _open_sigmf(meta, data):
+    # While a recorder writes, the metadata read next tells every gap in the samples counted here.
+    size = data.stat().st_size
     fields, captures = _metadata(meta)
     datatype = fields.get("core:datatype")
     if datatype not in SAMPLE_BYTES:
@@ -136,7 +137,7 @@ def _open_sigmf(meta, data):
         raise InputError(meta, rule, datatype)
     if fields.get("core:num_channels", 1) != 1:
         raise InputError(meta, "core:num_channels must be 1", fields["core:num_channels"])
-    total = _count(data, datatype)
+    total = _count(data, datatype, size)
     rate = _positive(meta, "core:sample_rate", fields.get("core:sample_rate"))
     carriers = [c["core:frequency"] for c in captures if "core:frequency" in c]
     carrier = _positive(meta, "core:frequency", carriers[0]) if carriers else None

@@ -87,6 +87,11 @@ class force_inversion(GroupBlock):
     def _on_tare(self, message):
         self.readout.tare()
 
+    @property
+    def counts(self):
+        """Groups by what became of them: a :class:`readings.GroupCounts`."""
+        return self.readout.counts
+
     def take(self, tags, item):
         self.read(state_of(tags), np.asarray(item, complex))
         return []

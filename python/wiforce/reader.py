@@ -140,6 +140,11 @@ class reader(gr.hier_block2):
         blocks = (self.separation, self.difference, self.average, self.inversion)
         return next((b.failure for b in blocks if b.failure is not None), None)
 
+    @property
+    def counts(self):
+        """Groups by what became of them: a :class:`readings.GroupCounts`."""
+        return self.inversion.counts
+
     def finish(self):
         """Reads the groups that the chain still holds back; for use when the flowgraph has ended.
 

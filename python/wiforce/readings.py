@@ -6,6 +6,7 @@ import io
 import json
 import math
 import sys
+from collections import Counter
 from dataclasses import asdict, dataclass
 
 from .errors import InputError, OutputError
@@ -77,6 +78,44 @@ _DECIMALS = {"time_s": 6, "snr_db": 2}
 
 def _rounded(key, value):
     return round(value, _DECIMALS.get(key, 4)) if math.isfinite(value) else None
+
+
+class GroupCounts:
+    """How many phase groups came to which end; together all that the stream spans.
+
+    Attributes
+    ----------
+    clear : int
+        Groups of which no sensor has a flag.
+    flagged : int
+        Groups with a flag.
+    dropped : int
+        Groups of which nothing was received.
+    flags : Counter
+        Flagged groups by flag.
+    """
+
+    def __init__(self):
+        self.clear = self.flagged = self.dropped = 0
+        self.flags = Counter()
+
+    def note(self, readings):
+        """Count one group by its readings, one per sensor."""
+        flags = {flag for reading in readings for flag in reading.flags}
+        self.flags.update(flags)
+        if flags:
+            self.flagged += 1
+        else:
+            self.clear += 1
+
+    @property
+    def groups(self):
+        return self.clear + self.flagged + self.dropped
+
+    def __str__(self):
+        named = ", ".join(f"{self.flags[flag]} {flag}" for flag in FLAGS if self.flags[flag])
+        flagged = f"{self.flagged} flagged" + (f" ({named})" if named else "")
+        return f"{self.groups} groups: {self.clear} clear, {flagged}, {self.dropped} dropped"
 
 
 class ReadingsWriter:

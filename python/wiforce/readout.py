@@ -8,7 +8,7 @@ import numpy as np
 from .estimation.estimators import RatioUnfolder
 from .estimation.off_state import corrected_phase_deg
 from .estimation.touch import TouchDetector
-from .readings import WEAK_FORCE_N, WEAK_PHASE_DEG, Reading
+from .readings import WEAK_FORCE_N, WEAK_PHASE_DEG, GroupCounts, Reading
 
 # |R| below this part of its neighbours' says that the press changed inside the group.
 _DIP = 0.97
@@ -128,6 +128,11 @@ class Readout:
         each group by itself.
     ratios : str
         What the R are: ``change``, ``step`` or ``square`` (see ``estimation.estimators``).
+
+    Attributes
+    ----------
+    counts : GroupCounts
+        Of the readings given so far.
     """
 
     def __init__(self, sensors, frequency_hz, group_period_s, tracked=False, ratios="change"):
@@ -140,7 +145,8 @@ class Readout:
         self._names = [name for name, _, _ in sensors]
         self._waiting = None
         self._before = None
-        self.groups = 0
+        self._next = 0
+        self.counts = GroupCounts()
 
     def tare(self):
         """Forgets the slow tare: the phases that follow count from a new reference."""
@@ -151,7 +157,7 @@ class Readout:
     def process(self, state, ratios):
         """Takes the ratios R (2S,) of one group; gives the readings that are ready, in order."""
         state, ratios = self._unfolder.process(state, ratios)
-        ready = self._fill(state.group) if self._waiting else []
+        ready = self._fill(state.group)
         time_s = (state.group + 0.5) * self._period
         fields = []
         for i, sensor in enumerate(self._sensors):
@@ -160,7 +166,7 @@ class Readout:
         arrived = _Held(state.group, fields, np.abs(ratios), state.std_deg)
         ready = self._release(arrived) + ready
         self._before, self._waiting = self._waiting, arrived
-        self.groups += 1
+        self._next = state.group + 1
         return ready
 
     def flush(self):
@@ -171,7 +177,8 @@ class Readout:
 
     def _fill(self, group):
         """Rows for groups of which nothing was received."""
-        first = self._waiting.group + 1
+        first = self._next
+        self.counts.dropped += max(0, group - first)
         if group - first > _LONGEST_GAP_S / self._period:
             return []
         return [
@@ -199,6 +206,7 @@ class Readout:
             if doubtful and "touch" in fields:
                 fields["flags"].append("transition")
             readings.append(Reading(**{**fields, "flags": tuple(fields["flags"])}))
+        self.counts.note(readings)
         return readings
 
 

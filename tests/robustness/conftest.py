@@ -5,7 +5,28 @@ import subprocess
 
 import pytest
 import yaml
-from fuzzing import SCENE
+
+SCENE = {
+    "sensors": [{"name": "arm", "model": "line-900mhz"}],
+    "reference_s": 0.2,
+    "simulation": {
+        "duration_s": 1.08,
+        "seed": 4,
+        "static_clutter_db": 50,
+        "clock_offset_ppm": 20,
+        "presses": [
+            {
+                "sensor": "arm",
+                "start_s": 0.4,
+                "rise_s": 0.02,
+                "hold_s": 0.4,
+                "force_n": 4.0,
+                "end_force_n": 5.0,
+                "location_mm": 37.0,
+            }
+        ],
+    },
+}
 
 
 class Sandbox:

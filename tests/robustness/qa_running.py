@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is on disk while `read` runs, when it is killed, and whatever way the samples take."""
+
+import csv
+import json
+import os
+import shutil
+import signal
+import subprocess
+import time
+
+import numpy as np
+import pytest
+
+READ = ("--scene", "scene.yaml")
+GROUP = 625 * 720
+KILLS = 10
+
+
+def follow(sandbox, name, output, *options):
+    return subprocess.Popen(
+        ["gr-wiforce", "read", name, *READ, "--follow", "-o", output, *options],
+        cwd=sandbox.folder,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def rows_in(path):
+    return path.read_text().count("\n") if path.exists() else 0
+
+
+def wait_for_rows(path, count):
+    """The file's rows as soon as there are so many."""
+    end = time.monotonic() + 60
+    while rows_in(path) < count:
+        assert time.monotonic() < end, f"{rows_in(path)} rows of {count}"
+        time.sleep(0.05)
+    return rows_in(path)
+
+
+def counted(summary):
+    """Groups in all, clear, flagged, dropped, of a summary line."""
+    words = summary.replace(":", "").replace(",", "").split()
+    return tuple(
+        int(words[words.index(key) - 1]) for key in ("groups", "clear", "flagged", "dropped")
+    )
+
+
+def test_a_growing_capture_is_read_as_it_grows_and_as_when_it_is_whole(sandbox, readings):
+    data = (sandbox.folder / "press.sigmf-data").read_bytes()
+    meta = json.loads((sandbox.folder / "press.sigmf-meta").read_text())
+    (sandbox.folder / "grows.sigmf-meta").write_text(json.dumps(meta))
+    output = sandbox.folder / "grows.csv"
+    with open(sandbox.folder / "grows.sigmf-data", "wb", buffering=0) as recording:
+        recording.write(data[:1003])  # ends inside a sample
+        reader = follow(sandbox, "grows", output)
+        half = len(data) // 2
+        recording.write(data[1003:half])
+        # What the chain holds back: a group for its neighbour, and one that is not whole.
+        so_far = wait_for_rows(output, len(readings) // 2 - 3)
+        recording.write(data[half:])
+        assert wait_for_rows(output, len(readings) - 2) > so_far
+    reader.send_signal(signal.SIGINT)
+    _, said = reader.communicate(timeout=60)
+    assert reader.returncode == 0, said
+    assert output.read_text() == "".join(readings)
+    assert counted(said)[0] == len(readings) - 1
+
+
+def test_a_gap_that_a_recorder_notes_while_we_read_is_a_gap_in_the_readings(sandbox):
+    data = (sandbox.folder / "press.sigmf-data").read_bytes()
+    meta = json.loads((sandbox.folder / "press.sigmf-meta").read_text())
+    lost = 3 * GROUP
+    meta["global"].pop("core:sha512", None)
+    meta["captures"] = [{"core:sample_start": 0}]
+    path = sandbox.folder / "gappy.sigmf-meta"
+    path.write_text(json.dumps(meta))
+    output = sandbox.folder / "gappy.jsonl"
+    with open(sandbox.folder / "gappy.sigmf-data", "wb", buffering=0) as recording:
+        recording.write(data[: 4 * 20 * GROUP])
+        reader = follow(sandbox, "gappy", output)
+        wait_for_rows(output, 19)
+        meta["captures"].append(
+            {"core:sample_start": 20 * GROUP, "core:global_index": 20 * GROUP + lost}
+        )
+        (sandbox.folder / "new").write_text(json.dumps(meta))
+        os.replace(sandbox.folder / "new", path)
+        recording.write(data[4 * (20 * GROUP + lost) :])
+        wait_for_rows(output, 28)
+    reader.send_signal(signal.SIGTERM)
+    _, said = reader.communicate(timeout=60)
+    assert reader.returncode == 0, said
+    rows = [json.loads(line) for line in output.read_text().splitlines()]
+    assert [i for i, row in enumerate(rows) if row["flags"] == "gap"] == [20, 21, 22]
+    groups, clear, flagged, dropped = counted(said)
+    assert groups == len(rows) == clear + flagged + dropped and dropped == 3
+
+
+def test_the_summary_counts_every_group_once(sandbox, readings):
+    done = sandbox.run("read", "press", *READ)
+    rows = list(csv.DictReader(readings))
+    samples = (sandbox.folder / "press.sigmf-data").stat().st_size // 4
+    groups, clear, flagged, dropped = counted(done.stderr)
+    assert groups == len(rows) == samples // GROUP
+    assert clear == sum(not row["flags"] for row in rows)
+    assert flagged == groups - clear and dropped == 0
+
+
+def test_a_capture_that_shows_nothing_says_so(sandbox):
+    rng = np.random.default_rng(1)
+    noise = rng.integers(-100, 100, 2 * GROUP * 14).astype("<i2")
+    (sandbox.folder / "noise.bin").write_bytes(noise.tobytes())
+    done = sandbox.run("read", "noise.bin", *READ, "--datatype", "ci16_le")
+    assert done.returncode == 0
+    groups, clear, flagged, _ = counted(done.stderr)
+    assert (clear, flagged) == (0, groups) and f"{groups} weak" in done.stderr
+
+
+@pytest.mark.parametrize("cores", [{0}, {0, 1}])
+def test_the_same_capture_gives_the_same_bytes_on_any_number_of_cores(sandbox, readings, cores):
+    available = os.sched_getaffinity(0)
+    chosen = sorted(available)[: len(cores)]
+    done = sandbox.run("read", "press", *READ, before=lambda: os.sched_setaffinity(0, chosen))
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "".join(readings)
+
+
+@pytest.mark.timeout(600)
+def test_a_killed_reader_leaves_whole_rows_and_no_hindrance(sandbox, readings, long_run):
+    """Killed at random moments of a run that goes on for as long as it is let."""
+    rng = np.random.default_rng(11)
+    whole = "".join(readings)
+    for suffix in (".sigmf-data", ".sigmf-meta"):
+        shutil.copy(sandbox.folder / f"press{suffix}", sandbox.folder / f"killed{suffix}")
+    output = sandbox.folder / "killed.csv"
+    began = time.monotonic()
+    sandbox.run("read", "killed", *READ, "-o", output)
+    usual_s = time.monotonic() - began
+    for _ in range(100 if long_run else KILLS):
+        reader = follow(sandbox, "killed", output)
+        time.sleep(rng.random() * 1.2 * usual_s)
+        seen = output.read_text()
+        reader.kill()
+        reader.communicate(timeout=60)
+        left = output.read_text()
+        assert left == whole[: len(left)] and left[-1:] in ("", "\n")
+        assert len(left) >= len(seen) or seen == whole
+    done = sandbox.run("read", "killed", *READ, "-o", output)
+    assert done.returncode == 0 and output.read_text() == whole
