@@ -144,18 +144,8 @@ folded_recording_source::folded_recording_source(frame_walk walk)
     : gr::block("recording_source",
                 gr::io_signature::make(0, 0, 0),
                 gr::io_signature::make(1, 1, FOLDED_BYTES)),
-      d_walk(std::move(walk))
+      walking_source(std::move(walk))
 {
-}
-
-std::uint64_t folded_recording_source::samples_missing() const
-{
-    return d_walk.samples_missing();
-}
-
-std::uint64_t folded_recording_source::samples_left_over() const
-{
-    return d_walk.recording().samples_left_over();
 }
 
 int folded_recording_source::general_work(int noutput_items,
@@ -183,20 +173,10 @@ tone_recording_source::tone_recording_source(frame_walk walk,
     : gr::block("recording_source",
                 gr::io_signature::make(0, 0, 0),
                 gr::io_signature::make(1, 1, transform->rows() * FOLDED_BYTES)),
-      d_walk(std::move(walk)),
+      walking_source(std::move(walk)),
       d_stream(std::move(transform), group_length, *this)
 {
     message_port_register_out(incomplete_port);
-}
-
-std::uint64_t tone_recording_source::samples_missing() const
-{
-    return d_walk.samples_missing();
-}
-
-std::uint64_t tone_recording_source::samples_left_over() const
-{
-    return d_walk.recording().samples_left_over();
 }
 
 void tone_recording_source::tag_output(std::uint64_t offset,

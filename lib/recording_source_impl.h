@@ -43,7 +43,24 @@ private:
     std::uint64_t d_samples_cut = 0; // of whole frames that the file lost meanwhile
 };
 
-class folded_recording_source : public recording_source
+// What both forms of the block tell of the recording.
+class walking_source : public recording_source
+{
+public:
+    std::uint64_t snapshots() const override { return d_walk.folded(); }
+    std::uint64_t samples_missing() const override { return d_walk.samples_missing(); }
+    std::uint64_t samples_left_over() const override
+    {
+        return d_walk.recording().samples_left_over();
+    }
+
+protected:
+    explicit walking_source(frame_walk walk) : d_walk(std::move(walk)) {}
+
+    frame_walk d_walk;
+};
+
+class folded_recording_source : public walking_source
 {
 public:
     explicit folded_recording_source(frame_walk walk);
@@ -52,16 +69,9 @@ public:
                      gr_vector_int& ninput_items,
                      gr_vector_const_void_star& input_items,
                      gr_vector_void_star& output_items) override;
-
-    std::uint64_t snapshots() const override { return d_walk.folded(); }
-    std::uint64_t samples_missing() const override;
-    std::uint64_t samples_left_over() const override;
-
-private:
-    frame_walk d_walk;
 };
 
-class tone_recording_source : public recording_source, private group_outlet
+class tone_recording_source : public walking_source, private group_outlet
 {
 public:
     tone_recording_source(frame_walk walk,
@@ -73,16 +83,11 @@ public:
                      gr_vector_const_void_star& input_items,
                      gr_vector_void_star& output_items) override;
 
-    std::uint64_t snapshots() const override { return d_walk.folded(); }
-    std::uint64_t samples_missing() const override;
-    std::uint64_t samples_left_over() const override;
-
 private:
     void
     tag_output(std::uint64_t offset, const pmt::pmt_t& key, std::uint64_t value) override;
     void publish_incomplete(const pmt::pmt_t& pdu) override;
 
-    frame_walk d_walk;
     group_stream d_stream;
 };
 

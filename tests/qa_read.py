@@ -95,7 +95,7 @@ def test_a_capture_too_short_to_read_is_refused(demo, read_args, tmp_path, size,
     "section, change, told",
     [
         ("radio", {"sample_rate_hz": 10e6}, "sample rate must be the scene's"),
-        ("radio", {"center_frequency_hz": 2.4e9}, "2.4"),
+        ("radio", {"center_frequency_hz": 2.4e9}, "radio.center_frequency_hz"),
         ("phase_group", {"snapshots": "many"}, "phase_group.snapshots"),
         ("phase_group", {"snapshot": 625}, "snapshot"),
         ("reference_s", 0.01, "reference_s"),
