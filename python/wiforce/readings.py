@@ -132,7 +132,8 @@ class ReadingsWriter:
     """
 
     def __init__(self, path, form, header=""):
-        self._path, self._form, self._whole = path, form, 0
+        self._path, self._form = path, form
+        self._whole, self._refusal = 0, None
         try:
             self._file = None if path is None else open(path, "wb", buffering=0)
         except (OSError, ValueError) as error:
@@ -146,7 +147,8 @@ class ReadingsWriter:
         Raises
         ------
         OutputError
-            When it cannot be written, as on a full disk; the file then ends with the row before.
+            When it cannot be written, as on a full disk; the file then ends with the row before,
+            and takes no other.
         """
         self._put(self._form(reading.row()))
 
@@ -159,6 +161,8 @@ class ReadingsWriter:
             sys.stdout.write(text)
             sys.stdout.flush()
             return
+        if self._refusal is not None:
+            raise self._refusal
         left = text.encode()
         try:
             while left:
@@ -166,14 +170,14 @@ class ReadingsWriter:
         except OSError as error:
             self._cut()
             rule = f"cannot be written further ({error.strerror}); all rows until then are kept"
-            raise OutputError(self._path, rule) from error
+            self._refusal = OutputError(self._path, rule)
+            raise self._refusal from error
         self._whole += len(text.encode())
 
     def _cut(self):
         """Take back the part of a row that was still written."""
         try:
             self._file.truncate(self._whole)
-            self._file.seek(self._whole)
         except OSError:
             pass  # no regular file
 
