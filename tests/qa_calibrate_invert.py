@@ -96,6 +96,30 @@ def test_a_table_that_cannot_be_is_refused_and_no_sensor_is_written(folder, tmp_
     assert len(done.stderr.splitlines()) == 1 and not (tmp_path / "s.yaml").exists()
 
 
+def test_readings_are_inverted_again_without_taking_their_location_as_known(folder, tmp_path, line):
+    phases = line.phases_deg(4.0, 33.0)
+    (tmp_path / "r.csv").write_text(
+        "time_s,sensor,touch,force_n,force_std_n,location_mm,location_std_mm,phase1_deg,phase2_deg\n"
+        f"0,arm,1,3.0,0.2,41.0,0.5,{phases[0]},{phases[1]}\n"
+        f"1,arm,1,3.0,0.2,33.0,0,{phases[0]},{phases[1]}\n"
+        f"2,arm,1,3.0,0.2,33.0,,{phases[0]},{phases[1]}\n"
+    )
+    done = run("invert", tmp_path / "r.csv", "--sensor", folder / "s.yaml")
+    assert done.returncode == 0, done.stderr
+    rows = list(csv.DictReader(done.stdout.splitlines()))
+    assert float(rows[0]["location_mm"]) == pytest.approx(33.0, abs=0.5)
+    assert float(rows[0]["location_std_mm"]) > 0
+    assert [float(row["location_std_mm"]) for row in rows[1:]] == [0, 0]
+
+
+def test_a_table_of_another_kind_is_told_how_to_be_read(folder, tmp_path):
+    (tmp_path / "t.csv").write_text("phase1_deg,phase2_deg,force_n,location_mm\n1,2,3,40\n")
+    done = run("calibrate", tmp_path / "t.csv", "-o", tmp_path / "s.yaml")
+    assert done.returncode == 2 and "must be given for taps" in done.stderr
+    done = run("calibrate", tmp_path / "t.csv", "-o", tmp_path / "s.yaml", "--kind", "vna")
+    assert done.returncode == 2 and "--kind taps" in done.stderr
+
+
 def test_outputs_are_checked_before_any_work(folder, tmp_path):
     for options in (["-o", tmp_path / "s.txt"], ["-o", tmp_path / "no" / "s.yaml"]):
         assert run("calibrate", folder / "vna.csv", *options).returncode == 2

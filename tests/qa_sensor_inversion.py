@@ -152,6 +152,43 @@ def test_the_calibrated_span_decides_between_aliases_else_they_are_ambiguous():
         assert abs(reading.location_mm[0] - place) <= 2 * reading.location_std_mm[0]
 
 
+@pytest.mark.parametrize("name", ["paper-900mhz", "paper-2400mhz"])
+@pytest.mark.parametrize("noise_deg", [0.2, 1.0, 3.0])
+def test_noise_never_carries_a_hidden_force_to_a_confident_one(name, noise_deg):
+    model, rng = load_sensor(name), np.random.default_rng(3)
+    force = rng.uniform(1.0, 7.9, 4000)
+    force = force[model.in_span(force, 40.0)]
+    phases = model.phases_deg(force, 40.0)
+    found = model.invert(phases + rng.normal(0, noise_deg, phases.shape), noise_deg)
+    hidden = np.array(["force-unobservable" in flags for flags in found.flags])
+    error = np.abs(found.force_n - force)
+    assert np.mean(hidden) >= 0.999
+    assert np.mean(error <= 2 * found.force_std_n) >= 0.99
+    assert not np.any(error[~hidden] > 3 * found.force_std_n[~hidden])
+
+
+@pytest.mark.parametrize("name, noise_deg", [("wiforce-900mhz", 0.5), ("paper-2400mhz", 1.0)])
+def test_wide_readings_are_the_mean_over_all_presses_that_fit(name, noise_deg):
+    model, rng = load_sensor(name), np.random.default_rng(8)
+    force, place = rng.uniform(2, 7.5, 200), rng.uniform(*model.location_span_mm, 200)
+    phases = model.phases_deg(force, place) + rng.normal(0, noise_deg, (200, 2))
+    found = model.invert(phases, noise_deg)
+    wide = (found.force_std_n > 0.6) & ["ambiguous" not in flags for flags in found.flags]
+    forward = model.inverter().forward
+    forces = np.linspace(*forward.force_n[[0, -1]], 300)
+    places = np.linspace(*forward.location_mm[[0, -1]], 800)
+    expected = model.phases_deg(forces[:, None], places)
+    variance = model.model_std_deg(forces[:, None], places) ** 2 + noise_deg**2
+    for i in np.flatnonzero(wide)[:12]:
+        misfit = np.sum(wrap(phases[i] - expected) ** 2 / variance + np.log(variance), axis=-1)
+        weight = np.exp(0.5 * (misfit.min() - misfit)).sum(axis=1)
+        weight /= weight.sum()
+        mean = weight @ forces
+        std = np.sqrt(weight @ (forces - mean) ** 2)
+        assert found.force_n[i] == pytest.approx(mean, abs=0.1 * std)
+        assert found.force_std_n[i] == pytest.approx(std, rel=0.1)
+
+
 def test_where_force_hides_the_reading_says_so():
     for name in ("paper-900mhz", "paper-2400mhz"):
         model = load_sensor(name)

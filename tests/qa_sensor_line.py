@@ -75,6 +75,15 @@ def test_impedance_matches_tables_of_microstrip_in_air():
     assert np.all(np.diff(geometry.microstrip_impedance_ohm(ratios)) < 0)
 
 
+def test_short_cuts_to_the_impedance_are_as_far_off_as_the_docs_say():
+    ratio = geometry.TRACE_MM / geometry.HEIGHT_MM
+    for u, textbook, narrow, turned in ((5, 49.3, 62.8, 221), (ratio, 58.1, 66.0, 207)):
+        assert geometry.microstrip_impedance_ohm(u) == pytest.approx(textbook, abs=0.1)
+        assert geometry.narrow_strip_impedance_ohm(u) == pytest.approx(narrow, abs=0.1)
+        # 5:1 printed as height to width
+        assert geometry.microstrip_impedance_ohm(1 / u) == pytest.approx(turned, abs=1)
+
+
 def test_reflection_of_the_line_equals_the_input_impedance_formula():
     frequency = np.linspace(50e6, 3e9, 60)
     impedance = float(geometry.microstrip_impedance_ohm(2.5 / 0.63))

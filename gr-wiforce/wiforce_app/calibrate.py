@@ -93,7 +93,8 @@ def _read(sensor, table, kind, frequency_hz):
     if kind == "vna":
         return sensor.read_vna_csv(table, frequency_hz)
     if frequency_hz is None:
-        raise InputError("--frequency-hz", f"must be given for {kind}")
+        rule = f"must be given for {kind} (by its columns the table is that; else see --kind)"
+        raise InputError("--frequency-hz", rule)
     reader = {"touchstone": sensor.read_touchstone_index, "taps": sensor.read_tap_csv}[kind]
     return reader(table, frequency_hz)
 

@@ -27,7 +27,8 @@ _NEEDED = ("phase1_deg", "phase2_deg")
 def invert(phases, model, output, frequency_hz, std_deg, tracked, smoothed):
     """Invert a CSV of PHASES (phase1_deg, phase2_deg; optionally time_s, sensor, location_mm).
 
-    Where location_mm is given it is taken as known.
+    Where location_mm is given it is taken as known, unless location_std_mm says that it is a
+    reading itself: readings can be inverted again.
     """
     from gnuradio.wiforce.sensor import load_sensor
 
@@ -63,7 +64,7 @@ def _read(path):
 
 def _numbers(path, number, row):
     parsed = {"sensor": row.get("sensor") or ""}
-    for column in (*_NEEDED, "time_s", "location_mm"):
+    for column in (*_NEEDED, "time_s", "location_mm", "location_std_mm"):
         cell = (row.get(column) or "").strip()
         if not cell and column not in _NEEDED:
             parsed[column] = math.nan
@@ -74,6 +75,8 @@ def _numbers(path, number, row):
             parsed[column] = math.nan
         if not math.isfinite(parsed[column]):
             raise InputError(f"{path}: row {number}: {column}", "must be a finite number", cell)
+    if parsed["location_std_mm"] > 0:
+        parsed["location_mm"] = math.nan
     return parsed
 
 

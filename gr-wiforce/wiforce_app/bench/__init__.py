@@ -8,6 +8,7 @@ from ..lazy import LazyGroup
 BENCHMARKS = {
     "accuracy": "Phase error of each estimator against the bound.",
     "speed": "Samples per second of each chain, beside stock blocks.",
+    "inversion": "Time per reading of every sensor model.",
     "tradeoff": "Run time against error, over all sensible settings.",
     "stress": "Worst errors at numerical extremes.",
 }

@@ -13,10 +13,16 @@ import numpy as np
 from ..angles import wrap_deg
 
 # Columns of a row: solution, inverse Jacobian, second derivatives (11, 12, 22) of each, variances
-# of the model, and whether all of the cell lies within the calibrated span.
+# of the model, whether all of the cell lies within the calibrated span, and up to which standard
+# deviation of a phase the slopes at the solution say how wide the likelihood is.
 FORCE, LOCATION = 0, 1
-JACOBIAN, SECOND_FORCE, SECOND_LOCATION, VARIANCE, IN_SPAN = 2, 6, 9, 12, 14
-COLUMNS = 15
+JACOBIAN, SECOND_FORCE, SECOND_LOCATION, VARIANCE, IN_SPAN, TRUSTED_DEG = 2, 6, 9, 12, 14, 15
+COLUMNS = 16
+
+# Standard deviations for which that is tried.
+_TRIED_DEG = (0.3, 0.5, 0.8, 1.2, 2.0, 3.0, 5.0, 8.0)
+# How much mean and variance of the whole likelihood may differ from what the slopes say.
+_SHIFT_STD, _VARIANCE_RATIO = 0.3, 1.4
 
 # Largest image, in square degrees, that is cut into cells of half a degree.
 _LARGE_IMAGE_DEG2 = 8000.0
@@ -39,18 +45,20 @@ class InverseTable:
         Of one carrier.
     in_span : callable
         ``in_span(force_n, location_mm)``: whether that was calibrated.
+    profiles : ProfileTable
+        Of the same map.
 
     Attributes
     ----------
     per_deg, cells : int
         Cells per degree and in 360 degrees.
-    rows : ndarray, shape (R, 15)
+    rows : ndarray, shape (R, 16)
         Ordered by cell.
     first, count : ndarray of int32, shape (cells * cells,)
         First row and number of rows of each cell; cells that need a search have count -1.
     """
 
-    def __init__(self, forward, in_span):
+    def __init__(self, forward, in_span, profiles):
         self._forward = forward
         self.per_deg = 1 if _image_area(forward) > _LARGE_IMAGE_DEG2 else 2
         self.cells = 360 * self.per_deg
@@ -69,16 +77,37 @@ class InverseTable:
                 second.reshape(-1, 6),
                 forward.variances(force, location),
                 _all_in_span(in_span, force, location, 0.6 / self.per_deg * inverse),
+                np.zeros(len(force)),
             ]
         )
         doubtful = np.unique(cells[~good])
         kept = np.isfinite(rows).all(axis=1)
         cells, self.rows = cells[kept], np.ascontiguousarray(rows[kept])
+        self.rows[:, TRUSTED_DEG] = self._trusted_deg(self._centres(cells), profiles)
         self.first = np.zeros(self.cells**2, np.int32)
         self.count = np.zeros(self.cells**2, np.int32)
         present, first, count = np.unique(cells, return_index=True, return_counts=True)
         self.first[present], self.count[present] = first, count
         self.count[doubtful] = -1
+
+    def _trusted_deg(self, phases, profiles):
+        """Largest standard deviation up to which the slopes tell the likelihood, (R,):
+
+        as wide as they say, without a tail where force is hidden, without another solution.
+        """
+        force, inverse, own = self.rows[:, FORCE], self.rows[:, JACOBIAN:][:, :2], VARIANCE
+        trusted, still = np.zeros((2, len(force)))
+        still += 1
+        for std in _TRIED_DEG:
+            whole = profiles.read_cells(phases, np.full_like(phases, std**2))
+            variance = np.sum(inverse**2 * (std**2 + self.rows[:, own : own + 2]), axis=1)
+            shift = np.abs(whole[:, 0] - force) / np.sqrt(variance)
+            ratio = whole[:, 2] / variance
+            with np.errstate(invalid="ignore"):
+                still *= (shift < _SHIFT_STD) & (ratio < _VARIANCE_RATIO)
+                still *= (ratio > 1 / _VARIANCE_RATIO) & (whole[:, 8] == 0)
+            trusted = np.where(still > 0, std, trusted)
+        return trusted
 
     def _draw(self):
         """One start per cell and solution.

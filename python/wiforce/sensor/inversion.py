@@ -16,9 +16,11 @@ from .inversetable import (
     LOCATION,
     SECOND_FORCE,
     SECOND_LOCATION,
+    TRUSTED_DEG,
     VARIANCE,
     InverseTable,
 )
+from .profile import ProfileTable
 from .search import Search
 
 # Standard deviation of a phase of which nothing is known.
@@ -29,11 +31,21 @@ _UNOBSERVABLE_N, _UNOBSERVABLE_RATIO = 0.5, 2.5
 # Below this part of the domain's forces a standard deviation from the slopes at the solution is
 # trusted; above, the likelihood is integrated.
 _LOCAL = 0.08
+# So much larger a variance of the whole likelihood is taken instead of that from the slopes.
+_WIDER = 1.5
 # Phases fit no press when all solutions are this improbable.
-_INCONSISTENT = 0.9973
+_IMPROBABLE = 0.9973
 # Part of the likelihood that lies where force is hidden, from which on it counts as hidden.
 _MOSTLY = 0.2
+# Part of it outside the calibrated span, below which the solution is not.
+_RIM = 0.02
 _CHUNK = 8192
+# Flags as bits, and the names that each combination stands for.
+_AMBIGUOUS, _UNOBSERVABLE, _INCONSISTENT, _EXTRAPOLATED = 1, 2, 4, 8
+_NAMES = ("ambiguous", "force-unobservable", "inconsistent", "extrapolated")
+_COMBINATIONS = [
+    tuple(name for bit, name in enumerate(_NAMES) if code >> bit & 1) for code in range(16)
+]
 
 
 @dataclass(frozen=True)
@@ -80,17 +92,21 @@ class Inverter:
         self._carriers = carriers
         self.forward = ForwardMap(model, carriers)
         self._search = Search(self.forward)
-        self._limit = chi2.ppf(_INCONSISTENT, self.forward.size)
+        self._limit = chi2.ppf(_IMPROBABLE, self.forward.size)
         self._local_n = _LOCAL * np.ptp(self.forward.force_n)
         self._low, self._high = self.forward.force_n[[0, -1]]
         self._left, self._right = self.forward.location_mm[[0, -1]]
 
     @cached_property
     def _table(self):
-        return InverseTable(self.forward, self._model.in_span)
+        return InverseTable(self.forward, self._model.in_span, self._profiles)
+
+    @cached_property
+    def _profiles(self):
+        return ProfileTable(self.forward, self._model.in_span, self._hidden_n_per_deg)
 
     def prepare(self):
-        """Builds the table now, which takes a second or so, instead of at the first reading."""
+        """Builds the tables now, which takes a second or so, instead of at the first reading."""
         if len(self._carriers) == 1:
             _ = self._table
 
@@ -119,16 +135,21 @@ class Inverter:
     # one carrier, many readings: the table
 
     def _batch(self, phases, std):
-        count = len(phases)
-        values = np.full((count, 5), np.nan)
-        flags = [()] * count
-        for start in range(0, count, _CHUNK):
-            part = slice(start, min(start + _CHUNK, count))
-            self._batch_part(phases[part], std[part], values[part], flags, start)
-        return inversion_of(values, flags)
+        values = np.full((len(phases), 5), np.nan)
+        codes = np.zeros(len(phases), np.uint8)
+        for start in range(0, len(phases), _CHUNK):
+            part = slice(start, start + _CHUNK)
+            left = self._batch_part(phases[part], std[part], values[part], codes[part])
+            left = start + np.flatnonzero(left)
+            if left.size:
+                values[left], codes[left] = self._profiled(phases[left], std[left])
+        return inversion_of(values, [_COMBINATIONS[code] for code in codes.tolist()])
 
-    def _batch_part(self, phases, std, values, flags, start):
-        """Fills ``values`` (n, 5): force, location, and their variances and covariance."""
+    def _batch_part(self, phases, std, values, codes):
+        """Fills ``values`` (n, 5): force, location, and their variances and covariance, and
+
+        ``codes`` (n,); gives which readings (n,) the table does not hold.
+        """
         table = self._table
         finite = np.isfinite(phases).all(axis=1)
         scaled = np.where(finite[:, None], phases, 0.0) * table.per_deg
@@ -145,20 +166,56 @@ class Inverter:
         force_variance = a * a * noise[0] + b * b * noise[1]
         quick &= (force >= self._low) & (force <= self._high)
         quick &= (location >= self._left) & (location <= self._right)
-        quick &= force_variance < self._local_n**2
+        quick &= std.max(axis=1) <= row[TRUSTED_DEG]
         values[:, 0], values[:, 1] = force, location
         values[:, 2] = force_variance
         values[:, 3] = c * c * noise[0] + d * d * noise[1]
         values[:, 4] = a * c * noise[0] + b * d * noise[1]
-        # flags are rare: look closely only where there may be one
-        unobservable = quick & self._unobservable((a, b, c, d), std.T)
-        rim = quick & (row[IN_SPAN] == 0)
-        outside = np.zeros(len(rim), bool)
-        outside[rim] = self._extrapolated(*values[rim, :4].T)
-        for i in np.flatnonzero(unobservable | outside):
-            flags[start + i] = _names(extrapolated=outside[i], unobservable=unobservable[i])
-        for i in np.flatnonzero(~quick):
-            values[i], flags[start + i] = self._searched(phases[i], std[i])
+        codes[self._unobservable((a, b, c, d), std.T)] |= _UNOBSERVABLE
+        # look closely only where there may be a flag
+        rim = np.flatnonzero(quick & (row[IN_SPAN] == 0))
+        codes[rim[self._extrapolated(*values[rim, :4].T)]] |= _EXTRAPOLATED
+        return ~quick
+
+    def _profiled(self, phases, std):
+        """Values (n, 5) and codes (n,) by the profile of the likelihood over force."""
+        table = self._profiles
+        cell, offset = table.cells(np.where(np.abs(phases) < 1e9, phases, 0.0))
+        first, count, variance = table.first[cell], table.count[cell], std**2
+        found = table.read(first, offset, variance)
+        open_ = (found[:, 5] > self._limit) | (count == 0)
+        two = np.flatnonzero(count == 2)
+        other = table.read(first[two] + 1, offset[two], variance[two])
+        fits = other[:, 5] <= self._limit
+        turns = dict(zip(two[fits].tolist(), other[fits], strict=True))
+        only = two[fits & open_[two]]
+        found[only], open_[only] = other[fits & open_[two]], False
+        values, codes = found[:, :5], self._codes(found)
+        for i in np.flatnonzero(open_):
+            values[i], codes[i] = self._searched(phases[i], std[i])
+        for i in np.setdiff1d(two[fits], only):
+            values[i], codes[i] = self._of_turns(np.stack([found[i], turns[i]]))
+        return values, codes
+
+    def _codes(self, found):
+        """Flags of rows that a profile gave."""
+        codes = _AMBIGUOUS * (found[:, 8] > 0) | _UNOBSERVABLE * (found[:, 6] > _MOSTLY)
+        rim = np.flatnonzero(found[:, 7] > _RIM)
+        if rim.size:
+            codes[rim[self._extrapolated(*found[rim, :4].T)]] |= _EXTRAPOLATED
+        return codes
+
+    def _of_turns(self, found):
+        """Values (5,) and code of one reading that fits at two turns of phase."""
+        # the calibrated span decides between solutions that fit alike
+        inside = self._model.in_span(found[:, 0], found[:, 1])
+        rivals = found[inside] if np.any(inside) else found
+        chosen = rivals[np.argmin(rivals[:, 5])].copy()
+        away = rivals[:, :2] - chosen[:2]
+        chosen[2:4] += np.mean(away**2, axis=0)
+        chosen[4] += np.mean(away[:, 0] * away[:, 1])
+        chosen[8] = max(chosen[8], len(rivals) > 1)
+        return chosen[:5], self._codes(chosen[None])[0]
 
     def _unobservable(self, inverse, std):
         """Whether force cannot be told from location, given the inverse Jacobian's elements."""
@@ -190,16 +247,15 @@ class Inverter:
         std_1, std_2 = _two_standard_deviations(std_deg)
         psi_1, psi_2 = phases[0].tolist()
         if not (abs(psi_1) < 1e9 and abs(psi_2) < 1e9):
-            return inversion_of(np.full((1, 5), np.nan), [("inconsistent",)])
-        std = np.array([std_1, std_2])
+            return inversion_of(np.full((1, 5), np.nan), [_COMBINATIONS[_INCONSISTENT]])
         per_deg, cells = table.per_deg, table.cells
-        psi_1, psi_2 = psi_1 * per_deg, psi_2 * per_deg
-        cell_1, cell_2 = int(psi_1 // 1), int(psi_2 // 1)
+        scaled_1, scaled_2 = psi_1 * per_deg, psi_2 * per_deg
+        cell_1, cell_2 = int(scaled_1 // 1), int(scaled_2 // 1)
         cell = cell_1 % cells * cells + cell_2 % cells
         if table.count[cell] == 1:
             row = table.rows[table.first[cell]].tolist()
-            first = (psi_1 - cell_1 - 0.5) / per_deg
-            second = (psi_2 - cell_2 - 0.5) / per_deg
+            first = (scaled_1 - cell_1 - 0.5) / per_deg
+            second = (scaled_2 - cell_2 - 0.5) / per_deg
             force = row[FORCE] + _taylor(row, first, second, JACOBIAN, SECOND_FORCE)
             location = row[LOCATION] + _taylor(row, first, second, JACOBIAN + 2, SECOND_LOCATION)
             a, b, c, d = _jacobian(row, first, second)
@@ -207,7 +263,7 @@ class Inverter:
             noise_2 = std_2 * std_2 + row[VARIANCE + 1]
             variance = a * a * noise_1 + b * b * noise_2
             inside = self._low <= force <= self._high and self._left <= location <= self._right
-            if inside and variance < self._local_n**2:
+            if inside and max(std_1, std_2) <= row[TRUSTED_DEG]:
                 across = c * c * noise_1 + d * d * noise_2
                 values = (force, location, variance, across, a * c * noise_1 + b * d * noise_2)
                 # only a steep inverse can hide the force: most readings need no closer look
@@ -217,23 +273,31 @@ class Inverter:
                     return inversion_of(np.array([values]), [()])
                 names = _names(
                     extrapolated=not row[IN_SPAN] and bool(self._extrapolated(*values[:4])),
-                    unobservable=bool(self._unobservable((a, b, c, d), std)),
+                    unobservable=bool(self._unobservable((a, b, c, d), np.array([std_1, std_2]))),
                 )
                 return inversion_of(np.array([values]), [names])
-        values, names = self._searched(phases[0], std)
-        return inversion_of(values[None], [names])
+        found = self._profiles.read_one(psi_1, psi_2, std_1 * std_1, std_2 * std_2)
+        if found is None or not found[5] <= self._limit:
+            values, codes = self._profiled(phases, np.array([[std_1, std_2]]))
+            return inversion_of(values, [_COMBINATIONS[codes[0]]])
+        names = _names(
+            ambiguous=found[8] > 0,
+            unobservable=found[6] > _MOSTLY,
+            extrapolated=found[7] > _RIM and bool(self._extrapolated(*found[:4])),
+        )
+        return inversion_of(np.array([found[:5]]), [names])
 
     # anything else: the search
 
     def _one_by_one(self, phases, std):
         results = [self._searched(p, s) for p, s in zip(phases, std, strict=True)]
         values = np.array([r[0] for r in results]).reshape(-1, 5)
-        return inversion_of(values, [r[1] for r in results])
+        return inversion_of(values, [_COMBINATIONS[r[1]] for r in results])
 
     def _searched(self, phases, std):
-        """Force, location, variances and covariance of one reading (5,), and its flags."""
+        """Force, location, variances and covariance of one reading (5,), and its flags' code."""
         if not np.all(np.isfinite(phases)):
-            return np.full(5, np.nan), ("inconsistent",)
+            return np.full(5, np.nan), _INCONSISTENT
         variance = std**2
         found = self._search.solutions(phases, variance)
         inside = self._model.in_span(found.force_n, found.location_mm)
@@ -244,33 +308,40 @@ class Inverter:
         mean = np.array([found.force_n[chosen], found.location_mm[chosen]])
         covariance = found.covariance[chosen]
         inconsistent = found.misfit[chosen] > self._limit
-        if covariance[0, 0] > self._local_n**2 and not inconsistent:
-            mean, covariance, points, likelihood = self._search.moments(phases, variance)
-            unobservable = likelihood @ self.hidden(*points.T, std) > _MOSTLY
-        else:
-            unobservable = self.hidden(*mean, std)
+        unobservable = self.hidden(*mean, std)
+        if not inconsistent:
+            whole = self._search.moments(phases, variance)
+            # slopes at the solution say little of a likelihood that is wide or has a long tail
+            if whole[1][0, 0] > max(self._local_n**2, _WIDER * covariance[0, 0]):
+                mean, covariance, points, likelihood = whole
+                unobservable = likelihood @ self.hidden(*points.T, std) > _MOSTLY
         ambiguous = np.count_nonzero(rivals) > 1
         if ambiguous:
             away = np.column_stack([found.force_n, found.location_mm])[rivals] - mean
             covariance = covariance + away.T @ away / len(away)
         if inconsistent:
             covariance = covariance * found.misfit[chosen] / self._limit
-        names = _names(
-            extrapolated=bool(self._extrapolated(*mean, covariance[0, 0], covariance[1, 1])),
-            ambiguous=ambiguous,
-            unobservable=bool(unobservable),
-            inconsistent=inconsistent,
+        code = (
+            _AMBIGUOUS * bool(ambiguous)
+            | _UNOBSERVABLE * bool(unobservable)
+            | _INCONSISTENT * bool(inconsistent)
+            | _EXTRAPOLATED * bool(self._extrapolated(*mean, covariance[0, 0], covariance[1, 1]))
         )
         values = [*mean, covariance[0, 0], covariance[1, 1], covariance[0, 1]]
-        return np.array(values), names
+        return np.array(values), code
 
     def hidden(self, force, location, std=1.0):
         """Whether force cannot be told from location, at the nearest nodes; broadcast."""
+        free = self._hidden_n_per_deg(force, location)
+        return free * max(np.max(std), 1.0) > _UNOBSERVABLE_N
+
+    def _hidden_n_per_deg(self, force, location):
+        """Newtons per degree of phase error; 0 where knowing the location gains little."""
         i = np.searchsorted(self.forward.force_n, force)
         j = np.searchsorted(self.forward.location_mm, location)
         shape = self._sensitivity.shape[1:]
         free, ratio = self._sensitivity[:, np.minimum(i, shape[0] - 1), np.minimum(j, shape[1] - 1)]
-        return (free * max(np.max(std), 1.0) > _UNOBSERVABLE_N) & (ratio > _UNOBSERVABLE_RATIO)
+        return np.where(ratio > _UNOBSERVABLE_RATIO, free, 0.0)
 
     @cached_property
     def _sensitivity(self):

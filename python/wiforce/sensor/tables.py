@@ -91,7 +91,7 @@ def read_vna_csv(path, frequency_hz=None):
     """
     header, lines = read_csv(path)
     needed = _VNA_COLUMNS[1:] if frequency_hz is not None else _VNA_COLUMNS
-    _need_columns(path, header, needed, "(or give --frequency-hz)" if needed != header else "")
+    _need_columns(path, header, needed, _other_tables(header))
     rows = []
     for number, line in lines:
         where = f"{path}: row {number}"
@@ -272,6 +272,16 @@ def _need_columns(path, header, needed, hint=""):
     if missing:
         rule = f"must have the columns {', '.join(needed)} {hint}".rstrip()
         raise InputError(path, rule, ",".join(header))
+
+
+def _other_tables(header):
+    """What else a table without a VNA's columns may be read as."""
+    hints = {
+        "phase1_deg": "(or, for readings over the air, give --kind taps)",
+        "file": "(or, for Touchstone files, give --kind touchstone)",
+        "phase_deg": "(or give --frequency-hz)",
+    }
+    return next((hint for column, hint in hints.items() if column in header), "")
 
 
 def _number(line, key, where, empty=None):

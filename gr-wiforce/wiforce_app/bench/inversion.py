@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``gr-wiforce bench inversion``: time per reading of every shipped sensor, held to brute force."""
+
+import json
+import time
+
+import click
+import numpy as np
+from gnuradio.wiforce.angles import wrap_deg
+
+from ..progress import progress
+
+_BATCH, _SINGLE, _CHECKED, _RUNS = 20_000, 1000, 12, 7
+_NOISES_DEG = (0.2, 1.0)
+_GRID_FORCES, _GRID_MM = 600, 0.04
+
+
+@click.command()
+@click.option("--json", "as_json", is_flag=True, help="Rows as JSON instead of a table.")
+@click.option("--sensor", "names", multiple=True, help="Only this sensor; a name or SENSOR.yaml.")
+@click.option("--seed", type=click.IntRange(0), default=1, show_default=True)
+def inversion(as_json, names, seed):
+    """Time per reading, in a batch and one by one, for presses all over each sensor's span.
+
+    Processor time, medians. Beside it, how far the same readings lie from the mean of the
+    likelihood over a fine grid of force and location (which knows no tables), in standard
+    deviations, and how many are flagged.
+    """
+    from gnuradio.wiforce.sensor import load_sensor, shipped_sensors
+
+    names = names or shipped_sensors()
+    models = [load_sensor(name) for name in names]
+    cases = [(model, carrier) for model in models for carrier in model.frequencies_hz]
+    rows = []
+    with progress("inverting", len(cases) * len(_NOISES_DEG)) as step:
+        for model, carrier in cases:
+            for noise_deg in _NOISES_DEG:
+                rows.append(_measure(model, carrier, noise_deg, seed))
+                step(1)
+    click.echo(json.dumps({"rows": rows}, indent=1) if as_json else _table(rows))
+
+
+def _measure(model, carrier, noise_deg, seed):
+    rng = np.random.default_rng(seed)
+    force = rng.uniform(*model.force_span_n, _BATCH)
+    location = rng.uniform(*model.location_span_mm, _BATCH)
+    inside = model.in_span(force, location) & (force >= model.onset_force_n)
+    force, location = force[inside], location[inside]
+    phases = model.phases_deg(force, location, carrier)
+    phases += noise_deg * rng.standard_normal(phases.shape)
+    inverter = model.inverter(carrier)
+    began = time.process_time()
+    inverter.prepare()
+    prepared = time.process_time() - began
+    batch = [_seconds(inverter.invert, phases, noise_deg) for _ in range(_RUNS)]
+    singles = phases[:_SINGLE, None]
+    single = [_seconds(inverter.invert, pair, noise_deg) for pair in singles]
+    found = inverter.invert(phases, noise_deg)
+    mean, std = _brute_force(model, carrier, phases[:_CHECKED], noise_deg)
+    away = np.abs(found.force_n[:_CHECKED] - mean) / std
+    away = away[["ambiguous" not in flags for flags in found.flags[:_CHECKED]]]
+    return {
+        "sensor": model.name,
+        "carrier_mhz": carrier / 1e6,
+        "noise_deg": noise_deg,
+        "batch_us": round(float(np.median(batch)) / len(phases) * 1e6, 2),
+        "single_us": round(float(np.median(single)) * 1e6, 1),
+        "prepare_s": round(prepared, 2),
+        "from_exact_std": round(float(away.max()), 3),
+        "within_2_std": round(
+            float(np.mean(np.abs(found.force_n - force) <= 2 * found.force_std_n)), 4
+        ),
+        "flagged": round(float(np.mean([bool(flags) for flags in found.flags])), 4),
+    }
+
+
+def _brute_force(model, carrier, phases, noise_deg):
+    """Mean and standard deviation (n,) of force over a grid of everything the inverter looks at."""
+    forward = model.inverter(carrier).forward
+    force = np.geomspace(*forward.force_n[[0, -1]], _GRID_FORCES)
+    location = np.arange(*forward.location_mm[[0, -1]], _GRID_MM)
+    grid = np.meshgrid(force, location, indexing="ij")
+    expected = model.phases_deg(*grid, carrier)
+    variance = model.model_std_deg(*grid, carrier) ** 2 + noise_deg**2
+    prior = 0.5 * np.log(variance).sum(axis=-1) - np.log(grid[0])  # equal steps of force
+    found = []
+    for pair in phases:
+        misfit = 0.5 * np.sum(wrap_deg(pair - expected) ** 2 / variance, axis=-1) + prior
+        weight = np.exp(misfit.min() - misfit).sum(axis=1)
+        weight /= weight.sum()
+        mean = weight @ force
+        found.append((mean, np.sqrt(weight @ (force - mean) ** 2)))
+    return np.array(found).T
+
+
+def _seconds(function, *arguments):
+    began = time.process_time()
+    function(*arguments)
+    return time.process_time() - began
+
+
+def _table(rows):
+    lines = [
+        f"{'sensor':<24}{'noise (deg)':>12}{'batch (us)':>12}{'single (us)':>13}"
+        f"{'from exact':>13}{'in 2 std':>10}{'flagged':>9}"
+    ]
+    for row in rows:
+        lines.append(
+            f"{row['sensor']:<24}{row['noise_deg']:>12g}{row['batch_us']:>12.2f}"
+            f"{row['single_us']:>13.1f}{row['from_exact_std']:>9.3f} std"
+            f"{100 * row['within_2_std']:>8.1f} %{100 * row['flagged']:>7.1f} %"
+        )
+    return "\n".join(lines)

@@ -1,0 +1,19 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The inversion benchmark: what it prints. No speed is asserted here."""
+
+import json
+import subprocess
+
+
+def test_every_row_is_held_to_brute_force():
+    command = "gr-wiforce bench inversion --json --sensor wiforce-900mhz"
+    done = subprocess.run(command.split(), capture_output=True, text=True, timeout=100)
+    assert (done.returncode, done.stderr) == (0, "")
+    rows = json.loads(done.stdout)["rows"]
+    assert [row["noise_deg"] for row in rows] == [0.2, 1.0]
+    for row in rows:
+        assert row["sensor"] == "wiforce-900mhz" and row["carrier_mhz"] == 900
+        assert 0 < row["batch_us"] < row["single_us"]
+        # readings lie apart by a small part of what they claim
+        assert row["from_exact_std"] < 0.3
+        assert row["within_2_std"] > 0.9 and 0 < row["flagged"] < 1
