@@ -4,6 +4,7 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <gnuradio/wiforce/arrival_sink.h>
 #include <gnuradio/wiforce/ofdm_channel_estimator.h>
 #include <gnuradio/wiforce/paced_source.h>
 #include <gnuradio/wiforce/phase_group_doppler.h>
@@ -209,7 +210,7 @@ static void bind_recording_source(py::module& m)
              "Samples at the end of the recording that make no whole frame.");
 }
 
-static void bind_paced_source(py::module& m)
+static void bind_latency_blocks(py::module& m)
 {
     py::class_<paced_source,
                gr::sync_block,
@@ -226,6 +227,16 @@ static void bind_paced_source(py::module& m)
         .def("mark_times",
              &paced_source::mark_times,
              "Seconds of time.monotonic() at which each mark_every-th sample went out.");
+    py::class_<arrival_sink,
+               gr::sync_block,
+               gr::block,
+               gr::basic_block,
+               std::shared_ptr<arrival_sink>>(
+        m, "arrival_sink", "Keeps the time at which each item comes.")
+        .def(py::init(&arrival_sink::make), "item_size"_a)
+        .def("times",
+             &arrival_sink::times,
+             "Seconds of time.monotonic() at which each item came.");
 }
 
 PYBIND11_MODULE(wiforce_python, m)
@@ -236,5 +247,5 @@ PYBIND11_MODULE(wiforce_python, m)
     bind_ofdm_channel_estimator(m);
     bind_phase_group_doppler(m);
     bind_recording_source(m);
-    bind_paced_source(m);
+    bind_latency_blocks(m);
 }

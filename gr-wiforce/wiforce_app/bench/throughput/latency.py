@@ -3,23 +3,12 @@
 
 import time
 
+
 import numpy as np
 from gnuradio import blocks, gr, wiforce
-from gnuradio.wiforce.wiforce_python import paced_source
+from gnuradio.wiforce.wiforce_python import arrival_sink, paced_source
 
 from .recording import GROUP_LENGTH, GROUP_SAMPLES, WAVEFORM
-
-
-class Arrivals(gr.sync_block):
-    """Sink that notes when each item came."""
-
-    def __init__(self, length):
-        gr.sync_block.__init__(self, "arrivals", [(np.complex64, length)], None)
-        self.times = []
-
-    def work(self, input_items, output_items):
-        self.times += [time.monotonic()] * len(input_items[0])
-        return len(input_items[0])
 
 
 def measure_latency(weights, packet, seconds):
@@ -35,11 +24,11 @@ def measure_latency(weights, packet, seconds):
     source = _paced(packet, samples)
     tones = wiforce.preamble_fold.tones(weights, GROUP_LENGTH, WAVEFORM.frame_length)
     estimator = wiforce.ofdm_channel_estimator(WAVEFORM.equalizer(), len(weights))
-    arrivals = Arrivals(64 * len(weights))
+    arrivals = arrival_sink(64 * gr.sizeof_gr_complex * len(weights))
     chain = _busy_share(source, tones, estimator, arrivals)
     alone = _busy_share(_paced(packet, samples), blocks.null_sink(gr.sizeof_gr_complex))
-    sent = np.array(source.mark_times())[: len(arrivals.times)]
-    latency_ms = 1e3 * (np.array(arrivals.times) - sent)
+    came = np.array(arrivals.times())
+    latency_ms = 1e3 * (came - source.mark_times()[: len(came)])
     return {
         "packet": packet,
         "median_ms": round(float(np.median(latency_ms)), 4),

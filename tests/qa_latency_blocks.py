@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""paced_source: packets in full, marks in order and never early."""
+"""The blocks that latency is measured with: packets in full, times in order and never early."""
 
 import time
 
 import pytest
 from gnuradio import blocks, gr
-from gnuradio.wiforce.wiforce_python import paced_source
+from gnuradio.wiforce.wiforce_python import arrival_sink, paced_source
 
 
 @pytest.mark.parametrize("packet", [1, 364, 5000])
@@ -24,6 +24,22 @@ def test_marked_samples_go_out_in_order_and_not_before_their_time(packet):
     assert marks == sorted(marks)
     for n, mark in enumerate(marks):
         assert mark - before >= (n + 1) * every / rate
+
+
+def test_every_item_has_its_time_of_arrival_after_it_went_out():
+    source, sink = paced_source(250, 1e5, 250, 5000), arrival_sink(8 * 250)
+    flowgraph = gr.top_block()
+    flowgraph.connect(source, blocks.stream_to_vector(8, 250), sink)
+    flowgraph.run()
+    sent, came = source.mark_times(), sink.times()
+    assert len(came) == len(sent) == 20
+    assert came == sorted(came)
+    assert all(after >= before for before, after in zip(sent, came, strict=True))
+
+
+def test_items_without_bytes_are_refused():
+    with pytest.raises(ValueError, match="item_size must be >= 1, got 0"):
+        arrival_sink(0)
 
 
 @pytest.mark.parametrize(
