@@ -3,7 +3,6 @@
 
 import time
 
-
 import numpy as np
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.wiforce_python import arrival_sink, paced_source
