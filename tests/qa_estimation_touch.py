@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 from gnuradio.wiforce.angles import wrap_deg
-from gnuradio.wiforce.estimation.touch import TouchDetector
+from gnuradio.wiforce.estimation.touch import TouchDetector, TouchedMotion
 from gnuradio.wiforce.sensor import load_sensor
 
 PERIOD_S = 0.036
@@ -121,3 +121,50 @@ def test_a_tare_on_request_forgets_drift_and_touch(detector):
     detector.tare()
     decision = detector.update(2.0, np.zeros(2), np.full(2, 0.1), True)
     assert decision.touch == 0 and np.all(decision.drift_deg == 0)
+
+
+@pytest.mark.parametrize("std_deg", [0.05, 0.75, 3.0])
+def test_a_press_within_the_reference_is_noticed_and_steady_ones_never_blamed(detector, std_deg):
+    ratios = np.ones((60, 2), complex)
+    ratios[5:9] = np.exp(1j * np.radians(turned(4.0, 55.0)))
+    phases = np.degrees(np.angle(ratios / ratios[:13].mean(axis=0)))
+    decisions = run(detector, phases, std_deg, np.random.default_rng(5), reference=13)
+    assert all(d.disturbed for d in decisions[6:])
+    detector.tare()
+    rng = np.random.default_rng(6)
+    for _ in range(100):
+        decisions = run(detector, np.zeros((20, 2)), std_deg, rng, reference=13)
+        assert not any(d.disturbed for d in decisions)
+
+
+def motion_of(forces, locations, turn_deg, std_deg=0.05, seed=7):
+    """Whether the tag is said to have moved, group by group of a touch; shape (n,)."""
+    noise = std_deg * np.random.default_rng(seed).standard_normal((len(forces), 2))
+    phases = MODEL.phases_deg(forces, locations) + turn_deg[:, None] + noise
+    found = MODEL.invert(phases, std_deg=std_deg)
+    motion = TouchedMotion()
+    return np.array(
+        [
+            motion.update(phases[i], np.full(2, std_deg), found.location_mm[i], std_deg)
+            for i in range(len(forces))
+        ]
+    )
+
+
+def test_a_step_of_the_tag_while_touched_is_told_from_a_change_of_force():
+    steady, still = np.full(40, 4.0), np.zeros(40)
+    step = np.where(np.arange(40) < 20, 0.0, -5.0)
+    for place in (25.0, 30.0, 50.0, 55.0):
+        moved = motion_of(steady, np.full(40, place), step)
+        assert not moved[:20].any() and moved[20:].all()
+    for place in (20.0, 30.0, 37.0, 40.0, 43.0, 60.0):
+        for forces in (np.linspace(1.5, 8, 40), np.where(np.arange(40) < 20, 3.0, 7.0)):
+            assert not motion_of(forces, np.full(40, place), still).any()
+    slides = np.where(np.arange(40) < 20, 45.0, 47.0)
+    assert not motion_of(steady, slides, still).any()
+
+
+def test_in_the_middle_of_the_line_a_step_of_the_tag_is_a_change_of_force():
+    """What cannot be told: both ends turn alike there, whichever it is."""
+    step = np.where(np.arange(40) < 20, 0.0, 5.0)
+    assert not motion_of(np.full(40, 3.0), np.full(40, 40.0), step).any()

@@ -172,3 +172,24 @@ def test_steps_of_the_papers_estimator_add_up():
     readings = readings_of(make_readout(ratios="step"), steps)
     assert [r.touch for r in readings] == [int(20 <= g <= 29) for g in range(40)]
     assert readings[25].location_mm == pytest.approx(35.0, abs=0.2)
+
+
+def test_a_press_within_the_reference_flags_every_reading_until_a_tare():
+    ratios = np.ones((30, 2), complex)
+    ratios[3:5] = ratios_of(4.0, 55.0)
+    ratios /= ratios[:8].mean(axis=0)
+    items = [(a_state(g, reference=g < 8), ratios[g]) for g in range(30)]
+    readout = make_readout()
+    assert all("inconsistent" in r.flags for r in readings_of(readout, items)[4:])
+    readout.tare()
+    fresh = [(a_state(30 + g, reference=g < 8), np.ones(2, complex)) for g in range(12)]
+    assert not any("inconsistent" in r.flags for r in readings_of(readout, fresh))
+
+
+def test_a_tag_that_moves_while_touched_is_flagged_until_release():
+    items = press(10, 29, 40)
+    for g in range(20, 30):
+        items[g] = (items[g][0], items[g][1] * np.exp(-5j * np.pi / 180))
+    readings = readings_of(make_readout(), items)
+    moved = [g for g, r in enumerate(readings) if "moved" in r.flags]
+    assert moved == list(range(20, 30))

@@ -7,7 +7,7 @@ import numpy as np
 
 from .estimation.estimators import RatioUnfolder
 from .estimation.off_state import corrected_phase_deg
-from .estimation.touch import TouchDetector
+from .estimation.touch import TouchDetector, TouchedMotion
 from .readings import WEAK_FORCE_N, WEAK_PHASE_DEG, GroupCounts, Reading
 
 # |R| below this part of its neighbours' says that the press changed inside the group.
@@ -28,6 +28,7 @@ class _SensorReadout:
         self._off = np.asarray(off_reflection, complex)
         self._untouched = np.array(model.untouched_deg(frequency_hz))
         self._touch = TouchDetector(self._image(), group_period_s)
+        self._motion = TouchedMotion()
         self._tracker = model.tracker(group_period_s, frequency_hz) if tracked else None
         if not tracked:
             model.inverter(frequency_hz).prepare()  # not while samples wait
@@ -71,6 +72,8 @@ class _SensorReadout:
         decision = self._touch.update(time_s, np.degrees(np.angle(ratios)), std, in_reference)
         if decision.moved:
             flags.append("moved")
+        if decision.disturbed:
+            flags.append("inconsistent")
         level = ratios * np.exp(-1j * np.radians(decision.drift_deg))
         phases, slope = corrected_phase_deg(level, self._untouched, self._off)
         std = std * slope
@@ -84,7 +87,16 @@ class _SensorReadout:
             flags.append("weak")
         if decision.touch == 1 or self._tracker is not None:
             self._invert(fields, phases, std, decision.touch == 1)
+        self._watch_motion(fields, phases, std)
         return fields
+
+    def _watch_motion(self, fields, phases, std):
+        if fields["touch"] != 1:
+            self._motion.forget()
+        elif fields.get("location_mm") is not None:
+            place_std = fields["location_std_mm"] or 0.0
+            if self._motion.update(phases, std, fields["location_mm"], place_std):
+                fields["flags"].append("moved")
 
     def _invert(self, fields, phases, std, touched):
         if self._tracker is not None:

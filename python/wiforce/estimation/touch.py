@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Whether the line is touched, and the slow tare while it is not."""
+"""Whether the line is touched, whether the tag moves, and the slow tare while it is not touched."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -12,6 +12,8 @@ from ..angles import wrap_deg
 _STATE_SPREAD_DEG = 1.5
 # By how much (in squared standard deviations) another state must be better to be entered.
 _EVIDENCE = 12.0
+# The same for a group of the untouched reference that is no such group: rarer, as it spoils a run.
+_DISTURBED = 25.0
 # Both ends moved alike when their difference is below this many standard deviations.
 _COMMON = 3.5
 # The tare looks back so far, leaves out the newest groups, and follows a drift common to both ends
@@ -25,18 +27,24 @@ _OUTLIER = 4.0
 _OUTLIER_DEG = 0.3
 # ... unless so many in a row say that the tare is wrong.
 _OUTLIERS = 5
+# Motion while touched: both ends turn alike, to so many per cent and by so many degrees at least,
+# within so many groups, and what is read jumps to another place by so many mm or std.
+_ALIKE, _LEAST_MOTION_DEG, _MOTION_GROUPS = 0.25, 1.0, 8
+_JUMP_MM, _JUMP = 0.4, 4.0
 
 
 @dataclass(frozen=True)
 class TouchDecision:
     """One group of one sensor.
 
-    ``touch`` is None when it can't be told; ``drift_deg`` (2,) is what the tare takes off.
+    ``touch`` is None when it can't be told; ``drift_deg`` (2,) is what the tare takes off;
+    ``disturbed`` says that the reference, up to the next tare, is not that of an untouched sensor.
     """
 
     touch: int | None
     moved: bool
     drift_deg: np.ndarray
+    disturbed: bool = False
 
 
 class TouchDetector:
@@ -59,11 +67,13 @@ class TouchDetector:
         self._outliers = []
         self._drift = np.zeros(2)
         self._moving = False
+        self._disturbed = False
         self._touch = 0
 
     def tare(self):
         """Forgets the drift: the phases that follow count from a new reference."""
         self._shift(-self._drift)
+        self._disturbed = False
         self._touch = 0
 
     def update(self, time_s, phases_deg, std_deg, in_reference=False):
@@ -84,13 +94,17 @@ class TouchDetector:
         TouchDecision
         """
         if not np.all(np.isfinite(std_deg)):
-            return TouchDecision(None, False, self._drift.copy())
+            return TouchDecision(None, False, self._drift.copy(), self._disturbed)
         change = wrap_deg(phases_deg - self._drift)
+        spread = np.hypot(std_deg, _STATE_SPREAD_DEG)
         moved = False
         if in_reference:
             self._touch = 0
+            # A press within the reference turns all its groups against their mean.
+            apart = np.sum((change / spread) ** 2) > _DISTURBED
+            self._disturbed |= bool(apart and self._common(change, spread) > _COMMON**2)
         else:
-            self._touch, moved = self._decide(change, np.hypot(std_deg, _STATE_SPREAD_DEG))
+            self._touch, moved = self._decide(change, spread)
         if moved and self._moving:
             self._shift(change)
         if self._touch:
@@ -100,7 +114,7 @@ class TouchDetector:
             self._follow(time_s, phases_deg, np.asarray(std_deg))
         # One group may be a press that began inside it; the tare moves from the second on.
         self._moving = moved
-        return TouchDecision(self._touch, moved, self._drift.copy())
+        return TouchDecision(self._touch, moved, self._drift.copy(), self._disturbed)
 
     def _decide(self, change, spread):
         """Touch of a group, and whether both ends turned alike instead."""
@@ -110,11 +124,15 @@ class TouchDetector:
             return 1, False
         if untouched < _EVIDENCE:
             return 0, False
-        common = wrap_deg(change[0] - change[1]) ** 2 / np.sum(spread**2)
+        common = self._common(change, spread)
         if common < _COMMON**2 and touched > common + _EVIDENCE:
             return 0, True
         # Nothing but a touch turns one end without the other, even one that no model holds.
         return 1, False
+
+    def _common(self, change, spread):
+        """Squared standard deviations by which the ends did not turn alike."""
+        return wrap_deg(change[0] - change[1]) ** 2 / np.sum(spread**2)
 
     def _distance(self, change, spread):
         """Squared standard deviations to the nearest touch of the model."""
@@ -163,3 +181,48 @@ class TouchDetector:
         if abs(slope) > _SIGNIFICANT_DRIFT * error:
             mean = mean + slope * (time_s - times.mean())
         return mean
+
+
+class TouchedMotion:
+    """Tells a step of the tag while the line is touched from a change of force.
+
+    Both turn both ends. A change of force turns the nearer end more, or in the middle of the line
+    both alike where the press is; a step of the tag turns both alike, which the model takes for
+    another force at another place. A press that slides turns them oppositely.
+    """
+
+    def __init__(self):
+        self.forget()
+
+    def forget(self):
+        """The touch has ended."""
+        self._recent = deque(maxlen=_MOTION_GROUPS)
+        self._moved = self._begun = False
+
+    def update(self, phases_deg, std_deg, location_mm, location_std_mm):
+        """Takes a touched group's phases (2,) and location.
+
+        Returns
+        -------
+        bool
+            Whether the tag has moved since the touch began.
+        """
+        if not self._begun:  # the group in which a touch begins is a mixture
+            self._begun = True
+            return False
+        group = np.array(phases_deg), np.array(std_deg), location_mm, location_std_mm
+        self._moved = self._moved or any(_stepped(before, group) for before in self._recent)
+        self._recent.append(group)
+        return self._moved
+
+
+def _stepped(before, after):
+    """Whether both ends turned alike between two groups, and the press seems to jump."""
+    spread = np.hypot(before[1], after[1])
+    change = wrap_deg(after[0] - before[0])
+    common = abs(np.mean(change))
+    if common < max(_LEAST_MOTION_DEG, _COMMON * np.max(spread)):
+        return False
+    if abs(change[0] - change[1]) > max(_COMMON * np.hypot(*spread), _ALIKE * common):
+        return False
+    return abs(after[2] - before[2]) > max(_JUMP_MM, _JUMP * np.hypot(before[3], after[3]))
