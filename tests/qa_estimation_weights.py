@@ -147,3 +147,9 @@ def test_derotation_stops_each_lines_turning_within_the_symbol():
 def test_what_cannot_be_read_is_refused_by_name(arguments, told):
     with pytest.raises(InputError, match=told.replace("(", r"\(")):
         design_weights(*arguments)
+
+
+def test_a_clock_whose_every_line_meets_an_alias_is_refused():
+    # 8 x 390 Hz is the snapshot rate of 3125 Hz within the resolution: line 5 falls on line -3 ...
+    with pytest.raises(InputError, match="clock_hz: must leave the tag a line"):
+        design_weights([390.0], 125, 320e-6)

@@ -16,8 +16,9 @@ from gnuradio.wiforce.scene.steps import steps as steps_of
 @click.command()
 @click.argument("scene", metavar="SCENE.yaml")
 @click.option("--improve", is_flag=True, help="Propose better parameters, and what each brings.")
+@click.option("--measure", is_flag=True, help="Time each step on this machine.")
 @click.option("--json", "as_json", is_flag=True, help="For other programs.")
-def plan(scene, improve, as_json):
+def plan(scene, improve, measure, as_json):
     """Say which steps a SCENE needs, what each costs, and which errors to expect.
 
     Noise, clutter and presses are those of the scene's simulation section.
@@ -30,6 +31,12 @@ def plan(scene, improve, as_json):
         "expected": [dataclasses.asdict(sensor) for sensor in expect(scene, settings)],
         "warnings": list(warnings_of(scene, settings)),
     }
+    if measure:
+        from .measure import measure_steps
+
+        took = measure_steps(scene, settings)
+        for step in report["steps"]:
+            step["seconds_per_s"] = took[step["name"]]
     if improve:
         report["proposals"] = [dataclasses.asdict(p) for p in proposals_for(scene, settings)]
     if as_json:
@@ -61,16 +68,7 @@ def _print(report, scene):
         f"({1e3 * chosen['group_period_s']:.1f} ms), lines +-1..+-{chosen['harmonics']} of each "
         f"tag in {chosen['tones']} tones, estimator {chosen['estimator']}"
     )
-    click.echo("\nstep                        needed   Mflop/s  why")
-    for step in report["steps"]:
-        cost = step["operations"] / 1e6
-        click.echo(
-            f"{step['name']:<27} {'yes' if step['needed'] else 'skipped':<8}"
-            f"{cost:8.3g}  {step['reason']}"
-        )
-    needed = sum(step["operations"] for step in report["steps"] if step["needed"])
-    saved = sum(step["operations"] for step in report["steps"] if not step["needed"])
-    click.echo(f"in all {needed / 1e6:.3g} Mflop per second of signal; {saved / 1e6:.3g} skipped")
+    _print_steps(report["steps"])
     click.echo(f"\nexpected at snr_db {scene.simulation.snr_db:g} (medians)")
     for sensor in report["expected"]:
         error, std = sensor["phase_error_deg"], sensor["phase_std_deg"]
@@ -92,3 +90,21 @@ def _print(report, scene):
         )
     if "proposals" in report and not report["proposals"]:
         click.echo("nothing better found")
+
+
+def _print_steps(steps):
+    measured = "seconds_per_s" in steps[0]
+    click.echo(f"\n{'step':<28}{'needed':<8}{' Mflop/s'}{'    ms/s' if measured else ''}  why")
+    for step in steps:
+        cost = f"{step['operations'] / 1e6:8.3g}"
+        if measured:
+            cost += f"{1e3 * step['seconds_per_s']:8.3g}"
+        click.echo(
+            f"{step['name']:<28}{'yes' if step['needed'] else 'skipped':<8}{cost}  {step['reason']}"
+        )
+    for needed, told in ((True, "in all"), (False, "skipped")):
+        own = [step for step in steps if step["needed"] == needed]
+        total = f"{told}: {sum(step['operations'] for step in own) / 1e6:.3g} Mflop"
+        if measured:
+            total += f" and {1e3 * sum(step['seconds_per_s'] for step in own):.3g} ms"
+        click.echo(f"{total} per second of signal")

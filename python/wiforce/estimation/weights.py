@@ -269,6 +269,11 @@ def design_weights(
     if harmonics < 4:
         raise InputError("harmonics", "must be at least 4", harmonics)
     tones = tag_lines(clocks_hz, snapshot_period_s, group_length, harmonics, clutter_hz)
+    alone = {tone.owners[0][0] for tone in tones if len(tone.owners) == 1}
+    for tag, clock_hz in enumerate(clocks_hz):
+        if tag not in alone:
+            rule = "must leave the tag a line on which no other line falls, nor an alias of its own"
+            raise InputError("clock_hz", rule, clock_hz)
     n = np.arange(group_length) - (group_length - 1) / 2
     frequencies = np.array([tone.frequency_hz for tone in tones])
     lines = np.exp(2j * np.pi * snapshot_period_s * np.outer(n, frequencies))

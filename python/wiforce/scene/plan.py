@@ -14,8 +14,8 @@ from ..waveform import Waveform
 # Groups shorter than this are averaged over it while nothing changes.
 _SMOOTHING_S = 0.036
 # Numbers of harmonics to choose from, and how much worse than the best the choice may be.
-_HARMONICS = (8, 12, 16, 24)
-_ACCEPTED_LOSS_DB = 0.1
+HARMONICS = (8, 12, 16, 24)
+ACCEPTED_LOSS_DB = 0.1
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def plan(scene):
     clocks = tuple(TagClock(s.clock_hz, s.clock_tolerance_ppm) for s in scene.sensors)
     waveform, length = scene.waveform(), scene.phase_group.snapshots
     clutter_hz = scene.environment.moving_clutter_hz
-    harmonics, loss_db = _HARMONICS[0], ()
+    harmonics, loss_db = HARMONICS[0], ()
     if scene.phase_group.estimator == "harmonic":
         harmonics, loss_db = _fewest_harmonics(clocks, waveform, length, clutter_hz)
     return Plan(
@@ -111,18 +111,18 @@ def _fewest_harmonics(clocks, waveform, group_length, clutter_hz):
     period_s, averaging_s = waveform.snapshot_period_s, waveform.averaging_s
     clocks_hz = tuple(clock.clock_hz for clock in clocks)
     losses = {}
-    for harmonics in _HARMONICS:
+    for harmonics in HARMONICS:
         lines = tag_lines(clocks_hz, period_s, group_length, harmonics, clutter_hz)
         if 2 * len(lines) < group_length or not losses:
             losses[harmonics] = line_loss_db(
                 clocks, group_length, period_s, averaging_s, clutter_hz, harmonics
             )
     best = min(loss.max() for loss in losses.values())
-    chosen = next(h for h, loss in losses.items() if loss.max() <= best + _ACCEPTED_LOSS_DB)
-    if chosen > _HARMONICS[0] and not _designable(
+    chosen = next(h for h, loss in losses.items() if loss.max() <= best + ACCEPTED_LOSS_DB)
+    if chosen > HARMONICS[0] and not _designable(
         clocks_hz, group_length, period_s, clutter_hz, chosen
     ):
-        chosen = _HARMONICS[0]
+        chosen = HARMONICS[0]
     return chosen, tuple(losses[chosen].tolist())
 
 

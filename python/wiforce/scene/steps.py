@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..estimation.weights import clutter_order
+from ..estimation.weights import clutter_order, tag_lines
 from ..waveform import FFT_LENGTH
+from .plan import ACCEPTED_LOSS_DB, HARMONICS
 
 # Real operations of a 64-point FFT, 5 n log2 n, and of one complex multiplication and addition.
 _FFT = 5 * FFT_LENGTH * 6
@@ -76,39 +77,33 @@ def _snapshot_steps(scene, plan):
         (_FFT + 6 * FFT_LENGTH) * rate - _estimator_operations(plan),
     )
     # The two tones of a pair share their products.
-    lines = f"lines +-1..+-{plan.harmonics} of {len(plan.clocks)} tag(s)"
-    reason = f"{tones} tones hold {lines}; where lines fall together they share one"
-    if plan.loss_db:
-        reason += f": within {max(plan.loss_db):.2f} dB of all lines"
-    yield Step(
-        "phase_group_doppler",
-        True,
-        reason,
-        _MULTIPLY_ADD * FFT_LENGTH * tones / 2 * rate,
-    )
-    yield _clutter_step(plan)
-    if scene.environment.reader_clock == "shared":
+    per_tone = _MULTIPLY_ADD * FFT_LENGTH / 2 * rate
+    yield Step("phase_group_doppler", True, _doppler_reason(plan), per_tone * tones)
+    most = _most_tones(plan)
+    if plan.loss_db and tones < most < plan.group_length / 2:
         yield Step(
-            "carrier offset",
+            "more lines",
             False,
-            "transmitter and receiver share a clock",
-            (_MULTIPLY_ADD + 6) * FFT_LENGTH * rate,
+            f"up to +-{HARMONICS[-1]} they would bring {ACCEPTED_LOSS_DB:g} dB at most",
+            per_tone * (most - tones),
         )
 
 
-def _clutter_step(plan):
-    """The clutter band lies in the weights, which are fixed: no operations in a run."""
+def _doppler_reason(plan):
+    lines = f"lines +-1..+-{plan.harmonics} of {len(plan.clocks)} tag(s)"
+    reason = f"{len(plan.table.tones)} tones hold {lines}"
+    if plan.loss_db:
+        reason += f", within {max(plan.loss_db):.2f} dB of all lines"
     if plan.clutter_hz == 0:
-        return Step(
-            "moving clutter", False, "nothing moves: the weights take out the mean only", 0.0
-        )
+        return reason + "; nothing moves: the weights take out the mean only"
     order = clutter_order(plan.group_length, plan.waveform.snapshot_period_s, plan.clutter_hz)
-    return Step(
-        "moving clutter",
-        True,
-        f"the weights null {order} sequences up to {plan.clutter_hz:g} Hz; designed once",
-        0.0,
-    )
+    return reason + f"; the weights null {order} sequences up to {plan.clutter_hz:g} Hz"
+
+
+def _most_tones(plan):
+    clocks_hz = tuple(clock.clock_hz for clock in plan.clocks)
+    period_s = plan.waveform.snapshot_period_s
+    return len(tag_lines(clocks_hz, period_s, plan.group_length, HARMONICS[-1], plan.clutter_hz))
 
 
 def _group_steps(scene, plan):
@@ -122,7 +117,7 @@ def _group_steps(scene, plan):
     )  # fmt: skip
     yield Step(
         "end_separation",
-        plan.estimator == "harmonic",
+        True,
         f"{len(plan.clocks)} clock(s) tracked; mixing matrix of {tones} x {ends} per group",
         rate
         * (
@@ -150,12 +145,10 @@ def _group_steps(scene, plan):
         rate * 40 * ends * max(1, plan.smoothing_groups if several else 0),
     )
     off = any(np.any(sensor.off_reflection) for sensor in scene.sensors)
-    yield Step(
-        "force_inversion",
-        True,
-        ("off state taken out; " if off else "") + "inverted only while touched",
-        rate * _INVERSION * len(plan.clocks),
-    )
+    inversion = rate * _INVERSION * len(plan.clocks)
+    reason = "phases to force and location" + ("; the off state taken out" if off else "")
+    yield Step("force_inversion", True, reason, inversion)
+    yield Step("inversion while untouched", False, "there is no force to be found", inversion)
 
 
 def _estimator_operations(plan):
