@@ -1,17 +1,21 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The reader block: one chain whatever comes in, gaps that cost only what they hit."""
 
+import dataclasses
+
 import numpy as np
 import pmt
 import pytest
 from gnuradio import blocks, gr, wiforce
+from gnuradio.wiforce.angles import wrap_deg
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.estimation.average import SubcarrierAverage
+from gnuradio.wiforce.estimation.average import AdaptiveAverage, SubcarrierAverage
 from gnuradio.wiforce.estimation.reference import ConjugateDifference
 from gnuradio.wiforce.estimation.separation import EndSeparator
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.scene.plan import plan
+from gnuradio.wiforce.scene.plan import ACCEPTED_LOSS_DB, HARMONICS, plan
 from gnuradio.wiforce.scene.simulator import simulate
+from wiforce_app.bench.chain import SnapshotChain
 
 GROUP = 450_000
 
@@ -205,3 +209,79 @@ def test_bad_parameters_are_named(arguments, told):
     with pytest.raises(ValueError, match=told) as refusal:
         wiforce.reader(**arguments)
     assert isinstance(refusal.value, InputError) or "frame_offset" in told
+
+
+def snapshots(codes):
+    """H of every snapshot, the channel estimated before anything else; (groups, N, K)."""
+    waveform = plan(load_scene(SCENE)).waveform
+    frames = as_floats(codes)[: 25 * GROUP].reshape(25, 625, 720)
+    folded = frames[:, :, 64:320].reshape(25, 625, 4, 64).mean(axis=2)
+    return (np.fft.fft(folded) * waveform.equalizer())[..., waveform.bins]
+
+
+def phases_of(settings, codes):
+    """arg R in degrees and its standard deviation by the chain that estimates channels first."""
+    chain, found = SnapshotChain(settings), []
+    for group, channels in enumerate(snapshots(codes)):
+        found += chain.process(group, channels)
+    found += chain.flush()
+    return np.degrees(np.angle([r for _, r in found])), np.array([s.std_deg for s, _ in found])
+
+
+def test_skip_of_guard_and_first_repetition_changes_nothing(codes):
+    noisy = codes[: len(codes) // 720 * 720].reshape(-1, 720, 2).copy()
+    rng = np.random.default_rng(1)
+    for part in (slice(0, 64), slice(320, 720)):
+        noisy[:, part] = rng.integers(-32768, 32767, noisy[:, part].shape)
+    plain = read(codes[: noisy.shape[0] * 720])
+    assert [r.row() for r in read(noisy.reshape(-1, 2))] == [r.row() for r in plain]
+
+
+def test_skip_of_the_channel_per_snapshot_changes_no_phase(codes):
+    settings = plan(load_scene(SCENE))
+    samples = as_floats(codes)[: 25 * GROUP]
+    capture, fold = blocks.vector_source_c(samples), wiforce.preamble_fold(720)
+    doppler = wiforce.phase_group_doppler(settings.table.weights, settings.group_length)
+    estimator = wiforce.ofdm_channel_estimator(
+        settings.waveform.equalizer(), len(settings.table.tones)
+    )
+    sink = blocks.vector_sink_c(64 * len(settings.table.tones))
+    flowgraph = gr.top_block()
+    flowgraph.connect(capture, fold, doppler, estimator, sink)
+    flowgraph.run()
+    tones = np.array(sink.data()).reshape(25, -1, 64)[:, :, settings.waveform.bins]
+    for group, channels in enumerate(snapshots(codes)):
+        forced = settings.table.weights @ channels
+        # single precision beside a static path 50 dB stronger: 0.002 deg of the strongest line
+        assert np.abs(tones[group] - forced).max() < np.radians(0.002) * np.abs(forced).max()
+
+
+def test_skip_of_more_lines_costs_what_the_plan_says(codes):
+    settings = plan(load_scene(SCENE))
+    assert settings.harmonics < HARMONICS[-1]
+    few, std = phases_of(settings, codes)
+    many, _ = phases_of(dataclasses.replace(settings, harmonics=HARMONICS[-1]), codes)
+    # 0.1 dB less noise: what the lines left out know differs by 15 % of the noise; 50 values
+    spread = np.sqrt(10 ** (ACCEPTED_LOSS_DB / 10) - 1)
+    assert np.std(wrap_deg(few - many)[8:] / std[8:]) < 2 * spread
+
+
+def test_skip_of_averaging_one_group_changes_nothing():
+    rng = np.random.default_rng(2)
+    forced = AdaptiveAverage(1)
+    for _ in range(20):
+        ratios, variance = rng.standard_normal(2) + 1j, rng.random(2)
+        again, same = forced.update(ratios, variance)
+        np.testing.assert_allclose(again, ratios, rtol=1e-12)
+        np.testing.assert_allclose(same, variance, rtol=1e-12)
+
+
+def test_skip_of_inverting_untouched_groups_changes_no_touched_one(codes):
+    readings = read(codes)
+    model = load_scene(SCENE).load_model("line-900mhz")
+    phases = np.array([[r.phase1_deg, r.phase2_deg] for r in readings])
+    forced = model.invert(phases, std_deg=0.05, frequency_hz=900e6)
+    touched = np.array([r.touch == 1 for r in readings])
+    force = np.array([np.nan if r.force_n is None else r.force_n for r in readings])
+    np.testing.assert_allclose(forced.force_n[touched], force[touched], atol=0.01)
+    assert np.all(np.isnan(force[~touched])) and touched.sum() >= 8
