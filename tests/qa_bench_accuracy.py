@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from wiforce_app.bench.cases import Case, cases
 from wiforce_app.bench.montecarlo import RunResult, run_case, summarise
+from wiforce_app.bench.picture import plot_losses
 
 SHORT = Case("short", 10.0, groups=12, estimators=("harmonic", "paper, offset removed"))
 
@@ -67,6 +68,15 @@ def test_json_rows_have_the_agreed_keys():
     keys |= {"loss_interval_db", "seconds_per_second", "n"}
     assert all(keys <= set(row) and row["n"] == 1000 for row in rows)
     assert max(rows[0]["loss_db"]) < 1.5 < min(rows[2]["loss_db"])
+
+
+def test_the_picture_of_a_long_run_is_drawn_at_its_end(tmp_path):
+    wanted = [case for case in cases() if "gamma" in case.name]
+    rng = np.random.default_rng(2)
+    runs = [a_run(rng.standard_normal((50, 2))) for _ in range(3)]
+    rows = [summarise(case, name, runs) for case in wanted for name in case.estimators]
+    plot_losses(rows, wanted, tmp_path / "losses.png")
+    assert (tmp_path / "losses.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_a_case_that_is_not_there_is_named():

@@ -35,14 +35,14 @@ def accuracy(as_json, full, part, plot_path, seed, jobs):
 
         check_picture(plot_path)
     rows = measure(wanted, _FULL_RUNS if full else _QUICK_RUNS, seed, jobs)
-    if plot_path is not None:
-        from .picture import plot_losses
-
-        plot_losses(rows, wanted, plot_path)
     if as_json:
         click.echo(json.dumps({"rows": [dataclasses.asdict(row) for row in rows]}, indent=1))
     else:
         click.echo(table(rows))
+    if plot_path is not None:
+        from .picture import plot_losses
+
+        plot_losses(rows, wanted, plot_path)
 
 
 def measure(wanted, runs, seed=1, jobs=None):

@@ -42,5 +42,7 @@ def plot_losses(rows, wanted, path):
         axis.grid(alpha=0.3)
     panels[0].set_ylabel("loss to the Cramer-Rao bound (dB)")
     lines, labels = panels[0].get_legend_handles_labels()
-    canvas.legend(lines, labels, loc="outside lower center", ncols=len(ESTIMATORS), fontsize=8)
+    # matplotlib 3.6 knows no place outside the panels: room is left for the legend.
+    canvas.get_layout_engine().set(rect=(0, 0.1, 1, 0.9))
+    canvas.legend(lines, labels, loc="lower center", ncols=len(ESTIMATORS), fontsize=8)
     canvas.savefig(path, dpi=110)
