@@ -243,21 +243,26 @@ class TagOnAir:
         ends = self.pressed.reflections(times)
         path = self._turn * self.pressed.motion(times)
         # Against the off state, which is taken with the rest of the time.
-        terms = [(first_on, ends[:, 0] - self._off[0]), (second_on, ends[:, 1] - self._off[1])]
+        states = [first_on, second_on]
+        values = [ends[:, 0] - self._off[0], ends[:, 1] - self._off[1]]
         if both_on.any():
-            through = self.pressed.through(times) + self._off.mean()
-            terms.append((both_on, through))
-        total = sum(
-            state * self._over_time(ends_at * path, first, count) for state, ends_at in terms
-        )
+            states.append(both_on)
+            values.append(self.pressed.through(times) + self._off.mean())
         if self._off.any():
-            total = total + self._over_time(self._off.mean() * path, first, count)
-        return total
+            states.append(np.ones_like(first_on))
+            values.append(self._off.mean())
+        values = [np.atleast_1d(value * path).astype(np.complex64) for value in values]
+        return self._sum(states, values, first, count)
 
-    def _over_time(self, values, first, count):
-        """A constant as it is, values at the knots drawn over the samples."""
-        values = np.atleast_1d(np.asarray(values, np.complex64))
-        return values[0] if len(values) == 1 else self._ramp.draw(values, first, count)
+    def _sum(self, states, values, first, count):
+        """Sum of the states times their values: constants, or values at the knots."""
+        if all(len(value) == 1 for value in values):
+            parts = np.concatenate(values).view(np.float32).reshape(-1, 2)
+            return (np.stack(states).T @ parts).view(np.complex64).ravel()
+        total = np.zeros(count, np.complex64)
+        for state, value in zip(states, values, strict=True):
+            total += state * (value if len(value) == 1 else self._ramp.draw(value, first, count))
+        return total
 
 
 class Adc:
