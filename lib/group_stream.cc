@@ -8,6 +8,7 @@ namespace gr::wiforce {
 namespace {
 const pmt::pmt_t group_key = pmt::mp(names::GROUP);
 const pmt::pmt_t missing_key = pmt::mp(names::MISSING);
+const pmt::pmt_t saturated_key = pmt::mp(names::SATURATED);
 const pmt::pmt_t mask_key = pmt::mp(names::MASK);
 } // namespace
 
@@ -65,11 +66,14 @@ bool group_stream::close(kernel::fc32* out, std::uint64_t offset)
             d_outlet.tag_output(offset, missing_key, d_group.missing());
             d_incomplete_groups++;
         }
+        if (d_saturated > 0)
+            d_outlet.tag_output(offset, saturated_key, d_saturated);
         d_outlet.tag_output(offset, group_key, d_index);
         d_transform->finish(d_group, out);
         d_groups++;
     }
     d_group.clear();
+    d_saturated = 0;
     d_transform->clear();
     return emitted;
 }

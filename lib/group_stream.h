@@ -45,6 +45,9 @@ public:
     kernel::fc32* reserve(std::uint64_t snapshot);
     void accept(int count);
 
+    // So many snapshots of the group at hand hold samples at full scale.
+    void note_saturated(int snapshots) { d_saturated += snapshots; }
+
     // Ends the group at hand and writes its item; returns whether there was one to write.
     bool close(kernel::fc32* out, std::uint64_t offset);
 
@@ -54,7 +57,8 @@ private:
     const std::unique_ptr<doppler_transform> d_transform;
     group_outlet& d_outlet;
     kernel::phase_group d_group;
-    std::uint64_t d_index = 0; // of the group at hand
+    std::uint64_t d_index = 0;     // of the group at hand
+    std::uint64_t d_saturated = 0; // snapshots of it
     std::uint64_t d_groups = 0;
     std::uint64_t d_incomplete_groups = 0;
 };

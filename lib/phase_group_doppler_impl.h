@@ -30,6 +30,9 @@ private:
     tag_output(std::uint64_t offset, const pmt::pmt_t& key, std::uint64_t value) override;
     void publish_incomplete(const pmt::pmt_t& pdu) override;
 
+    // Input items that are tagged as saturated.
+    int saturated_among(int count, std::uint64_t first);
+
     group_stream d_stream;
     std::uint64_t d_snapshot = 0; // of the next input item
 };

@@ -19,6 +19,7 @@ constexpr int BATCH = 32;
 
 const pmt::pmt_t incomplete_port = pmt::mp(names::INCOMPLETE);
 const pmt::pmt_t rx_time_key = pmt::mp(names::RX_TIME);
+const pmt::pmt_t saturated_key = pmt::mp(names::SATURATED);
 const pmt::pmt_t snapshot_key = pmt::mp(names::SNAPSHOT);
 
 // tuple(uint64 seconds, double fraction), as gr-uhd makes it.
@@ -241,6 +242,11 @@ int vector_fold<Sample>::take(const Sample* averaged, int frames, std::uint64_t 
                            pmt::from_uint64(snapshot));
     this->d_folder.fold(
         averaged, count, this->d_out + this->d_produced * kernel::FFT_LENGTH);
+    for (const int frame : this->d_folder.saturated(averaged, count))
+        this->add_item_tag(0,
+                           this->nitems_written(0) + this->d_produced + frame,
+                           saturated_key,
+                           pmt::from_uint64(1));
     this->d_produced += count;
     d_expected = snapshot + count;
     return count;
@@ -278,6 +284,7 @@ int tone_fold<Sample>::take(const Sample* averaged, int frames, std::uint64_t sn
     const int count = std::min({ frames, BATCH, d_stream.room(snapshot) });
     this->d_folder.fold(averaged, count, d_stream.reserve(snapshot));
     d_stream.accept(count);
+    d_stream.note_saturated(this->d_folder.saturated(averaged, count).size());
     if (d_stream.is_full())
         close_group();
     return count;

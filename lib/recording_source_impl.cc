@@ -12,6 +12,7 @@ namespace gr::wiforce {
 namespace {
 
 const pmt::pmt_t incomplete_port = pmt::mp(names::INCOMPLETE);
+const pmt::pmt_t saturated_key = pmt::mp(names::SATURATED);
 const pmt::pmt_t snapshot_key = pmt::mp(names::SNAPSHOT);
 
 constexpr std::size_t FOLDED_BYTES = kernel::FFT_LENGTH * sizeof(kernel::fc32);
@@ -98,6 +99,14 @@ std::uint64_t frame_walk::snapshot() const
     return d_recording->runs()[d_run].snapshot + d_frame;
 }
 
+template <class Sample>
+void frame_walk::fold(const char* averaged, int frames, kernel::fc32* folded)
+{
+    const auto* samples = reinterpret_cast<const Sample*>(averaged);
+    d_folder.fold(samples, frames, folded);
+    d_saturated = d_folder.saturated(samples, frames);
+}
+
 int frame_walk::fold(int count, kernel::fc32* folded)
 {
     const auto& run = d_recording->runs()[d_run];
@@ -107,16 +116,15 @@ int frame_walk::fold(int count, kernel::fc32* folded)
     const char* averaged = d_recording->at(byte);
     const bool there = kernel::mapped_read::succeeds([&] {
         if (d_integers)
-            d_folder.fold(
-                reinterpret_cast<const kernel::sc16*>(averaged), frames, folded);
+            fold<kernel::sc16>(averaged, frames, folded);
         else
-            d_folder.fold(
-                reinterpret_cast<const kernel::fc32*>(averaged), frames, folded);
+            fold<kernel::fc32>(averaged, frames, folded);
     });
     const std::uint64_t stride = d_folder.frame_length();
     const std::uint64_t samples = (frames - 1) * stride + d_folder.averaged_length();
     if (!there || !d_recording->reaches(byte + samples * sample)) {
         end_here();
+        d_saturated.clear();
         return 0;
     }
     d_recording->release_before(byte);
@@ -161,8 +169,14 @@ int folded_recording_source::general_work(int noutput_items,
                          nitems_written(0) + produced,
                          snapshot_key,
                          pmt::from_uint64(d_walk.snapshot()));
-        produced +=
+        const int frames =
             d_walk.fold(noutput_items - produced, out + produced * kernel::FFT_LENGTH);
+        for (const int frame : d_walk.saturated())
+            add_item_tag(0,
+                         nitems_written(0) + produced + frame,
+                         saturated_key,
+                         pmt::from_uint64(1));
+        produced += frames;
     }
     return produced > 0 ? produced : WORK_DONE;
 }
@@ -203,6 +217,7 @@ int tone_recording_source::general_work(int noutput_items,
         if (!cut) {
             const int count = std::min(BATCH, d_stream.room(d_walk.snapshot()));
             d_stream.accept(d_walk.fold(count, d_stream.reserve(d_walk.snapshot())));
+            d_stream.note_saturated(d_walk.saturated().size());
         }
         if (cut || d_stream.is_full())
             produced += d_stream.close(out + static_cast<std::size_t>(produced) *

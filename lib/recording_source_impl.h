@@ -30,8 +30,12 @@ public:
     // Folds up to `count` frames of the run at hand; returns how many: none when the file
     // was cut short since it was mapped, which ends the walk.
     int fold(int count, kernel::fc32* folded);
+    // Of the frames last folded, those that hold samples at full scale.
+    const std::vector<int>& saturated() const { return d_saturated; }
 
 private:
+    template <class Sample>
+    void fold(const char* averaged, int frames, kernel::fc32* folded);
     void end_here();
 
     std::unique_ptr<kernel::recording> d_recording;
@@ -40,6 +44,7 @@ private:
     std::size_t d_run = 0;
     std::uint64_t d_frame = 0; // in the run
     std::uint64_t d_folded = 0;
+    std::vector<int> d_saturated;
     std::uint64_t d_samples_cut = 0; // of whole frames that the file lost meanwhile
 };
 

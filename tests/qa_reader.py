@@ -108,6 +108,34 @@ def test_a_press_is_read_through_the_blocks_where_it_is(codes):
     assert all(r.flags == ("reference",) for r in readings[:8])
 
 
+@pytest.mark.parametrize("way", ["samples", "folded samples", "recording"])
+def test_what_was_clipped_is_flagged_whichever_way_it_comes(codes, tmp_path, way):
+    clipped = codes.copy()
+    clipped[11 * GROUP + 700] = 32767  # in a guard, which is never looked at
+    clipped[12 * GROUP + 100] = 32767
+    clipped[20 * GROUP - 720 + 300 :: 720][:2] = -32768  # the last frame of 19, the first of 20
+    readings = []
+    reader = wiforce.reader(
+        SCENE,
+        input_type="sc16" if way == "samples" else "folded",
+        on_reading=readings.append,
+    )
+    chain = [array_source(clipped), reader]
+    if way == "folded samples":
+        chain.insert(1, wiforce.preamble_fold(frame_length=720, item_type="sc16"))
+    elif way == "recording":
+        clipped.tofile(tmp_path / "press.bin")
+        source = wiforce.capture_source(tmp_path / "press.bin", SCENE, datatype="ci16_le")
+        chain = [source, reader]
+    flowgraph = gr.top_block()
+    flowgraph.connect(*chain)
+    flowgraph.run()
+    reader.finish()
+    assert reader.failure is None
+    flagged = [i for i, reading in enumerate(readings) if "saturated" in reading.flags]
+    assert flagged == [12, 19, 20]
+
+
 def test_floats_and_integers_read_alike(codes):
     integers, floats = read(codes), read(as_floats(codes))
     for a, b in zip(integers, floats, strict=True):

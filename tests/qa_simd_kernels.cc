@@ -117,3 +117,17 @@ BOOST_DATA_TEST_CASE(one_value_that_is_not_finite_is_seen, variants, simd)
             BOOST_TEST(simd->are_finite(x.data(), n / WIDTH));
         }
 }
+
+BOOST_DATA_TEST_CASE(no_integer_at_the_limit_is_missed, variants, simd)
+{
+    constexpr std::int16_t LIMIT = 32752;
+    constexpr int STRIDE = 300, FRAMES = 3, REPETITIONS = 2;
+    for (int n = 0; n < STRIDE * FRAMES; n++)
+        for (const int value : { 32751, 32752, 32767, -32751, -32752, -32768 }) {
+            std::vector<std::int16_t> x(STRIDE * FRAMES);
+            x[n] = value;
+            const bool looked_at = n % STRIDE < REPETITIONS * WIDTH;
+            BOOST_TEST(simd->reach(x.data(), STRIDE, FRAMES, REPETITIONS, LIMIT) ==
+                       (looked_at && std::abs(value) >= LIMIT));
+        }
+}

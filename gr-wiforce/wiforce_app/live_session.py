@@ -2,7 +2,6 @@
 """The flowgraph of the live reader: transmit, receive, align, record, read."""
 
 import time
-from dataclasses import replace
 
 from gnuradio import gr, wiforce
 from gnuradio.wiforce.level_meter import FULL_SCALE, level_meter
@@ -50,12 +49,12 @@ class LiveSession:
             "sample_rate": waveform.sample_rate_hz,
             "item_type": "sc16",
         }
-        self._scene, self._radio, self._on_reading = scene, radio, on_reading
+        self._scene, self._radio = scene, radio
         self._transmitted = wiforce.sounding_source(amplitude=amplitude, **sounding)
         self.alignment = wiforce.frame_alignment(**sounding)
-        self.meter = level_meter(waveform.sample_rate_hz, scene.group_samples)
+        self.meter = level_meter()
         self.reader = wiforce.reader(
-            scene, input_type="sc16", tracked=tracked, on_reading=self._take_reading
+            scene, input_type="sc16", tracked=tracked, on_reading=on_reading
         )
         self.probe = state_probe(2 * len(scene.sensors), _KEPT_STATES)
         self.recorder = self._make_recorder(recording, amplitude) if recording else None
@@ -168,9 +167,3 @@ class LiveSession:
         """Largest component since the last call, over full scale."""
         peak, self.meter.peak = self.meter.peak, 0
         return peak / FULL_SCALE
-
-    def _take_reading(self, reading):
-        group = round(reading.time_s / self._scene.group_period_s - 0.5)
-        if group in self.meter.clipped_groups and "saturated" not in reading.flags:
-            reading = replace(reading, flags=(*reading.flags, "saturated"))
-        self._on_reading(reading)

@@ -32,15 +32,16 @@ class Watch:
     def __init__(self, session, args, quiet=False, now=time.monotonic):
         self._session, self._args, self._now = session, args, now
         self._started_s = self._line_s = self._warn_s = self._heard_s = now()
-        self._heard, self._gaps, self._lost, self._clipped = 0, 0, 0, 0
+        self._heard, self._gaps, self._lost, self._clips = 0, 0, 0, False
         self._no_frames_told = self._recording_told = False
         self._quiet = quiet
         self._terminal = sys.stderr.isatty() and not quiet
         self._last = {}
 
     def note(self, reading):
-        """Keep a reading for the status line."""
+        """Keep a reading for the status line, and whether it warns of clipping."""
         self._last[reading.sensor] = reading
+        self._clips = self._clips or "saturated" in reading.flags
 
     def look(self):
         """Draw, warn, and see whether samples still come.
@@ -111,10 +112,9 @@ class Watch:
                 text += ": this machine or its network cannot keep up"
             self._tell(f"{text} (at {session.time_s:.1f} s)")
         self._gaps, self._lost = gaps, lost
-        clipped = len(session.meter.clipped_groups)
-        if clipped > self._clipped:
+        if self._clips:
             self._tell("the receiver clips: lower --rx-gain, --tx-gain or --amplitude")
-        self._clipped = clipped
+            self._clips = False
         if session.alignment.searches >= _NO_FRAMES and not self._no_frames_told:
             self._no_frames_told = True
             self._tell("no sounding frames heard: look at antennas, --tx-gain and --rx-gain")

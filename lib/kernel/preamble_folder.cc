@@ -6,6 +6,11 @@
 
 namespace gr::wiforce::kernel {
 
+namespace {
+// A 14-bit converter's last codes, left-justified, after rounding on the way.
+constexpr std::int16_t FULL_SCALE = 32752;
+} // namespace
+
 preamble_folder::preamble_folder(int frame_length, int first_averaged, int repetitions)
     : d_frame_length(frame_length),
       d_first_averaged(first_averaged),
@@ -45,6 +50,25 @@ void preamble_folder::fold(const sc16* averaged, std::size_t frames, fc32* folde
                                 d_repetitions,
                                 1.0f / (32768.0f * d_repetitions),
                                 reinterpret_cast<float*>(folded));
+}
+
+std::vector<int> preamble_folder::saturated(const sc16* averaged, int frames) const
+{
+    const auto reach = [&](int first, int count) {
+        return fastest_kernels().reach(reinterpret_cast<const std::int16_t*>(averaged) +
+                                           2 * static_cast<std::size_t>(first) *
+                                               d_frame_length,
+                                       2 * d_frame_length,
+                                       count,
+                                       d_repetitions,
+                                       FULL_SCALE);
+    };
+    std::vector<int> found;
+    if (reach(0, frames))
+        for (int frame = 0; frame < frames; frame++)
+            if (reach(frame, 1))
+                found.push_back(frame);
+    return found;
 }
 
 } // namespace gr::wiforce::kernel

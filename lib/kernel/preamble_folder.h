@@ -4,6 +4,7 @@
 #include "types.h"
 
 #include <cstddef>
+#include <vector>
 
 namespace gr::wiforce::kernel {
 
@@ -31,6 +32,11 @@ public:
     // other at frame_length. Writes 64 * frames values.
     void fold(const fc32* averaged, std::size_t frames, fc32* folded) const;
     void fold(const sc16* averaged, std::size_t frames, fc32* folded) const;
+
+    // Which of the frames hold averaged samples at a converter's full scale. Floats have
+    // none.
+    std::vector<int> saturated(const fc32*, int) const { return {}; }
+    std::vector<int> saturated(const sc16* averaged, int frames) const;
 
 private:
     const int d_frame_length;

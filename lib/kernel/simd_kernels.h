@@ -43,6 +43,13 @@ struct simd_kernels {
     // Whether all floats of `count` vectors of 128 are finite.
     bool (*are_finite)(const float* vectors, int count);
 
+    // Whether any in[stride f + 128 r + n] is `limit` or more, or -limit or less.
+    bool (*reach)(const std::int16_t* in,
+                  std::size_t stride,
+                  std::size_t frames,
+                  int repetitions,
+                  std::int16_t limit);
+
     static constexpr int ROW_BLOCK = 4;
 };
 

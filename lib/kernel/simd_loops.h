@@ -155,6 +155,30 @@ bool are_finite(const float* vectors, int count)
     return largest < exponent;
 }
 
+bool reach(const std::int16_t* in,
+           std::size_t stride,
+           std::size_t frames,
+           int repetitions,
+           std::int16_t limit)
+{
+    typedef std::int16_t wide
+        __attribute__((vector_size(4 * LANES), aligned(2), may_alias));
+    wide low = {};
+    wide high = {};
+    for (std::size_t frame = 0; frame < frames; frame++) {
+        const std::int16_t* x = in + frame * stride;
+        for (int n = 0; n < repetitions * WIDTH; n += 2 * LANES) {
+            const wide v = *reinterpret_cast<const wide*>(x + n);
+            low = v < low ? v : low;
+            high = v > high ? v : high;
+        }
+    }
+    for (int n = 0; n < 2 * LANES; n++)
+        if (high[n] >= limit || low[n] <= -limit)
+            return true;
+    return false;
+}
+
 } // namespace
 
 extern const simd_kernels kernels;
@@ -162,6 +186,7 @@ const simd_kernels kernels = { WIFORCE_SIMD_NAME,
                                fold_any<fc32_samples>,
                                fold_any<sc16_samples>,
                                accumulate,
-                               are_finite };
+                               are_finite,
+                               reach };
 
 } // namespace gr::wiforce::kernel::WIFORCE_SIMD

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Block: tones of a group to the complex channels of the tags' ends."""
 
+from dataclasses import replace
+
 import numpy as np
 import pmt
 
@@ -146,7 +148,7 @@ class end_separation(GroupBlock):
         self._rotation = table.derotation(sample_rate) if derotated else 1.0
         self._equalizer = sounding.equalizer()
         self._rows = len(table.tones)
-        self._incomplete = {}
+        self._incomplete, self._saturated = {}, {}
         GroupBlock.__init__(self, "end_separation", self._rows * 64, 2 * len(clocks) * 64)
         self.message_port_register_in(pmt.intern(names.INCOMPLETE))
         self.set_msg_handler(pmt.intern(names.INCOMPLETE), self._on_incomplete)
@@ -159,6 +161,8 @@ class end_separation(GroupBlock):
 
     def take(self, tags, item):
         group = pmt.to_uint64(tags[names.GROUP])
+        if names.SATURATED in tags:
+            self._saturated[group] = pmt.to_uint64(tags[names.SATURATED])
         if names.MISSING not in tags:
             return self._flat(self.separator.process(group, item.reshape(self._rows, 64)))
         if group not in self._incomplete:
@@ -173,6 +177,15 @@ class end_separation(GroupBlock):
             tones = np.fft.fft(tones * self._rotation, axis=1) * self._equalizer
         return self._flat(self.separator.process(group, tones, missing, partial))
 
-    @staticmethod
-    def _flat(results):
-        return [(state, vectors.ravel()) for state, vectors in results]
+    def flush(self):
+        """The groups that still wait for the clocks: (GroupState, V (2S, K)) of each."""
+        return self._complete(self.separator.flush())
+
+    def _flat(self, results):
+        return [(state, vectors.ravel()) for state, vectors in self._complete(results)]
+
+    def _complete(self, results):
+        return [
+            (replace(state, saturated=self._saturated.pop(state.group, 0)), vectors)
+            for state, vectors in results
+        ]

@@ -6,6 +6,7 @@ RX_TIME = "rx_time"
 SNAPSHOT = "snapshot"
 GROUP = "group"
 MISSING = "missing"
+SATURATED = "saturated"
 STATE = "state"
 
 # Message ports

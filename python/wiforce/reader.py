@@ -153,7 +153,7 @@ class reader(gr.hier_block2):
         """
         if self.failure is not None:
             return
-        for state, vectors in self.separation.separator.flush():
+        for state, vectors in self.separation.flush():
             self._finish_from_difference(self.difference.difference.process(state, vectors))
         self._finish_from_difference(self.difference.difference.flush())
         self.inversion.finish()

@@ -60,6 +60,8 @@ class _SensorReadout:
         flags = ["reference"] if in_reference else []
         if state.missing:
             flags.append("gap")
+        if state.saturated:
+            flags.append("saturated")
         there = clock.locked and bool(np.all(np.isfinite(std))) and bool(np.all(np.abs(ratios) > 0))
         if clock.overlapping:
             flags.append("inconsistent")

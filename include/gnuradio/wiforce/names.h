@@ -10,6 +10,7 @@ constexpr char RX_TIME[] = "rx_time";
 constexpr char SNAPSHOT[] = "snapshot";
 constexpr char GROUP[] = "group";
 constexpr char MISSING[] = "missing";
+constexpr char SATURATED[] = "saturated";
 constexpr char STATE[] = "state";
 
 // Message ports

@@ -25,7 +25,8 @@ namespace gr::wiforce {
  * finite, they count as zeros, the output carries the tag `missing` with their number,
  * and the group's snapshots with their mask go out before it on the message port
  * `incomplete`, for who can do better than zeros. A group without any snapshot is not
- * emitted, nor is the unfinished last one.
+ * emitted, nor is the unfinished last one. The tag `saturated` on inputs makes one with
+ * their number on the output.
  *
  * The weights are applied as they are: how they were designed is not known here.
  */

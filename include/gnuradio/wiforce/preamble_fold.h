@@ -25,7 +25,8 @@ namespace gr::wiforce {
  * the samples before it account for means lost samples (an overflow): the frames that
  * miss averaged samples are dropped and the next whole one of the same grid follows. In
  * the first form the first output and the first one after every gap carry the tag
- * `snapshot`, the index of that frame on the grid. Input tags are not passed on:
+ * `snapshot`, the index of that frame on the grid; outputs of sc16 samples at full scale
+ * carry the tag `saturated`. Input tags are not passed on:
  * 1/frame_length of their offsets means nothing once samples were lost.
  *
  * The block finds no frames by itself: reader and transmitter share their clock and

@@ -27,6 +27,8 @@ class GroupState:
         Index on the grid of the run.
     missing : int
         Snapshots absent.
+    saturated : int
+        Snapshots with samples at the converter's full scale.
     clocks : tuple of ClockState
         One per tag.
     noise : ndarray, shape (K,)
@@ -51,6 +53,7 @@ class GroupState:
     noise: np.ndarray = field(repr=False)
     gain: np.ndarray = field(repr=False)
     snr_db: np.ndarray = field(repr=False)
+    saturated: int = 0
     in_reference: np.ndarray = field(default=None, repr=False)
     reference_power: np.ndarray = field(default=None, repr=False)
     reference_gain: np.ndarray = field(default=None, repr=False)
