@@ -19,8 +19,9 @@ namespace gr::wiforce {
  *
  * In the first form it stands for a file source and preamble_fold: one vector of 64
  * complex floats per frame, with the tag `snapshot` on the first one and on the first
- * after every gap, and `saturated` on those of integers at full scale. In the second form (tones) it stands for phase_group_doppler as well,
- * with that block's output, tags and message port `incomplete`.
+ * after every gap, and `saturated` on those of integers at full scale. In the second form
+ * (tones) it stands for phase_group_doppler as well, with that block's output, tags and
+ * message port `incomplete`.
  *
  * Only samples that are averaged are read from the file. A file that is shorter than its
  * segments say is read as far as it goes.
