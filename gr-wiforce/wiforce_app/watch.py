@@ -3,6 +3,7 @@
 
 import sys
 import time
+from pathlib import Path
 
 import click
 
@@ -13,6 +14,8 @@ _WARN_S = 1.0
 _SILENCE_S = 5.0
 _NO_FRAMES = 8  # searches without finding frames, of 0.12 s each
 _BEHIND = 3  # gaps within a second that mean more than an accident
+_BUFFER_LIMIT = Path("/proc/sys/net/core/rmem_max")
+_WANTED_BUFFER = 50_000_000  # what UHD asks for
 
 
 class Watch:
@@ -109,7 +112,7 @@ class Watch:
         if gaps > self._gaps:
             text = f"{gaps - self._gaps} gaps, {lost - self._lost} samples lost"
             if gaps - self._gaps >= _BEHIND:
-                text += ": this machine or its network cannot keep up"
+                text += f": this machine or its network cannot keep up{_buffer_advice()}"
             self._tell(f"{text} (at {session.time_s:.1f} s)")
         self._gaps, self._lost = gaps, lost
         if self._clips:
@@ -140,6 +143,17 @@ def _db(amplitude):
     from math import log10
 
     return 20 * log10(max(amplitude, 1e-5))
+
+
+def _buffer_advice():
+    """What to do about socket buffers that are smaller than UHD wants; empty when they are not."""
+    try:
+        limit = int(_BUFFER_LIMIT.read_text())
+    except (OSError, ValueError):
+        return ""
+    if limit >= _WANTED_BUFFER:
+        return ""
+    return f"; larger socket buffers may help: sysctl -w net.core.rmem_max={_WANTED_BUFFER}"
 
 
 def _short(reading):

@@ -157,6 +157,12 @@ def test_a_signal_stops_it_cleanly(software_usrp, number):
             sock.bind((device.address, port))
 
 
+def test_it_ends_with_whoever_held_the_other_end_of_its_input(software_usrp):
+    device = software_usrp("--air", "cable")
+    device.process.stdin.close()
+    assert device.process.wait(timeout=30) == 0
+
+
 def test_a_fault_whose_time_has_passed_happens_at_once(software_usrp):
     device = software_usrp("--air", "cable", faults=["0 swap"])
     assert device.command("fault 0 late rx") == {"ok": True}

@@ -13,6 +13,7 @@ import threading
 import time
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from gnuradio.wiforce.estimation.frame import MARGIN
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.channel import AirChannel
 from software_usrp import SoftwareUsrp
+from wiforce_app import watch
 
 GROUP_S = 0.036
 FRAMES = "recv_frame_size=8000,send_frame_size=8000"
@@ -429,6 +431,33 @@ def command(*words):
         timeout=100,
     )
     return done.returncode, done.stdout, done.stderr
+
+
+@pytest.mark.parametrize("buffer, advised", [(212_992, True), (50_000_000, False)])
+def test_a_machine_that_cannot_keep_up_is_told_what_may_help(
+    buffer, advised, tmp_path, monkeypatch, capsys
+):
+    limit = tmp_path / "rmem_max"
+    limit.write_text(f"{buffer}\n")
+    monkeypatch.setattr(watch, "_BUFFER_LIMIT", limit)
+    now = [0.0]
+    session = SimpleNamespace(
+        gaps=0,
+        samples_lost=0,
+        samples_heard=0,
+        time_s=1.0,
+        recorder=None,
+        alignment=SimpleNamespace(searches=0),
+    )
+    looking = watch.Watch(session, "addr=1", now=lambda: now[0])
+    for gaps, lost, told in ((1, 100, False), (7, 600, True)):
+        now[0] += 1.1
+        session.gaps, session.samples_lost = gaps, 100 * gaps
+        looking.look()
+        said = capsys.readouterr().err
+        assert said.count("\n") == 1 and f"{lost} samples lost" in said
+        assert ("cannot keep up" in said) is told
+        assert ("net.core.rmem_max" in said) is (told and advised)
 
 
 @pytest.mark.parametrize("name", ["live", "check"])

@@ -242,6 +242,25 @@ def test_consumed_packets_are_acknowledged_in_number_and_in_time():
     assert events(chain) == [(wire.TX_FLOW, 6)]
 
 
+@pytest.mark.parametrize("socket_bytes, at_once", [(8 << 20, 128), (425_984, 25), (50_000, 2)])
+def test_a_host_sends_no_more_at_once_than_the_socket_holds(socket_bytes, at_once):
+    """The driver sends up to 2^20 bytes, 128 of its packets here, more than it saw acknowledged."""
+    chain = TransmitChain(DeviceClock(), Air(), socket_bytes)
+    unit_gain(chain)
+    chain.poke(5, 1 << 31 | 16)
+    acknowledged, sent = 0, 0
+    while sent < 300:
+        for _, sequence in events(chain):
+            acknowledged = sequence - (1 << 32 if sequence >> 31 else 0)
+        count = acknowledged + 128 - sent
+        assert 0 < count <= at_once
+        for _ in range(count):
+            chain.accept(tx_packet(sent, range(10), start=sent == 0, end=False))
+            sent += 1
+        chain.run(chain._clock.ticks, chain.covered_until(1 << 40))
+    assert chain.sequence_errors == chain.underflows == 0
+
+
 def test_a_gap_in_the_numbers_is_an_error_but_not_after_a_reset():
     chain = transmit_chain()
     chain.accept(tx_packet(0, range(10)))
@@ -480,6 +499,9 @@ def test_missing_transmit_samples_hold_device_time_for_a_while():
     assert throttle.transmit_until(covered=300, start=0, end=900) == 300
     now[0] += 0.3
     assert throttle.transmit_until(covered=300, start=0, end=900) == 900  # an underflow then
+    assert throttle.transmit_until(covered=900, start=0, end=900) == 900
+    now[0] += 10  # what lacks only now is waited for, whenever the last samples came
+    assert throttle.transmit_until(covered=300, start=0, end=900) == 0
 
 
 def test_what_waits_in_a_socket_is_read_from_the_kernel():

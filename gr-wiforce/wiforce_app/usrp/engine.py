@@ -81,7 +81,9 @@ class Device:
         self.clock = air.clock = DeviceClock()
         self.counters = Tally()
         self.front_end = FrontEnd(DAUGHTERBOARDS[board])
-        self.transmit = TransmitChain(self.clock, air)
+        self._sockets = Sockets(address)
+        window_bytes = self._sockets.receive_buffer(TX_PORT)
+        self.transmit = TransmitChain(self.clock, air, window_bytes)
         self.receive = [ReceiveChain(self.clock, air, 3 + k) for k in range(len(RX_PORTS))]
         self.tuning = air.tuning = Tuning(self.front_end, self.transmit.dsp)
         self._faults = FaultQueue()
@@ -95,7 +97,6 @@ class Device:
         self._fifo = Fifo(registers, self.clock)
         self._control = Control(registers, self._bus(board), self._end_session)
         self._wall = WallClock(speed)
-        self._sockets = Sockets(address)
         self._backlog = HostBacklog() if lossless else None
         self._throttle = Throttle(self._backlog) if lossless else None
         self._outbox = deque()
@@ -145,6 +146,7 @@ class Device:
         """Counters and state as a dict of plain values."""
         return {
             "device_time_s": self.clock.time / 1e8,
+            "cpu_s": time.process_time(),
             "streaming_s": 0.0 if self._origin is None else (self.clock.ticks - self._origin) / 1e8,
             "rx_streaming": any(chain.active for chain in self.receive),
             "tx_streaming": self.transmit.in_burst,

@@ -77,6 +77,7 @@ class Throttle:
         self._last_backlog = {}
         self._changed_s = {}
         self._tx_arrival_s = 0.0
+        self._tx_short_s = None  # since when transmit samples are missing
 
     def tx_arrived(self):
         """Transmit packets have come in."""
@@ -98,8 +99,12 @@ class Throttle:
     def transmit_until(self, covered, start, end):
         """How far a step from `start` to `end` may go when samples reach to `covered`."""
         if covered >= end:
+            self._tx_short_s = None
             return end
-        waited = self._now() - self._tx_arrival_s
+        now = self._now()
+        if self._tx_short_s is None:
+            self._tx_short_s = now
+        waited = now - max(self._tx_arrival_s, self._tx_short_s)
         if waited > _TX_UNDERFLOW_S:
             return end
         return covered if waited > _TX_PAUSE_S else start

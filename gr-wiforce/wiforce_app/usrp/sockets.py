@@ -68,6 +68,10 @@ class Sockets:
             sock.close()
         self._sockets = {}
 
+    def receive_buffer(self, port):
+        """Bytes that may wait on a port, the kernel's overhead included."""
+        return self._sockets[port].getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+
     def items(self):
         """Pairs of port and socket."""
         return self._sockets.items()

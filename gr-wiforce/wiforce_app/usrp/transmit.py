@@ -26,6 +26,9 @@ _TYPE_MASK = 0xF0000000
 _POLICY_NEXT_BURST = 4
 _UPDATE_ENABLED = 1 << 31
 _MAX_QUEUE = 4096
+# The driver takes the device for a FIFO of 1 MiB, and asks for eight reports per filling.
+_FIFO_BYTES = 1 << 20
+_REPORTS_PER_FIFO = 8
 _ONE = struct.Struct(">Q")
 
 
@@ -73,6 +76,8 @@ class TransmitChain:
     clock : DeviceClock
     air : object
         ``air.transmit(tick, spacing, samples)`` takes complex64 samples, 1.0 at full scale.
+    socket_bytes : int or None
+        What may wait in the socket that packets come by; None for any amount.
 
     Attributes
     ----------
@@ -80,13 +85,15 @@ class TransmitChain:
     underflows, late_packets, sequence_errors : int
     """
 
-    def __init__(self, clock, air):
+    def __init__(self, clock, air, socket_bytes=None):
         self.dsp = DspRegisters(cic_power=3)
         self.underflows = 0
         self.late_packets = 0
         self.sequence_errors = 0
         self._clock = clock
         self._air = air
+        self._socket_bytes = socket_bytes
+        self._withheld = 0
         self._stream_id = 2
         self._policy = 2
         self._ticks_per_update = 0
@@ -119,6 +126,7 @@ class TransmitChain:
             self._next_update = self._clock.ticks
         elif register == 5:
             self._packets_per_update = value & 0xFFFF if value & _UPDATE_ENABLED else 0
+            self._withhold()
 
     @property
     def in_burst(self):
@@ -181,6 +189,18 @@ class TransmitChain:
             self._report(TX_FLOW, self._clock.ticks)
         out, self._reports = self._reports, []
         return out
+
+    def _withhold(self):
+        """Let the host send no more at once than the socket holds: acknowledge that much less."""
+        self._withheld = 0
+        if self._socket_bytes is None or not self._packets_per_update:
+            return
+        window = _REPORTS_PER_FIFO * self._packets_per_update
+        room = self._socket_bytes // _kernel_bytes(_FIFO_BYTES // window)
+        if room < window:
+            self._withheld = window - max(room, 2)
+            self._packets_per_update = min(self._packets_per_update, max(room // 2, 1))
+            self._report(TX_FLOW, self._clock.ticks)
 
     def _start_of(self, packet, earliest):
         """Tick at which a burst begins: its time, or when the converter is free."""
@@ -256,7 +276,13 @@ class TransmitChain:
     def _report(self, event, tick):
         self._unreported = 0
         time = self._clock.to_time(tick)
+        acknowledged = self._consumed - self._withheld & 0xFFFFFFFF
         self._reports.append(
-            tx_report(self._report_count, self._stream_id, time, event, self._consumed)
+            tx_report(self._report_count, self._stream_id, time, event, acknowledged)
         )
         self._report_count += 1
+
+
+def _kernel_bytes(datagram_bytes):
+    """What a datagram takes of a socket's buffer: memory by powers of two, and its bookkeeping."""
+    return (1 << (datagram_bytes + 511).bit_length()) + 512
