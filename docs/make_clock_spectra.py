@@ -1,0 +1,108 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Draws docs/images/clock_spectra.png and prints the table of docs/clocks.md.
+
+build/run python3 docs/make_clock_spectra.py
+"""
+
+from pathlib import Path
+
+import numpy as np
+from gnuradio.wiforce.scene.clocks import (
+    assess_clocks,
+    double_rate_pulses,
+    line_coefficients,
+    one_rate_pulses,
+)
+from gnuradio.wiforce.waveform import sounding_waveform
+from matplotlib.figure import Figure
+
+PICTURE = Path(__file__).resolve().parent / "images" / "clock_spectra.png"
+WAVEFORM = sounding_waveform("repeated", 720, 12.5e6)
+GROUP_LENGTH = 625
+# Name, clocks, pulses of every tag.
+SETS = (
+    ("one tag, clocks at fs and 2 fs, 25 % each", [1000], double_rate_pulses()),
+    ("two tags at 1.0 and 1.4 kHz", [1000, 1400], double_rate_pulses()),
+    ("two tags at 1.0 and 1.79 kHz", [1000, 1790], double_rate_pulses()),
+    ("two tags at 1.0 and 2.0 kHz", [1000, 2000], double_rate_pulses()),
+    ("one tag, both clocks at fs, half a cycle apart", [1000], one_rate_pulses()),
+    ("one tag, both clocks at fs, 0.3 cycles apart", [1000], one_rate_pulses(delay=0.3)),
+)
+DRAWN = (0, 1, 5)
+NAIVE_HZ = (1000, 1400)
+LOWEST_DB = -40
+# |G_through - G_1 - G_2| of an untouched 80 mm line at 900 MHz, against |G_1|.
+PASSING = 2.7
+
+
+def main():
+    reports = [assess_clocks(clocks, WAVEFORM, GROUP_LENGTH, pulses) for _, clocks, pulses in SETS]
+    print("| clocks | information q of the ends | worst loss | readable |")
+    print("|---|---|---|---|")
+    for (name, _, _), report in zip(SETS, reports, strict=True):
+        q = ", ".join(f"{end.information:.3f}" for end in report.ends)
+        why = "yes" if report.readable else f"no: {report.problems[0].partition(': ')[2]}"
+        print(f"| {name} | {q} | {report.worst_loss_db:.1f} dB | {why} |")
+    canvas = Figure(figsize=(10, 9), layout="constrained")
+    axes = canvas.subplots(len(DRAWN) + 1, 1, sharex=True, sharey=True)
+    for axis, index in zip(axes, DRAWN, strict=False):
+        _draw(axis, SETS[index][0], reports[index])
+    _draw_naive(axes[-1])
+    axes[-1].set_xlabel("where snapshots show the line (Hz); half the snapshot rate at the right")
+    canvas.savefig(PICTURE, dpi=100)
+
+
+def _draw(axis, name, report):
+    """Lines of every end; hollow where another end has one there."""
+    strongest = max(end.information for end in report.ends)
+    for i, end in enumerate(report.ends):
+        lift = 10 * np.log10(end.information / strongest)
+        for line in end.lines:
+            if line.level_db + lift > LOWEST_DB:
+                _stem(axis, line.seen_hz, line.level_db + lift, f"C{i}", bool(line.shared_with))
+        axis.plot([], [], f"C{i}o", ms=5, label=f"tag {end.tag + 1}, end {end.end}")
+    _finish(axis, name)
+
+
+def _draw_naive(axis):
+    """Two square waves of 50 %: their own lines, and those of their product."""
+    square, m = ((-1 / 4, 1 / 4),), np.arange(0, 10)
+    level = np.abs(line_coefficients(square, m))
+    for i, clock_hz in enumerate(NAIVE_HZ):
+        for harmonic in m[1:]:
+            _stem_line(axis, harmonic * clock_hz, level[harmonic] / level[1], f"C{i}")
+        axis.plot([], [], f"C{i}o", ms=5, label=f"switch {i + 1}")
+    # What both switches on together show beyond the sum of the two ends.
+    for a in m[1:]:
+        for b in m[1:]:
+            for sign in (-1, 1):
+                frequency = abs(a * NAIVE_HZ[0] + sign * b * NAIVE_HZ[1])
+                _stem_line(axis, frequency, PASSING * level[a] * level[b] / level[1], "C3")
+    axis.plot([], [], "C3o", ms=5, label="intermodulation")
+    _finish(axis, "naive: two square waves at 1.0 and 1.4 kHz, both on a quarter of the time")
+
+
+def _stem_line(axis, frequency_hz, amplitude, color):
+    rate = 1 / WAVEFORM.snapshot_period_s
+    seen = abs((frequency_hz + rate / 2) % rate - rate / 2)
+    if amplitude > 10 ** (LOWEST_DB / 20):
+        _stem(axis, seen, 20 * np.log10(amplitude), color, False)
+
+
+def _stem(axis, hz, level_db, color, shared):
+    axis.plot([hz, hz], [LOWEST_DB, level_db], color, lw=1)
+    axis.plot(hz, level_db, "o", color=color, ms=5, mfc="white" if shared else color)
+
+
+def _finish(axis, name):
+    axis.set_title(name, fontsize=10)
+    axis.set_ylabel("level (dB)")
+    axis.set_ylim(LOWEST_DB, 4)
+    axis.set_xlim(0, 0.5 / WAVEFORM.snapshot_period_s)
+    axis.grid(alpha=0.3)
+    axis.legend(fontsize=7, loc="upper right", ncol=4)
+
+
+if __name__ == "__main__":
+    main()
