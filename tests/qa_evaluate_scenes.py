@@ -9,6 +9,7 @@ import pytest
 import yaml
 from gnuradio.wiforce.scene.schema import load_scene, shipped_scenes
 from wiforce_app.evaluation import result_of
+from wiforce_app.evaluation_report import checks
 
 SCENE = {
     "sensors": [{"name": "arm", "model": "line-900mhz-calibrated"}],
@@ -62,6 +63,23 @@ def test_the_papers_method_drifts_by_the_clocks_offset(sensor):
     # 50 ppm of 1 kHz over 1.0 s, the middle of the press: 18 deg at line 1 and 72 at line 4
     expected = np.hypot(18, 72) / np.sqrt(2)
     assert sensor["methods"]["paper"]["phase_rms_deg"] == pytest.approx(expected, rel=0.35)
+
+
+def test_every_check_of_the_report_is_held(evaluated):
+    """Phase rms against the paper's method and the bound; medians as the plan expects them."""
+    content = json.loads((evaluated[0] / "out" / "short.json").read_text())
+    rows = checks([content["result"]], {})
+    assert len(rows) == 4 and all(held is True for *_, held in rows), rows
+    report = (evaluated[0] / "out" / "report.md").read_text()
+    assert (
+        all(f"| {name} | {what} |" in report for name, _, what, *_ in rows) or "| yes |" in report
+    )
+
+
+def test_a_missed_figure_is_told_with_its_reason(sensor):
+    result = {"scene": "x", "sensors": [sensor], "sum": None}
+    (missed,) = [c for c in checks([result], {"x": {"force_n": 1e-6}}) if "paper's" in c[2]]
+    assert missed[4] == False  # noqa: E712
 
 
 def test_the_pressed_sensor_is_not_the_readers_own(sensor):

@@ -145,6 +145,7 @@ def test_what_is_no_finite_number_is_not_taken_for_one(typed):
         ("sensors.0.off_reflection", 0.1, "off_reflection: must be a pair [re, im]"),
         ("sensors.0.off_reflection", [[0, 0], [0, 0], [0, 0]], "off_reflection: must be a pair"),
         ("environment.moving_clutter_hz", 1200, "above environment.moving_clutter_hz (1200)"),
+        ("environment.receive_antennas", 2, "must be 1 when reader_clock is 'shared', got 2"),
         ("environment.reader_clock", "own", "must be 'shared' or 'free', got 'own'"),
         ("environment.weather", "rain", "environment.weather: is not a known key"),
         ("sensors.0.model", "arm", "sensors[0].model: must be a .yaml file or one of fingertip-"),

@@ -11,6 +11,7 @@ from gnuradio.wiforce.estimation.frame import find_frame_offset, keeps_alignment
 from gnuradio.wiforce.readings import open_writer
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.plan import plan
+from gnuradio.wiforce.scene.simulator import second_antenna
 
 from .progress import progress
 
@@ -96,7 +97,14 @@ def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False, on
     source = wiforce.capture_source(recording, scene, frame_offset)
     reader = wiforce.reader(scene, input_type="folded", tracked=tracked, on_reading=on_reading)
     reader.inversion.on_ratios = on_ratios
-    _run(source, reader)
+    if scene.environment.receive_antennas == 2:
+        beside = second_antenna(recording.path.with_suffix(""))
+        second = wiforce.capture_source(beside, scene, frame_offset)
+        settings = scene.sounding.waveform, scene.sounding.frame_length
+        ratio = wiforce.antenna_ratio(*settings, scene.radio.sample_rate_hz)
+        _run(reader, source, ratio, second=second)
+    else:
+        _run(reader, source)
     if source.samples_missing():
         click.echo(
             f"gr-wiforce: warning: {recording.path}: was cut short while it was read, "
@@ -123,19 +131,22 @@ def follow_capture(capture, scene, on_reading, frame_offset, tracked):
     )
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: source.ended.set())
-    _run(source, reader)
+    _run(reader, source)
     if source.failure is not None:
         raise source.failure
     return reader.counts
 
 
-def _run(source, reader):
+def _run(reader, *chain, second=None):
+    """Runs a chain into the reader; ``second`` goes into the other input of its last block."""
     from gnuradio import gr
 
     # It logs to standard output, where readings may go; what fails is raised below.
     gr.logging().set_default_level(gr.log_levels.off)
     flowgraph = gr.top_block("gr-wiforce read", catch_exceptions=False)
-    flowgraph.connect(source, reader)
+    flowgraph.connect(*chain, reader)
+    if second is not None:
+        flowgraph.connect(second, (chain[-1], 1))
     flowgraph.run()
     reader.finish()
     if reader.failure is not None:

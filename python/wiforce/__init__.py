@@ -17,6 +17,7 @@ _HOMES = {
     "recording_source": "wiforce_python",
     # Python blocks
     "sounding_source": "sounding_source",
+    "antenna_ratio": "antenna_ratio",
     "end_separation": "end_separation",
     "conjugate_difference": "conjugate_difference",
     "subcarrier_average": "subcarrier_average",

@@ -59,6 +59,9 @@ class reader(gr.hier_block2):
         if frame_offset < 0:
             raise InputError("frame_offset", "must be 0 or more", frame_offset)
         self.scene = scene if isinstance(scene, Scene) else load_scene(scene)
+        if self.scene.environment.receive_antennas > 1 and input_type != "folded":
+            rule = "must be 1 where samples come in; two antennas are folded, then antenna_ratio"
+            raise InputError("environment.receive_antennas", rule, 2)
         self.plan = plan_of(self.scene)
         gr.hier_block2.__init__(
             self,

@@ -131,11 +131,6 @@ def _receiver_warnings(scene):
         cost_db = 10 * np.log10(1 + levels.quantisation / levels.noise)
         if cost_db > _WORTH_DB:
             yield f"ADC range: the ADC's steps cost {cost_db:.1f} dB"
-    if scene.environment.reader_clock == "free":
-        yield (
-            "reader_clock free: one receive antenna cannot tell the common phase of transmitter "
-            "and receiver from the tag in quadrature with the direct path; readings are doubtful"
-        )
 
 
 def _sensor_warnings(scene):

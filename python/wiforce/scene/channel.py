@@ -17,6 +17,7 @@ from .switching import SWITCHES, TagClock, switch_states
 
 PEAK = 10 ** (-3 / 20)  # of full scale: where a scene's transmit frame peaks at the ADC
 _NOISE_PEAK = 4.5  # standard deviations of a noise component that count as its peak
+_MOST_PATHS = 64
 _PIECE = 32768  # samples worked on at once: few calls, and still in the cache
 
 
@@ -35,6 +36,9 @@ class AirChannel:
     through : bool
         The static path is the input itself at unit gain and without delay, for use behind a
         channel of one's own; levels then count from there.
+    antenna : int
+        Receive antenna: each has paths and noise of its own; tags, what moves and the receiver's
+        oscillator are the same.
 
     Attributes
     ----------
@@ -44,11 +48,16 @@ class AirChannel:
         Received amplitude per unit of the signal model's rho.
     """
 
-    def __init__(self, scene, amplitude=1.0, through=False):
+    def __init__(self, scene, amplitude=1.0, through=False, antenna=0):
         simulation, waveform = scene.simulation, scene.waveform()
         seeds = np.random.SeedSequence(simulation.seed).spawn(5)
         generators = map(np.random.default_rng, seeds)
         paths_rng, clocks_rng, movers_rng, noise_rng, oscillators_rng = generators
+        turn = np.ones(_MOST_PATHS)  # of each path to this antenna against that to the first
+        if antenna:
+            own = np.random.SeedSequence(simulation.seed, spawn_key=(len(seeds), antenna)).spawn(2)
+            paths_rng, noise_rng = map(np.random.default_rng, own)
+            turn = np.exp(2j * np.pi * paths_rng.random(_MOST_PATHS))
         self._rate = scene.radio.sample_rate_hz
         self._ramp = Ramp(self._rate)
         self._noise_rng = noise_rng
@@ -68,6 +77,8 @@ class AirChannel:
         )
         mover_level = self._level(simulation.moving_clutter_db) / np.sqrt(max(len(movers), 1))
         mover_taps = [_scaled(mover.taps, waveform, mover_level) for mover in movers]
+        if antenna:
+            mover_taps = [taps * t for taps, t in zip(mover_taps, turn, strict=False)]
         tags = [
             TagOnAir(scene, sensor, tag, clocks_rng, self._ramp)
             for sensor, tag in zip(scene.sensors, simulation.tags, strict=True)
@@ -80,6 +91,8 @@ class AirChannel:
             )
             for tag in simulation.tags
         ]
+        if antenna:
+            tag_fades = [taps * t for taps, t in zip(tag_fades, turn[len(movers) :], strict=False)]
         self.sensors = {tag.name: tag for tag in tags}
 
         self._set_noise(simulation.snr_db)

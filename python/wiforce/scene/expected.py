@@ -120,7 +120,7 @@ def expect(scene, plan):
         elif presses[i] is None:
             medians = _claimed(model, carrier_hz, points[i], std)
         else:
-            medians = _drawn(model, carrier_hz, points[i], std)
+            medians = _drawn(model, carrier_hz, points[i], np.hypot(std, _curvature_deg(scene)))
         found.append(Expected(sensor.name, tuple(std.tolist()), *medians))
     return tuple(found)
 
@@ -134,12 +134,27 @@ def why_not_readable(scene, index, levels=None):
             f"and noise {levels.noise_steps:.2g}; rounding errs systematically, the tag is out of "
             "the ADC's range"
         )
+    if scene.environment.reader_clock == "free" and scene.environment.receive_antennas == 1:
+        return (
+            "reader_clock free: one receive antenna cannot tell the common phase of transmitter "
+            "and receiver from the tag in quadrature with the direct path"
+        )
     if tag.clock2_duty != "pulses":
         return (
             f"both switches of '{tag.sensor}' are on together (clock2_duty: {tag.clock2_duty}): "
             "its ends cannot be told apart"
         )
     return None
+
+
+def _curvature_deg(scene):
+    """What the ratio of two antennas errs by, as it is not quite linear in the tag: up to
+    |T| / |S| in the reference and again in the reading; 0 for one antenna."""
+    level_db = scene.simulation.static_clutter_db
+    if scene.environment.receive_antennas == 1 or level_db is None:
+        return 0.0
+    line = float(harmonics(1, scene.sensors[0].clock_hz * scene.waveform().averaging_s)[0])
+    return float(np.degrees(2 * 10 ** (-level_db / 20) / line))
 
 
 def _presses(scene, index):

@@ -58,6 +58,7 @@ class SceneSensor:
 class Environment:
     moving_clutter_hz: float
     reader_clock: str
+    receive_antennas: int = 1
 
 
 @dataclass(frozen=True)
@@ -286,7 +287,11 @@ def _environment(section):
     environment = Environment(
         section.number("moving_clutter_hz", 0.0, low=0, high=10_000),
         section.choice("reader_clock", ("shared", "free"), "shared"),
+        section.integer("receive_antennas", 1, low=1, high=2),
     )
+    if environment.receive_antennas > 1 and environment.reader_clock == "shared":
+        rule = "must be 1 when reader_clock is 'shared'"
+        raise section.error("receive_antennas", rule, environment.receive_antennas)
     section.finish()
     return environment
 

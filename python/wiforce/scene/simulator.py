@@ -21,7 +21,7 @@ _FRAMES_AT_ONCE = 500
 _NO_ROOM = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO)
 
 
-def simulate(scene, name, datatype="ci16_le", progress=None):
+def simulate(scene, name, datatype="ci16_le", progress=None, antenna=0):
     """Write the capture of a scene, and its truth.
 
     The files ``NAME.sigmf-data``, ``NAME.sigmf-meta`` and ``NAME.truth.csv`` appear when they are
@@ -36,6 +36,8 @@ def simulate(scene, name, datatype="ci16_le", progress=None):
         ``ci16_le``: ADC codes, left-justified. ``cf32_le``: the same over 32768.
     progress : callable, optional
         Called with the number of samples written since the last call.
+    antenna : int
+        Which of the scene's receive antennas.
 
     Returns
     -------
@@ -54,7 +56,7 @@ def simulate(scene, name, datatype="ci16_le", progress=None):
     if not Path(name).name or str(name).endswith("/"):
         raise InputError("NAME", "must be a file name without suffix", str(name))
     paths = [Path(f"{name}{suffix}") for suffix in (".sigmf-data", ".truth.csv", ".sigmf-meta")]
-    channel = AirChannel(scene)
+    channel = AirChannel(scene, antenna=antenna)
     try:
         with _all_or_nothing(paths) as (data, truth, meta):
             with open(data, "wb") as stream:
@@ -68,6 +70,11 @@ def simulate(scene, name, datatype="ci16_le", progress=None):
         refusal = OutputError if error.errno in _NO_ROOM else InputError
         raise refusal(name, f"cannot be written ({error.strerror or error})") from error
     return paths
+
+
+def second_antenna(name):
+    """Path of the second antenna's capture beside that of the first, both without suffix."""
+    return f"{name}.antenna2"
 
 
 def frame_count(scene):
