@@ -34,7 +34,7 @@ def evaluate_scenes(names, folder, jobs=None, fresh=False):
     if "all" in names:
         names = shipped_scenes()
     names = list(dict.fromkeys(names))
-    marks = {name: _mark(name) for name in names}  # refuses bad scenes before anything is done
+    marks = {name: mark_of(name) for name in names}  # refuses bad scenes before anything is done
     folder.mkdir(parents=True, exist_ok=True)
     missing = [name for name in names if fresh or result_of(folder, name, marks[name]) is None]
     jobs = min(jobs or os.cpu_count() or 1, max(len(missing), 1))
@@ -44,7 +44,7 @@ def evaluate_scenes(names, folder, jobs=None, fresh=False):
         waiting = {pool.submit(_run, name, str(folder)): name for name in missing}
         for done in as_completed(waiting):
             name = waiting[done]
-            _keep(folder, name, marks[name], done.result())
+            keep_result(folder, name, marks[name], done.result())
             step(1)
     results = [result_of(folder, name, marks[name]) for name in names]
     write_report(results, folder, _paper_figures())
@@ -58,7 +58,7 @@ def _run(name, folder):
     return run(name, folder)
 
 
-def _mark(name):
+def mark_of(name):
     """What a result belongs to: the scene as it is read, and this version."""
     content = json.dumps([VERSION, load_scene(name).as_dict()], sort_keys=True)
     return hashlib.sha256(content.encode()).hexdigest()
@@ -77,7 +77,7 @@ def result_of(folder, name, mark):
     return content["result"] if content.get("mark") == mark else None
 
 
-def _keep(folder, name, mark, result):
+def keep_result(folder, name, mark, result):
     """Writes a result whole or not at all."""
     path = _file(folder, name)
     partial = path.with_suffix(".partial")

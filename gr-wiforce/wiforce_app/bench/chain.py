@@ -13,16 +13,22 @@ class SnapshotChain:
     Parameters
     ----------
     plan : scene.plan.Plan
+    derotated : bool
+        Whether tones that are given were stopped from turning within a symbol.
     """
 
-    def __init__(self, plan):
+    def __init__(self, plan, derotated=False):
         waveform = plan.waveform
         self.table, self._bins = plan.table, waveform.bins
         upper = self.table.weights[len(self.table.tones) // 2 :]
         self._upper = np.concatenate([upper.real, upper.imag])
         estimator, ends = estimator_named(plan.estimator), 2 * len(plan.clocks)
         self.separator = estimator.separator(
-            plan.table, plan.clocks, waveform.averaging_s, waveform.bins
+            plan.table,
+            plan.clocks,
+            waveform.averaging_s,
+            waveform.bins,
+            waveform.sample_rate_hz if derotated else None,
         )
         self.difference = ConjugateDifference(
             ends, waveform.bins, plan.reference_groups, estimator.against
@@ -45,6 +51,10 @@ class SnapshotChain:
             if partial is not None:
                 tones[:, self._bins] = partial.weights @ snapshots[present]
         return self._onward(self.separator.process(group, tones, missing, partial))
+
+    def process_tones(self, group, tones):
+        """As `process`, of a whole group's tones (M, 64)."""
+        return self._onward(self.separator.process(group, tones))
 
     def _whole_group(self, snapshots):
         """Tones by the table's weights, those of -m from the same sums as those of +m."""

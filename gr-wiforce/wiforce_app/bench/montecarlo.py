@@ -56,15 +56,9 @@ def run_case(case, run, seed=1):
     dict
         Estimator to :class:`RunResult`.
     """
-    seeds = np.random.SeedSequence([seed, zlib.crc32(case.name.encode()), run])
-    rng = np.random.default_rng(seeds)
-    tags = [_tag(case, hertz, level, rng) for hertz, level in _each_tag(case)]
-    levels = Levels(case.gamma_db, case.static_db, case.movers_db, case.coherence_hz)
-    profile = np.ones(len(_WAVEFORM.bins))
-    profile[_INTERFERED] = 100.0 if case.interfered else 1.0
-    air = Air(_WAVEFORM, case.group_length, tags, levels, seeds.spawn(1)[0], profile)
+    air, tags, rng = air_of(case, run, seed)
     kinds = dict.fromkeys(name.split(",")[0] for name in case.estimators)
-    chains = {kind: SnapshotChain(_plan(case, kind)) for kind in kinds}
+    chains = {kind: SnapshotChain(plan_of(case, kind)) for kind in kinds}
     results = {kind: [] for kind in kinds}
     spent = dict.fromkeys(kinds, 0.0)
     cycles, mask = [], None
@@ -83,11 +77,22 @@ def run_case(case, run, seed=1):
     found = {}
     for name in case.estimators:
         kind = name.split(",")[0]
-        errors, std, unread = _errors(case, tags, results[kind], kind)
+        errors, std, unread = errors_of(case, tags, results[kind], kind)
         if name != kind:
             errors = wrap_deg(errors - _constant_offset(case, np.array(cycles)))
         found[name] = RunResult(errors, std, bound, unread, spent[kind], signal_s)
     return found
+
+
+def air_of(case, run, seed=1):
+    """The air of one run of a case, its tags, and the random numbers for what else is drawn."""
+    seeds = np.random.SeedSequence([seed, zlib.crc32(case.name.encode()), run])
+    rng = np.random.default_rng(seeds)
+    tags = [_tag(case, hertz, level, rng) for hertz, level in _each_tag(case)]
+    levels = Levels(case.gamma_db, case.static_db, case.movers_db, case.coherence_hz)
+    profile = np.ones(len(_WAVEFORM.bins))
+    profile[_INTERFERED] = 100.0 if case.interfered else 1.0
+    return Air(_WAVEFORM, case.group_length, tags, levels, seeds.spawn(1)[0], profile), tags, rng
 
 
 def _each_tag(case):
@@ -110,7 +115,8 @@ def _tag(case, clock_hz, level_db, rng):
 
 
 @lru_cache(maxsize=8)
-def _plan(case, estimator):
+def plan_of(case, estimator):
+    """The plan under which a case is read."""
     return Plan(
         _WAVEFORM,
         tuple(TagClock(hertz) for hertz in case.clocks_hz),
@@ -153,7 +159,11 @@ def _bound(case, air, tags, mask):
     return slope * np.sqrt(touched**2 + untouched**2 / case.reference_groups)
 
 
-def _errors(case, tags, results, kind):
+def errors_of(case, tags, results, kind):
+    """Errors and stated standard deviations (n, 2S) of the touched groups, and how many of them
+
+    had no reading.
+    """
     truth = np.concatenate([tag.touched_deg for tag in tags])
     errors, stds, unread = [], [], 0
     for state, ratios in results:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Picture of the accuracy benchmark: loss to the bound over SNR."""
+"""Pictures of the benchmarks: loss to the bound over SNR; run time against error."""
 
 import numpy as np
 
@@ -42,7 +42,62 @@ def plot_losses(rows, wanted, path):
         axis.grid(alpha=0.3)
     panels[0].set_ylabel("loss to the Cramer-Rao bound (dB)")
     lines, labels = panels[0].get_legend_handles_labels()
-    # matplotlib 3.6 knows no place outside the panels: room is left for the legend.
-    canvas.get_layout_engine().set(rect=(0, 0.1, 1, 0.9))
-    canvas.legend(lines, labels, loc="lower center", ncols=len(ESTIMATORS), fontsize=8)
+    _legend_below(canvas, lines, labels, ncols=len(ESTIMATORS))
     canvas.savefig(path, dpi=110)
+
+
+def _legend_below(canvas, lines, labels, ncols):
+    """A legend under all panels; Matplotlib before 3.7 knows no "outside"."""
+    height = 0.22 * (-(-len(labels) // ncols) + 1) / canvas.get_figheight()
+    canvas.get_layout_engine().set(rect=(0, height, 1, 1 - height))
+    canvas.legend(lines, labels, loc="lower center", ncols=ncols, fontsize=8)
+
+
+def plot_tradeoffs(results, path):
+    """A panel per scene: processor time of every setting against its phase and force errors.
+
+    Parameters
+    ----------
+    results : sequence of dict
+        Of tradeoff_points.measure_scene.
+    path : str or Path
+    """
+    from pathlib import Path
+
+    from matplotlib.figure import Figure
+
+    columns = min(4, len(results))
+    rows = -(-len(results) // columns)
+    canvas = Figure(figsize=(4 * columns, 3.2 * rows + 0.6), layout="constrained")
+    panels = canvas.subplots(rows, columns, squeeze=False).ravel()
+    for axis, result in zip(panels, results, strict=False):
+        _plot_tradeoff(axis, result["points"])
+        axis.set_title(Path(result["scene"]).stem, fontsize=9)
+    for axis in panels[len(results) :]:
+        axis.set_visible(False)
+    for axis in panels[max(0, len(results) - columns) : len(results)]:
+        axis.set_xlabel("processor time for a second (ms)", fontsize=8)
+    canvas.supylabel("median error: phase (deg, filled), force (N, open)", fontsize=9)
+    lines, labels = panels[0].get_legend_handles_labels()
+    _legend_below(canvas, lines, labels, ncols=len(labels))
+    canvas.savefig(path, dpi=80)
+
+
+def _plot_tradeoff(axis, points):
+    from .tradeoff import front
+
+    marks = {"plan": ("*", "C3", 13), "paper": ("s", "C1", 6), "stock blocks": ("D", "C4", 6)}
+    for point in points:
+        mark, color, size = marks.get(point["setting"], ("o", "C0", 4))
+        label = point["setting"] if point["setting"] in marks else None
+        for key, fill in (("phase_deg", color), ("force_n", "none")):
+            if point[key] is not None:
+                axis.plot(1e3 * point["cpu_s_per_s"], point[key], mark, color=color, ms=size,
+                          mfc=fill, label=label if key == "phase_deg" else None)  # fmt: skip
+    kept = front(points)
+    axis.step([1e3 * p["cpu_s_per_s"] for p in kept], [p["phase_deg"] for p in kept], "0.5",
+              where="post", lw=1, label="Pareto front")  # fmt: skip
+    axis.axhline(points[0]["bound_deg"], color="k", lw=0.8, ls=":", label="bound")
+    axis.set_xscale("log")
+    axis.set_yscale("log")
+    axis.grid(alpha=0.3)

@@ -12,6 +12,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
+from ..errors import InputError
 from .tag_clock import harmonics
 
 # Lines beyond this carry too little energy to help the clock.
@@ -44,6 +45,9 @@ class PhaseLikelihood:
 
     def __init__(self, table, tag, averaging_phase, clock2_delay=0.0):
         self.rows, self.lines = _own_lines(table.tones, tag)
+        if not len(self.rows):
+            rule = "must leave each tag lines that no other tag's fall on; has none"
+            raise InputError(f"clock_hz of tag {tag + 1}", rule)
         self.clock2_delay = clock2_delay
         self._averaging_phase = averaging_phase
         # Rows of unit noise; the lines are then close enough to orthogonal.

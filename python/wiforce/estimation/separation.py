@@ -24,6 +24,8 @@ _ACQUIRE_S = 0.4
 _NOISE_MEMORY_S = 2.0
 # A tag not seen for so long has to be acquired anew: its clock may have restarted.
 _LOST_S = 0.5
+# After so long a gap a crystal that drifts by 0.5 ppm/s may have any phase: 0.1 cycles at 1 kHz.
+_BRIDGED_S = 20.0
 # Smallest noise, relative to the mean tone, that counts as noise rather than rounding.
 _NOISE_FLOOR = 1e-14
 # Residual of a group over the usual noise: below it is chance; above, noise has not become so.
@@ -262,6 +264,8 @@ class EndSeparator:
             self._set_noise(item.power(), [item])
         predicted = self._fit(item) if len(self._tags) > 1 else None
         for tag in self._tags:
+            if tag.tracker is not None and item.center_s - tag.last_seen_s > _BRIDGED_S:
+                tag.drop()
             if tag.tracker is None:
                 self._await(tag, item)
                 continue

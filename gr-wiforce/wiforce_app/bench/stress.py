@@ -1,0 +1,345 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``gr-wiforce bench stress``: worst errors at numerical extremes, and where they come from."""
+
+import dataclasses
+import json
+from dataclasses import dataclass
+
+import click
+import numpy as np
+
+from ..progress import progress
+from .cases import Case
+
+# Noise so low that what is left is systematic; for clutter lower still.
+_QUIET_DB, _SILENT_DB = 60.0, 140.0
+_KNOWN_DEG = 0.02
+_WEEK_GROUPS = int(7 * 86400 / 0.036)
+_BLOCKS = ("file-fc32", "stream-fc32", "block by block", "channel first")
+
+
+@dataclass(frozen=True)
+class Row:
+    """Worst of one kind of stress on one path.
+
+    Attributes
+    ----------
+    stress, path : str
+    worst : float
+        Largest phase error in degrees or in stated standard deviations, of what is not flagged
+        weak; or per cent of unflagged readings beyond three standard deviations.
+    unit : str
+    limit : float or None
+        What it must not exceed.
+    confident : float
+        Largest error that neither the stated standard deviation nor a flag tells of, same unit.
+    unread : int
+        Groups or readings that were given up, and said so.
+    not_finite : int
+        Values that are no numbers where the reader says they are.
+    reason : str
+        Where the worst error comes from.
+    """
+
+    stress: str
+    path: str
+    worst: float
+    unit: str
+    limit: float | None
+    confident: float
+    unread: int
+    not_finite: int
+    reason: str
+
+    @property
+    def good(self):
+        within = self.limit is None or self.worst <= self.limit
+        return within and self.confident == 0 and self.not_finite == 0
+
+
+@click.command()
+@click.option("--json", "as_json", is_flag=True, help="Rows as JSON instead of a table.")
+@click.option("--search", default=60, type=click.IntRange(1), help="Tries of each search.")
+@click.option("--only", default="", help="Only stresses whose name holds this.")
+@click.option("--seed", type=click.IntRange(0), default=1, show_default=True)
+def stress(as_json, search, only, seed):
+    """Worst errors under clutter, level, time and nearly singular equations.
+
+    Noise is 60 dB under the tag, 140 dB for clutter, so that what is left is systematic. Every
+    path from samples to phases, single precision beside double.
+    """
+    from gnuradio import gr
+
+    gr.logging().set_default_level(gr.log_levels.off)
+    tasks = [task for task in tasks_of(search, seed) if only in task[0]]
+    if not tasks:
+        raise click.BadParameter(f"no stress holds {only!r}", param_hint="--only")
+    rows = []
+    with progress("stressing", len(tasks)) as step:
+        for name, function, arguments in tasks:
+            rows.append(function(name, *arguments))
+            step(1)
+    if as_json:
+        found = [dataclasses.asdict(row) | {"good": row.good} for row in rows]
+        click.echo(json.dumps({"rows": found}, indent=1))
+    else:
+        click.echo(table(rows))
+
+
+def tasks_of(search, seed):
+    """(name, function, arguments) of every row."""
+    tasks = []
+    for clutter_db, limit in ((40.0, 0.02), (60.0, 0.02), (80.0, 0.02), (100.0, 0.2)):
+        name = f"static clutter +{clutter_db:g} dB"
+        tasks += [(name, _clutter, (path, clutter_db, limit)) for path in ("double", *_BLOCKS)]
+    tasks += [("16 bits, static clutter +40 dB", _clutter, ("stream-sc16", 40.0, None))]
+    for path in ("double", "file-fc32"):
+        tasks += [
+            ("a week between reference and touch", _week_gap, (path,)),
+            ("level 10^4 times up and down", _levels, (path, 1e4)),
+            ("all samples near 1e-36", _scaled, (path, 1e-36)),
+            ("all samples denormal, 1e-40", _scaled, (path, 1e-40)),
+            ("all samples near 1e15", _scaled, (path, 1e15)),
+        ]
+    tasks += [("samples that are no numbers", _no_numbers, (path,)) for path in _BLOCKS[:3]]
+    tasks += [
+        ("a week from the first sample", _week_on, ("double",)),
+        ("clocks nearly alike", _near_clocks, ("double", search, seed, True)),
+        ("clocks that the plan warns of", _near_clocks, ("double", search, seed, False)),
+        ("any setting allowed", _any_setting, ("double", search, seed)),
+    ]
+    for name in ("paper-900mhz", "paper-2400mhz", "wiforce-900mhz", "line-2400mhz"):
+        tasks.append((f"inversion, {name}", _inversion, ("table", name, seed)))
+    return tasks
+
+
+def _case(name, **changes):
+    base = Case(name, _QUIET_DB, static_db=60.0, groups=8, drift_ppm_per_s=0.0,
+                estimators=("harmonic",))  # fmt: skip
+    return dataclasses.replace(base, **changes)
+
+
+def _row(name, path, outcome, limit, reason, unit="deg"):
+    return Row(
+        name, path, outcome.worst_deg, unit, limit, outcome.confident_deg, outcome.given_up,
+        outcome.not_finite, reason,
+    )  # fmt: skip
+
+
+def _clutter(name, path, clutter_db, limit):
+    from .stress_paths import read_case
+
+    reason = {
+        "double": "the noise that is left, and the fit of the clock",
+        "channel first": "rounding of each snapshot's FFT, before the clutter is taken out",
+        "stream-sc16": "steps of 16 bits, which no noise spreads here",
+    }.get(path, "rounding of the samples to single precision")
+    case = _case(name, gamma_db=_SILENT_DB, static_db=clutter_db)
+    return _row(name, path, read_case(case, path), limit, reason)
+
+
+def _week_gap(name, path):
+    from .stress_paths import read_case
+
+    case = _case(name, groups=40)
+    first = list(range(case.reference_groups))
+    indices = first + [_WEEK_GROUPS + i for i in range(case.groups)]
+    outcome = read_case(case, path, indices)
+    # the first groups do not know the clock's rate over the gap yet, and say so
+    known = np.all(outcome.std_deg < _KNOWN_DEG, axis=1)
+    kept = dataclasses.replace(
+        outcome,
+        errors_deg=outcome.errors_deg[known],
+        std_deg=outcome.std_deg[known],
+        unread=outcome.unread + int(np.count_nonzero(~known)),
+    )
+    return _row(name, path, kept, 0.01, "noise; the first groups state a larger std")
+
+
+def _week_on(name, path):
+    from .stress_paths import read_case
+
+    case = _case(name)
+    count = case.reference_groups + case.groups
+    outcome = read_case(case, path, [_WEEK_GROUPS + i for i in range(count)])
+    return _row(name, path, outcome, 0.01, "time in double precision: 0.1 ns after a week")
+
+
+def _levels(name, path, factor):
+    from .stress_paths import read_case
+
+    case = _case(name, groups=12)
+
+    def scale(number):
+        step = (number - case.reference_groups) // 3
+        return (1.0, factor, 1.0, 1 / factor)[step % 4] if step >= 0 else 1.0
+
+    outcome = read_case(case, path, scale=scale)
+    reason = "the clock's tracker, which takes a level for lasting: weak until it is acquired anew"
+    return _row(name, path, outcome, 0.1, reason)
+
+
+def _scaled(name, path, factor):
+    from .stress_paths import read_case
+
+    outcome = read_case(_case(name, static_db=20.0), path, scale=lambda number: factor)
+    single = path != "double"
+    reason = "digits that single precision loses below 1e-38" if single and factor < 1e-30 else (
+        "nothing: phases do not depend on the level"
+    )  # fmt: skip
+    return _row(name, path, outcome, None if single and factor < 1e-30 else 0.02, reason)
+
+
+def _no_numbers(name, path):
+    from .stress_paths import read_case
+
+    rng = np.random.default_rng(1)
+
+    def hurt(number, snapshots):
+        rows = rng.choice(len(snapshots), 30, replace=False)
+        snapshots[rows[:10]] = np.nan
+        snapshots[rows[10:20]] = np.inf
+        snapshots[rows[20:]] = -1j * np.inf
+        if number == 15:
+            snapshots[:] = np.nan
+
+    outcome = read_case(_case(name), path, hurt=hurt)
+    return _row(name, path, outcome, 0.02, "such frames count as lost; groups are solved without")
+
+
+# searches
+
+
+def _near_clocks(name, path, search, seed, readable):
+    """Two tags whose clocks nearly coincide, or have lines that do.
+
+    Pairs that the plan calls readable, or the others.
+    """
+    from gnuradio.wiforce.scene.clocks import assess_clocks
+
+    from .stress_paths import WAVEFORM, read_case
+
+    rng = np.random.default_rng(seed)
+    ratios = (1.0, 1.25, 4 / 3, 1.5, 2.0, 0.5, 0.8)
+
+    def trial():
+        second = None
+        while second is None or assess_clocks((1000.0, second), WAVEFORM, 625).readable != readable:
+            second = 1000.0 * rng.choice(ratios) + rng.choice([-1, 1]) * 10 ** rng.uniform(-1, 1.7)
+        return _case(name, clocks_hz=(1000.0, float(second)), levels_db=(0.0, 0.0), groups=4,
+                     gamma_db=30.0)  # fmt: skip
+
+    def label(case):
+        return f"clocks 1000 and {case.clocks_hz[1]:.2f} Hz"
+
+    return _searched(name, path, search, trial, label, read_case)
+
+
+def _any_setting(name, path, search, seed):
+    """Settings drawn from all that a scene may ask for."""
+    from .stress_paths import read_case
+
+    rng = np.random.default_rng(seed)
+
+    def trial():
+        off = rng.choice([0.0, 0.3])
+        return _case(
+            name,
+            gamma_db=float(rng.uniform(-10, 60)),
+            group_length=int(rng.choice([63, 100, 125, 250, 400, 625, 800])),
+            clocks_hz=(float(rng.uniform(400, 2000)),),
+            static_db=float(rng.uniform(0, 80)),
+            clutter_hz=float(rng.choice([0.0, 100.0, 250.0, 350.0])),
+            offset_ppm=float(rng.uniform(0, 100)),
+            drift_ppm_per_s=float(rng.uniform(0, 0.5)),
+            coherence_hz=float(10 ** rng.uniform(5.5, 7.5)),
+            off=float(off),
+            lost=float(rng.choice([0.0, 0.1, 0.3])),
+            groups=5,
+        )
+
+    def label(case):
+        return (
+            f"clock {case.clocks_hz[0]:.0f} Hz, N_g {case.group_length}, gamma {case.gamma_db:.0f} "
+            f"dB, clutter +{case.static_db:.0f} dB in {case.clutter_hz:.0f} Hz"
+        )
+
+    return _searched(name, path, search, trial, label, read_case)
+
+
+def _searched(name, path, search, trial, label, read_case):
+    """Worst of many tries: by errors in stated standard deviations, of what is not flagged."""
+    from gnuradio.wiforce.errors import InputError
+    from gnuradio.wiforce.readings import WEAK_PHASE_DEG
+
+    worst, reason, refused, not_finite, unread = 0.0, "", 0, 0, 0
+    for run in range(search):
+        case = trial()
+        try:
+            outcome = read_case(case, path, run=run)
+        except InputError:
+            refused += 1
+            continue
+        unread += outcome.given_up
+        not_finite += outcome.not_finite
+        ratio = np.abs(outcome.errors_deg) / (outcome.std_deg + 0.005)
+        ratio = np.where(outcome.std_deg > WEAK_PHASE_DEG, 0.0, ratio)
+        found = float(np.max(ratio, initial=0.0))
+        if found > worst:
+            worst, reason = found, label(case)
+    # groups of a run share their reference, ends their clock: 2 search runs are tried
+    confident = worst if worst > _CONFIDENT_STD else 0.0
+    reason += f"; {refused} of {search} refused"
+    return Row(name, path, worst, "std", None, confident, unread, not_finite, reason)
+
+
+# Largest of some hundred Gaussian errors, with a third of margin.
+_CONFIDENT_STD = 6.0
+
+
+def _inversion(name, path, sensor, seed):
+    """Presses all over a model, at any noise; unflagged errors in stated standard deviations."""
+    from gnuradio.wiforce.sensor import load_sensor
+
+    model, rng, count = load_sensor(sensor), np.random.default_rng(seed), 4000
+    worst, reason, unread, not_finite = 0.0, "", 0, 0
+    for noise_deg in (1e-6, 0.01, 0.1, 0.5, 1.0, 2.0, 4.0):
+        force = rng.uniform(*model.force_span_n, count)
+        location = rng.uniform(*model.location_span_mm, count)
+        inside = model.in_span(force, location) & (force >= model.onset_force_n)
+        force, location = force[inside], location[inside]
+        phases = model.phases_deg(force, location)
+        found = model.invert(phases + noise_deg * rng.standard_normal(phases.shape), noise_deg)
+        values = [found.force_n, found.force_std_n, found.location_mm, found.location_std_mm]
+        not_finite += int(np.count_nonzero(~np.isfinite(values)))
+        clear = np.array([not flags for flags in found.flags])
+        unread += int(np.count_nonzero(~clear))
+        error = np.abs(found.force_n - force) / np.hypot(found.force_std_n, _LEAST_N)
+        beyond = 100 * float(np.mean(error[clear] > 3)) if clear.any() else 0.0
+        if beyond > worst:
+            at = int(np.argmax(np.where(clear, error, 0.0)))
+            worst = beyond
+            reason = (
+                f"unflagged, beyond 3 std; the worst at phase noise {noise_deg:g} deg: "
+                f"{force[at]:.1f} N at {location[at]:.1f} mm is off by {error[at]:.1f} std"
+            )
+    return Row(name, path, worst, "%", _BEYOND_3_STD, 0.0, unread, not_finite, reason)
+
+
+# Per cent of unflagged readings that may lie beyond three standard deviations (Gaussian: 0.27);
+# below so many newtons an error is no error.
+_BEYOND_3_STD, _LEAST_N = 1.0, 0.02
+
+
+def table(rows):
+    """Rows as text, one line each."""
+    head = f"{'stress':<37}{'path':<16}{'worst':>10}{'limit':>7}{'confident':>11}{'given up':>9}"
+    lines = [head + f"{'NaN':>5}  {'':4}worst comes from"]
+    for row in rows:
+        limit = "" if row.limit is None else f"{row.limit:g}"
+        lines.append(
+            f"{row.stress:<37}{row.path:<16}{row.worst:>6.2g} {row.unit:<3}{limit:>7}"
+            f"{row.confident:>11.2g}{row.unread:>9}{row.not_finite:>5}  "
+            f"{'' if row.good else 'BAD':<4}{row.reason}"
+        )
+    return "\n".join(lines)

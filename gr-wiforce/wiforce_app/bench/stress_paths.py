@@ -1,0 +1,230 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The ways from samples to phases that are stressed: single precision blocks, and double."""
+
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from gnuradio.wiforce.readings import WEAK_PHASE_DEG
+from gnuradio.wiforce.waveform import FFT_LENGTH, sounding_waveform
+
+from .chain import SnapshotChain
+from .montecarlo import air_of, errors_of, plan_of
+
+WAVEFORM = sounding_waveform()
+_NOTHING_DEG = 0.02
+PATHS = ("double", "file-fc32", "stream-fc32", "stream-sc16", "block by block", "channel first")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Touched groups of one run.
+
+    Attributes
+    ----------
+    errors_deg, std_deg : ndarray, shape (n, 2S)
+    unread : int
+        Groups that were said not to be readable.
+    not_finite : int
+        Values among ratios and levels that are no numbers, where the reader says they are.
+    """
+
+    errors_deg: np.ndarray
+    std_deg: np.ndarray
+    unread: int
+    not_finite: int
+
+    @property
+    def worst_deg(self):
+        """Largest error of what is not flagged weak."""
+        errors = np.abs(self.errors_deg)
+        return float(np.max(errors[self.std_deg <= WEAK_PHASE_DEG], initial=0.0))
+
+    @property
+    def given_up(self):
+        """Groups that are not readable or flagged weak."""
+        return self.unread + int(np.count_nonzero(np.any(self.std_deg > WEAK_PHASE_DEG, axis=1)))
+
+    @property
+    def confident_deg(self):
+        """Largest error that four stated standard deviations and 0.02 deg do not hold, of readings
+
+        that are not flagged weak.
+        """
+        errors = np.abs(self.errors_deg)
+        held = (errors <= 4 * self.std_deg + _NOTHING_DEG) | (self.std_deg > WEAK_PHASE_DEG)
+        return float(np.max(errors[~held], initial=0.0))
+
+
+def read_case(case, path="double", indices=None, scale=None, hurt=None, run=0, seed=1):
+    """One run of a case by one path.
+
+    Parameters
+    ----------
+    case : cases.Case
+        Its reference comes first, then its touched groups.
+    path : str
+        Of :data:`PATHS`.
+    indices : sequence of int, optional
+        Index of every group, rising; 0, 1, ... by default.
+    scale : callable, optional
+        Factor of a group's samples, by its number.
+    hurt : callable, optional
+        Takes a group's number and its H (N, K), which it may change.
+
+    Returns
+    -------
+    Outcome
+    """
+    air, tags, _ = air_of(case, run, seed)
+    settings = plan_of(case, "harmonic")
+    count = case.reference_groups + case.groups
+    indices = list(range(count)) if indices is None else list(indices)
+
+    def snapshots():
+        for number, index in enumerate(indices):
+            factor = 1.0 if scale is None else scale(number)
+            group = factor * air.group(index, number >= case.reference_groups)
+            if hurt is not None:
+                hurt(number, group)
+            yield group
+
+    chain = SnapshotChain(settings)
+    results = []
+    if path == "double":
+        for index, group in zip(indices, snapshots(), strict=True):
+            results += chain.process(index, group)
+    else:
+        with tempfile.TemporaryDirectory(prefix="wiforce-stress-") as folder:
+            groups, tones, incomplete = _through_blocks(
+                path, settings, snapshots(), indices, Path(folder)
+            )
+        for index, item in zip(groups, tones, strict=True):
+            if index in incomplete:
+                results += chain.process(index, *incomplete[index])
+            else:
+                results += chain.process_tones(index, item)
+    results += chain.flush()
+    touched = [(s, r) for s, r in results if s.group >= indices[case.reference_groups]]
+    at_zero = [(_numbered(s, case), r) for s, r in touched]
+    errors, std, unread = errors_of(case, tags, at_zero, "harmonic")
+    lost = len(indices) - case.reference_groups - len(touched)
+    return Outcome(errors, std, unread + lost, _not_finite(errors, std))
+
+
+def _numbered(state, case):
+    """The state with a group number that counts as touched; no std where no reading is made."""
+    doubtful = [clock.overlapping or not clock.locked for clock in state.clocks]
+    std = np.where(np.repeat(doubtful, 2), np.inf, state.std_deg)
+    return replace(state, group=case.reference_groups, std_deg=std)
+
+
+def _not_finite(errors, std):
+    return int(np.count_nonzero(~np.isfinite(errors)) + np.count_nonzero(~np.isfinite(std)))
+
+
+def _through_blocks(path, settings, snapshots, indices, folder):
+    """Group indices, tones (groups, M, 64), and H and mask of incomplete groups: by C++ blocks."""
+    item_type = "sc16" if path.endswith("sc16") else "fc32"
+    samples = folder / "samples"
+    with open(samples, "wb") as stream:
+        for group in snapshots:
+            stream.write(_samples(group, item_type))
+    flowgraph, sink, messages = _flowgraph(path, item_type, samples, settings, indices)
+    flowgraph.run()
+    tones = np.array(sink.data(), np.complex64).reshape(-1, len(settings.table.tones), FFT_LENGTH)
+    return _group_indices(sink, len(tones)), tones, _incomplete(messages)
+
+
+def _incomplete(messages):
+    """H (N, K) and mask (N,) of the groups that were told of by message."""
+    import pmt
+
+    found = {}
+    for i in range(messages.num_messages()):
+        message = messages.get_message(i)
+        meta = pmt.to_python(pmt.car(message))
+        mask = np.asarray(meta["mask"], bool)
+        folded = np.array(pmt.c32vector_elements(pmt.cdr(message)), complex)
+        channel = np.fft.fft(folded.reshape(len(mask), FFT_LENGTH)) * WAVEFORM.equalizer()
+        found[int(meta["group"])] = channel[:, WAVEFORM.bins], mask
+    return found
+
+
+def _samples(snapshots, item_type):
+    """Frames whose fold and FFT give H (N, K)."""
+    spectrum = np.zeros((len(snapshots), FFT_LENGTH), complex)
+    spectrum[:, WAVEFORM.bins] = snapshots / WAVEFORM.equalizer()[WAVEFORM.bins]
+    symbol = np.fft.ifft(spectrum, axis=1)
+    frames = np.zeros((len(snapshots), WAVEFORM.frame_length), complex)
+    frames[:, :320] = np.tile(symbol, 5)
+    if item_type == "fc32":
+        return frames.astype(np.complex64).tobytes()
+    codes = np.stack([frames.real, frames.imag], axis=-1) * _FULL_SCALE / np.abs(frames).max()
+    return np.clip(np.rint(codes), -32768, 32767).astype("<i2").tobytes()
+
+
+_FULL_SCALE = 23000  # -3 dB
+
+
+def _flowgraph(path, item_type, samples, settings, indices):
+    from gnuradio import blocks, gr, wiforce
+
+    rows = len(settings.table.tones)
+    group = {"weights": settings.table.weights, "group_length": settings.group_length}
+    frame = WAVEFORM.frame_length
+    factors = WAVEFORM.equalizer().astype(np.complex64)
+    top = gr.top_block("stress", catch_exceptions=False)
+    if path == "file-fc32":
+        segments = _segments(indices, settings.group_length * frame)
+        chain = [
+            wiforce.recording_source.tones(str(samples), "cf32_le", segments, **group,
+                                           frame_length=frame),
+            wiforce.ofdm_channel_estimator(factors, rows),
+        ]  # fmt: skip
+    else:
+        size = 4 if item_type == "sc16" else 8
+        source = blocks.file_source(size, str(samples), False)
+        if path.startswith("stream"):
+            fold = wiforce.preamble_fold.tones(**group, frame_length=frame, item_type=item_type)
+            chain = [source, fold, wiforce.ofdm_channel_estimator(factors, rows)]
+        else:
+            fold, doppler = wiforce.preamble_fold(frame), wiforce.phase_group_doppler(**group)
+            chain = [source, fold, doppler, wiforce.ofdm_channel_estimator(factors, rows)]
+            if path == "channel first":
+                chain = [source, fold, wiforce.ofdm_channel_estimator(factors, 1), doppler]
+    sink = blocks.vector_sink_c(rows * FFT_LENGTH)
+    top.connect(*chain, sink)
+    messages = blocks.message_debug(False)
+    teller = next(block for block in chain if _tells(block))
+    top.msg_connect(teller, "incomplete", messages, "store")
+    return top, sink, messages
+
+
+def _tells(block):
+    import pmt
+
+    ports = block.to_basic_block().message_ports_out()
+    return "incomplete" in pmt.to_python(ports)
+
+
+def _segments(indices, group_samples):
+    """(file sample, global index, length) of every run of groups without a gap."""
+    starts = [0] + [i for i in range(1, len(indices)) if indices[i] != indices[i - 1] + 1]
+    stops = [*starts[1:], len(indices)]
+    return [
+        (a * group_samples, (indices[a] - indices[0]) * group_samples, (b - a) * group_samples)
+        for a, b in zip(starts, stops, strict=True)
+    ]
+
+
+def _group_indices(sink, count):
+    import pmt
+
+    indices = {
+        tag.offset: pmt.to_uint64(tag.value)
+        for tag in sink.tags()
+        if pmt.symbol_to_string(tag.key) == "group"
+    }
+    return [indices[offset] for offset in range(count)]

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Numerical extremes: what the stress benchmark found stays found.
+
+The bounds are those that the project promises; `gr-wiforce bench stress` has every path.
+"""
+
+import json
+import subprocess
+
+import numpy as np
+import pytest
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.scene.clocks import assess_clocks
+from wiforce_app.bench import stress
+from wiforce_app.bench.cases import Case
+from wiforce_app.bench.stress_paths import WAVEFORM, Outcome, read_case
+
+# Float32 of the samples decides, and the order of the blocks: these two paths hold every kernel.
+PATHS = ("stream-fc32", "channel first")
+
+
+def case(**changes):
+    settings = {"static_db": 60.0, "groups": 4, "drift_ppm_per_s": 0.0, **changes}
+    return Case("stress", settings.pop("gamma_db", 60.0), estimators=("harmonic",), **settings)
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("clutter_db, limit_deg", [(80.0, 0.02), (100.0, 0.2)])
+def test_clutter_does_not_reach_the_phases_in_single_precision(path, clutter_db, limit_deg):
+    outcome = read_case(case(gamma_db=140.0, static_db=clutter_db), path)
+    assert outcome.errors_deg.shape == (4, 2) and outcome.not_finite == 0
+    assert 0 < outcome.worst_deg <= limit_deg and outcome.confident_deg == 0
+
+
+def test_a_week_after_the_first_sample_phases_are_as_good():
+    made = case()
+    count = made.reference_groups + made.groups
+    week = [stress._WEEK_GROUPS + i for i in range(count)]
+    late, early = read_case(made, indices=week), read_case(made)
+    assert late.errors_deg.shape == early.errors_deg.shape
+    assert late.worst_deg <= 0.01 and early.worst_deg <= 0.01
+
+
+@pytest.mark.parametrize("gamma_db", [20.0, 60.0, 140.0])
+def test_after_a_week_without_samples_the_clock_is_acquired_anew(gamma_db):
+    made = case(gamma_db=gamma_db, groups=20)
+    first = list(range(made.reference_groups))
+    indices = first + [stress._WEEK_GROUPS + i for i in range(made.groups)]
+    outcome = read_case(made, "file-fc32" if gamma_db == 60 else "double", indices)
+    # until then there are no readings
+    assert 5 <= len(outcome.errors_deg) and outcome.unread == 20 - len(outcome.errors_deg)
+    assert outcome.confident_deg == 0 and np.all(outcome.std_deg[-2:] < 0.2)
+    if gamma_db >= 60:
+        assert outcome.worst_deg <= 0.01
+
+
+@pytest.mark.parametrize("path", ["double", "stream-fc32"])
+@pytest.mark.parametrize("level", [1e-40, 1e-30, 1e15])
+def test_phases_do_not_depend_on_the_level_down_to_denormals(path, level):
+    outcome = read_case(case(static_db=20.0), path, scale=lambda group: level)
+    assert outcome.errors_deg.shape == (4, 2) and outcome.not_finite == 0
+    assert outcome.worst_deg <= 0.02
+
+
+def test_a_level_that_jumps_10_000_times_is_never_read_wrong_with_confidence():
+    made = case(groups=12)
+
+    def scale(group):
+        step = (group - made.reference_groups) // 3
+        return (1.0, 1e4, 1.0, 1e-4)[step % 4] if step >= 0 else 1.0
+
+    outcome = read_case(made, scale=scale)
+    assert outcome.not_finite == 0 and outcome.confident_deg == 0
+    assert len(outcome.errors_deg) + outcome.unread == 12 and outcome.worst_deg <= 0.1
+
+
+def test_samples_that_are_no_numbers_are_left_out():
+    def hurt(group, snapshots):
+        snapshots[5:15], snapshots[40] = np.nan, -1j * np.inf
+        if group == 13:
+            snapshots[:] = np.nan
+
+    outcome = read_case(case(), "file-fc32", hurt=hurt)
+    assert outcome.not_finite == 0 and outcome.given_up <= 1
+    assert outcome.worst_deg <= 0.02 and outcome.confident_deg == 0
+
+
+def test_clocks_that_share_every_line_are_refused_not_an_index_error():
+    with pytest.raises(InputError, match="clock"):
+        read_case(case(clocks_hz=(1000.0, 1000.3), levels_db=(0.0, 0.0)))
+
+
+@pytest.mark.parametrize("second_hz", [998.32, 1001.5, 1006.0, 1335.71, 1990.0, 2003.0])
+def test_clocks_nearly_alike_are_told_apart_or_the_plan_warns(second_hz):
+    made = case(clocks_hz=(1000.0, second_hz), levels_db=(0.0, 0.0), gamma_db=30.0)
+    outcomes = [read_case(made, run=run) for run in range(2)]
+    assert all(outcome.not_finite == 0 for outcome in outcomes)
+    if assess_clocks(made.clocks_hz, WAVEFORM, 625).readable:
+        for outcome in outcomes:
+            ratio = np.abs(outcome.errors_deg) / (outcome.std_deg + 0.005)
+            assert np.max(ratio[outcome.std_deg < 3.0], initial=0.0) < 6.0
+    else:
+        assert second_hz in (998.32, 1001.5, 1006.0, 2003.0)
+
+
+def test_confident_errors_are_those_that_nothing_tells_of():
+    errors = np.array([[0.5, 0.01], [0.5, 0.5], [90.0, 0.0]])
+    std = np.array([[0.01, 0.01], [0.2, 0.2], [20.0, 0.1]])
+    outcome = Outcome(errors, std, 2, 0)
+    assert outcome.confident_deg == 0.5 and outcome.worst_deg == 0.5
+    assert outcome.given_up == 3
+    assert Outcome(errors[1:], std[1:], 0, 0).confident_deg == 0
+
+
+def test_inversion_is_finite_and_no_unflagged_reading_lies():
+    row = stress._inversion("inversion", "table", "wiforce-900mhz", 1)
+    assert row.not_finite == 0 and row.worst <= row.limit and row.good
+
+
+def test_rows_as_json():
+    done = subprocess.run(
+        ["gr-wiforce", "bench", "stress", "--json", "--only", "clutter +60"],
+        capture_output=True, text=True, timeout=110,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
+    rows = json.loads(done.stdout)["rows"]
+    assert [row["path"] for row in rows] == ["double", *stress._BLOCKS]
+    assert all(row["good"] and row["limit"] == 0.02 and row["unit"] == "deg" for row in rows)

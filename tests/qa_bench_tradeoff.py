@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Run time against error: the same signal under many settings, resumed and put in order."""
+
+import json
+import subprocess
+
+import pytest
+from gnuradio.wiforce.scene import load_scene
+from wiforce_app.bench.tradeoff import beat_the_plan, front, rated_error
+from wiforce_app.bench.tradeoff_points import settings_of
+
+SCENE = """\
+radio: {center_frequency_hz: 900.0e+6}
+phase_group: {snapshots: 125}
+sensors: [{name: arm, model: line-900mhz-calibrated}]
+reference_s: 0.2
+simulation:
+  truth_model: line-900mhz
+  duration_s: 0.75
+  seed: 3
+  snr_db: 20
+  static_clutter_db: 50
+  presses:
+    - {sensor: arm, start_s: 0.25, rise_s: 0.02, hold_s: 0.4, force_n: 4.0, location_mm: 45.0}
+"""
+
+
+def point(setting, cpu, phase, length=625):
+    return {"setting": setting, "cpu_s_per_s": cpu, "phase_deg": phase, "group_length": length}
+
+
+def test_the_front_holds_what_no_other_setting_beats():
+    points = [
+        point("plan", 1.0, 1.0), point("slow", 2.0, 1.1), point("fine", 3.0, 0.5),
+        point("quick", 0.5, 2.0), point("unread", 0.1, None),
+    ]  # fmt: skip
+    assert [p["setting"] for p in front(points)] == ["quick", "plan", "fine"]
+
+
+def test_a_longer_group_is_no_better_by_its_lower_rate_alone():
+    points = [point("plan", 1.0, 1.0), point("long", 0.5, 0.72, 1250), point("best", 0.7, 0.7)]
+    assert rated_error(points, points[1]) == pytest.approx(1.018, abs=0.001)
+    assert beat_the_plan(points) == ["best"]
+
+
+def test_every_kind_of_setting_is_tried():
+    names = [setting.name for setting in settings_of(load_scene("demo"))]
+    assert names[0] == "plan" and len(set(names)) == len(names)
+    for wanted in (
+        "N_g 250",
+        "sideband",
+        "paper",
+        "every second subcarrier",
+        "file-fc32",
+        "stream-sc16",
+        "channel first",
+        "stock blocks",
+        "clutter band 250 Hz",
+    ):
+        assert wanted in names
+    assert any(name.startswith("lines to +-") for name in names)
+
+
+def test_a_scene_is_measured_once_and_all_settings_read_it(tmp_path):
+    (tmp_path / "short.yaml").write_text(SCENE)
+    command = "gr-wiforce bench tradeoff short.yaml --quick --json --plot p.png --page p.md"
+    done = subprocess.run(
+        command.split(), capture_output=True, text=True, cwd=tmp_path, timeout=110
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    (result,) = json.loads(done.stdout)["scenes"]
+    by_name = {p["setting"]: p for p in result["points"]}
+    plan = by_name["plan"]
+    assert plan["read"] > 20 and plan["phase_deg"] < 3 * plan["bound_deg"]
+    for p in result["points"]:
+        assert p["cpu_s_per_s"] == pytest.approx(p["samples_s_per_s"] + p["groups_s_per_s"])
+    # the same samples by another way are the same readings
+    for same in ("file-fc32", "stream-sc16", "stream-fc32"):
+        assert by_name[same]["phase_deg"] == pytest.approx(plan["phase_deg"], abs=1e-3)
+    assert by_name["paper"]["phase_deg"] > 3 * plan["phase_deg"]
+    assert (tmp_path / "p.png").read_bytes().startswith(b"\x89PNG")
+    assert "| short | plan |" in (tmp_path / "p.md").read_text()
+    again = subprocess.run(
+        command.split(), capture_output=True, text=True, cwd=tmp_path, timeout=60
+    )
+    assert json.loads(again.stdout)["scenes"] == [result]
