@@ -65,7 +65,7 @@ def test_a_scene_is_measured_once_and_all_settings_read_it(tmp_path):
     (tmp_path / "short.yaml").write_text(SCENE)
     command = "gr-wiforce bench tradeoff short.yaml --quick --json --plot p.png --page p.md"
     done = subprocess.run(
-        command.split(), capture_output=True, text=True, cwd=tmp_path, timeout=110
+        command.split(), capture_output=True, text=True, cwd=tmp_path, timeout=280
     )
     assert (done.returncode, done.stderr) == (0, "")
     (result,) = json.loads(done.stdout)["scenes"]
@@ -81,6 +81,6 @@ def test_a_scene_is_measured_once_and_all_settings_read_it(tmp_path):
     assert (tmp_path / "p.png").read_bytes().startswith(b"\x89PNG")
     assert "| short | plan |" in (tmp_path / "p.md").read_text()
     again = subprocess.run(
-        command.split(), capture_output=True, text=True, cwd=tmp_path, timeout=60
+        command.split(), capture_output=True, text=True, cwd=tmp_path, timeout=120
     )
     assert json.loads(again.stdout)["scenes"] == [result]
