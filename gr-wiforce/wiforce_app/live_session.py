@@ -115,10 +115,13 @@ class LiveSession:
 
     def _hears_after(self, start_s):
         """Whether samples come soon after this device time."""
-        while self.samples_heard == 0:
-            if self._radio.time_s > start_s + _START_GRACE_S:
-                return False
-            time.sleep(_START_LOOK_S)
+        try:
+            while self.samples_heard == 0:
+                if self._radio.time_s > start_s + _START_GRACE_S:
+                    return False
+                time.sleep(_START_LOOK_S)
+        except RuntimeError as error:  # UHD's, when the device does not answer
+            raise DeviceLost(f"{self._radio.hardware}: answers no more") from error
         return True
 
     def stop(self):

@@ -125,7 +125,7 @@ def streaming_s(device):
     return device.command("status")["streaming_s"]
 
 
-def wait_until(condition, limit=60):
+def wait_until(condition, limit=90):
     end = time.monotonic() + limit
     while not condition():
         assert time.monotonic() < end, "not in time"
