@@ -2,12 +2,18 @@
 #pragma once
 
 #include "doppler_transform.h"
+#include <gnuradio/wiforce/names.h>
 
 #include <cstdint>
 #include <memory>
 #include <pmt/pmt.h>
 
 namespace gr::wiforce {
+
+// Bytes of a snapshot, or of a tone.
+constexpr std::size_t FOLDED_BYTES = kernel::FFT_LENGTH * sizeof(kernel::fc32);
+// Frames that are folded before they are weighted: their vectors stay in the first cache.
+constexpr int BATCH = 32;
 
 // Where a group_stream's tags and messages go: the block that owns it.
 class group_outlet
@@ -61,6 +67,43 @@ private:
     std::uint64_t d_saturated = 0; // snapshots of it
     std::uint64_t d_groups = 0;
     std::uint64_t d_incomplete_groups = 0;
+};
+
+// A block whose output is that of a group_stream; Base derives from gr::block.
+template <class Base>
+class group_block : public Base, private group_outlet
+{
+protected:
+    template <class... Arguments>
+    group_block(std::unique_ptr<doppler_transform> transform,
+                int group_length,
+                Arguments&&... arguments)
+        : Base(std::forward<Arguments>(arguments)...),
+          d_stream(std::move(transform), group_length, *this)
+    {
+        this->message_port_register_out(pmt::mp(names::INCOMPLETE));
+    }
+
+    // Ends the group at hand; returns the items written behind the `produced` first ones.
+    int close_group(kernel::fc32* out, int produced)
+    {
+        return d_stream.close(out + static_cast<std::size_t>(produced) *
+                                        d_stream.item_length(),
+                              this->nitems_written(0) + produced);
+    }
+
+    group_stream d_stream;
+
+private:
+    void
+    tag_output(std::uint64_t offset, const pmt::pmt_t& key, std::uint64_t value) override
+    {
+        this->add_item_tag(0, offset, key, pmt::from_uint64(value));
+    }
+    void publish_incomplete(const pmt::pmt_t& pdu) override
+    {
+        this->message_port_pub(pmt::mp(names::INCOMPLETE), pdu);
+    }
 };
 
 } // namespace gr::wiforce

@@ -10,7 +10,6 @@ namespace gr::wiforce {
 
 namespace {
 constexpr int INPUT_BUFFER_SNAPSHOTS = 256; // 128 kB
-const pmt::pmt_t incomplete_port = pmt::mp(names::INCOMPLETE);
 const pmt::pmt_t saturated_key = pmt::mp(names::SATURATED);
 const pmt::pmt_t snapshot_key = pmt::mp(names::SNAPSHOT);
 } // namespace
@@ -32,28 +31,14 @@ phase_group_doppler::sptr phase_group_doppler::spectrum(int group_length)
 phase_group_doppler_impl::phase_group_doppler_impl(
     std::unique_ptr<doppler_transform> transform, int group_length)
     : gr::block("phase_group_doppler",
-                gr::io_signature::make(1, 1, kernel::FFT_LENGTH * sizeof(kernel::fc32)),
-                gr::io_signature::make(
-                    1, 1, transform->rows() * kernel::FFT_LENGTH * sizeof(kernel::fc32))),
-      d_stream(std::move(transform), group_length, *this)
+                gr::io_signature::make(1, 1, FOLDED_BYTES),
+                gr::io_signature::make(1, 1, transform->rows() * FOLDED_BYTES)),
+      group_block(std::move(transform), group_length)
 {
     // By this rate the scheduler chooses the input buffer, as in preamble_fold. It is to
     // hold what a full buffer of samples folds to, and no more than the cache does.
     set_relative_rate(1, INPUT_BUFFER_SNAPSHOTS / 2);
     set_tag_propagation_policy(TPP_DONT);
-    message_port_register_out(incomplete_port);
-}
-
-void phase_group_doppler_impl::tag_output(std::uint64_t offset,
-                                          const pmt::pmt_t& key,
-                                          std::uint64_t value)
-{
-    add_item_tag(0, offset, key, pmt::from_uint64(value));
-}
-
-void phase_group_doppler_impl::publish_incomplete(const pmt::pmt_t& pdu)
-{
-    message_port_pub(incomplete_port, pdu);
 }
 
 // Snapshots are taken up as they come: the last of a group finds its work nearly done.
@@ -85,17 +70,12 @@ int phase_group_doppler_impl::general_work(int noutput_items,
 
     int consumed = 0;
     int produced = 0;
-    const auto close_group = [&] {
-        produced += d_stream.close(out + static_cast<std::size_t>(produced) *
-                                             d_stream.item_length(),
-                                   nitems_written(0) + produced);
-    };
     while (consumed < available && produced < noutput_items) {
         const std::uint64_t here = nitems_read(0) + consumed;
         for (; tag != tags.end() && tag->offset == here; ++tag)
             d_snapshot = pmt::to_uint64(tag->value);
         if (d_stream.must_close_before(d_snapshot)) {
-            close_group();
+            produced += close_group(out, produced);
             continue;
         }
         int count = std::min(available - consumed, d_stream.room(d_snapshot));
@@ -109,7 +89,7 @@ int phase_group_doppler_impl::general_work(int noutput_items,
         consumed += count;
         d_snapshot += count;
         if (d_stream.is_full())
-            close_group();
+            produced += close_group(out, produced);
     }
     consume_each(consumed);
     return produced;

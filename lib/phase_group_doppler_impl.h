@@ -6,7 +6,7 @@
 
 namespace gr::wiforce {
 
-class phase_group_doppler_impl : public phase_group_doppler, private group_outlet
+class phase_group_doppler_impl : public group_block<phase_group_doppler>
 {
 public:
     phase_group_doppler_impl(std::unique_ptr<doppler_transform> transform,
@@ -26,14 +26,9 @@ public:
     }
 
 private:
-    void
-    tag_output(std::uint64_t offset, const pmt::pmt_t& key, std::uint64_t value) override;
-    void publish_incomplete(const pmt::pmt_t& pdu) override;
-
     // Input items that are tagged as saturated.
     int saturated_among(int count, std::uint64_t first);
 
-    group_stream d_stream;
     std::uint64_t d_snapshot = 0; // of the next input item
 };
 

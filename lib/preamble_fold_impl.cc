@@ -13,11 +13,7 @@ namespace gr::wiforce {
 namespace {
 
 constexpr int INPUT_BUFFER_BYTES = 1 << 20;
-constexpr std::size_t FOLDED_BYTES = kernel::FFT_LENGTH * sizeof(kernel::fc32);
-// Frames that are folded before they are weighted: their vectors stay in the first cache.
-constexpr int BATCH = 32;
 
-const pmt::pmt_t incomplete_port = pmt::mp(names::INCOMPLETE);
 const pmt::pmt_t rx_time_key = pmt::mp(names::RX_TIME);
 const pmt::pmt_t saturated_key = pmt::mp(names::SATURATED);
 const pmt::pmt_t snapshot_key = pmt::mp(names::SNAPSHOT);
@@ -261,47 +257,27 @@ tone_fold<Sample>::tone_fold(const kernel::preamble_folder& folder,
     : gr::block("preamble_fold",
                 gr::io_signature::make(1, 1, sizeof(Sample)),
                 gr::io_signature::make(1, 1, transform->rows() * FOLDED_BYTES)),
-      preamble_fold_impl<Sample>(folder, sample_rate, frame_offset),
-      d_stream(std::move(transform), group_length, *this)
+      group_block<preamble_fold_impl<Sample>>(
+          std::move(transform), group_length, folder, sample_rate, frame_offset)
 {
-    this->message_port_register_out(incomplete_port);
 }
 
 template <class Sample>
 int tone_fold<Sample>::take(const Sample* averaged, int frames, std::uint64_t snapshot)
 {
-    const auto close_group = [&] {
-        this->d_produced +=
-            d_stream.close(this->d_out + static_cast<std::size_t>(this->d_produced) *
-                                             d_stream.item_length(),
-                           this->nitems_written(0) + this->d_produced);
-    };
-    if (d_stream.must_close_before(snapshot)) {
-        close_group();
+    auto& stream = this->d_stream;
+    if (stream.must_close_before(snapshot)) {
+        this->d_produced += this->close_group(this->d_out, this->d_produced);
         if (this->d_produced == this->d_room)
             return 0;
     }
-    const int count = std::min({ frames, BATCH, d_stream.room(snapshot) });
-    this->d_folder.fold(averaged, count, d_stream.reserve(snapshot));
-    d_stream.accept(count);
-    d_stream.note_saturated(this->d_folder.saturated(averaged, count).size());
-    if (d_stream.is_full())
-        close_group();
+    const int count = std::min({ frames, BATCH, stream.room(snapshot) });
+    this->d_folder.fold(averaged, count, stream.reserve(snapshot));
+    stream.accept(count);
+    stream.note_saturated(this->d_folder.saturated(averaged, count).size());
+    if (stream.is_full())
+        this->d_produced += this->close_group(this->d_out, this->d_produced);
     return count;
-}
-
-template <class Sample>
-void tone_fold<Sample>::tag_output(std::uint64_t offset,
-                                   const pmt::pmt_t& key,
-                                   std::uint64_t value)
-{
-    this->add_item_tag(0, offset, key, pmt::from_uint64(value));
-}
-
-template <class Sample>
-void tone_fold<Sample>::publish_incomplete(const pmt::pmt_t& pdu)
-{
-    this->message_port_pub(incomplete_port, pdu);
 }
 
 } // namespace gr::wiforce

@@ -93,7 +93,7 @@ private:
 
 // The tones of a phase group; its snapshots never leave the thread.
 template <class Sample>
-class tone_fold : public preamble_fold_impl<Sample>, private group_outlet
+class tone_fold : public group_block<preamble_fold_impl<Sample>>
 {
 public:
     tone_fold(const kernel::preamble_folder& folder,
@@ -104,13 +104,6 @@ public:
 
 protected:
     int take(const Sample* averaged, int frames, std::uint64_t snapshot) override;
-
-private:
-    void
-    tag_output(std::uint64_t offset, const pmt::pmt_t& key, std::uint64_t value) override;
-    void publish_incomplete(const pmt::pmt_t& pdu) override;
-
-    group_stream d_stream;
 };
 
 } // namespace gr::wiforce

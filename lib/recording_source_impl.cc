@@ -11,13 +11,8 @@ namespace gr::wiforce {
 
 namespace {
 
-const pmt::pmt_t incomplete_port = pmt::mp(names::INCOMPLETE);
 const pmt::pmt_t saturated_key = pmt::mp(names::SATURATED);
 const pmt::pmt_t snapshot_key = pmt::mp(names::SNAPSHOT);
-
-constexpr std::size_t FOLDED_BYTES = kernel::FFT_LENGTH * sizeof(kernel::fc32);
-// Frames that are folded before they are weighted: their vectors stay in the first cache.
-constexpr int BATCH = 32;
 
 bool is_integer(const std::string& datatype)
 {
@@ -187,22 +182,8 @@ tone_recording_source::tone_recording_source(frame_walk walk,
     : gr::block("recording_source",
                 gr::io_signature::make(0, 0, 0),
                 gr::io_signature::make(1, 1, transform->rows() * FOLDED_BYTES)),
-      walking_source(std::move(walk)),
-      d_stream(std::move(transform), group_length, *this)
+      group_block(std::move(transform), group_length, std::move(walk))
 {
-    message_port_register_out(incomplete_port);
-}
-
-void tone_recording_source::tag_output(std::uint64_t offset,
-                                       const pmt::pmt_t& key,
-                                       std::uint64_t value)
-{
-    add_item_tag(0, offset, key, pmt::from_uint64(value));
-}
-
-void tone_recording_source::publish_incomplete(const pmt::pmt_t& pdu)
-{
-    message_port_pub(incomplete_port, pdu);
 }
 
 int tone_recording_source::general_work(int noutput_items,
@@ -220,9 +201,7 @@ int tone_recording_source::general_work(int noutput_items,
             d_stream.note_saturated(d_walk.saturated().size());
         }
         if (cut || d_stream.is_full())
-            produced += d_stream.close(out + static_cast<std::size_t>(produced) *
-                                                 d_stream.item_length(),
-                                       nitems_written(0) + produced);
+            produced += close_group(out, produced);
     }
     return produced > 0 ? produced : WORK_DONE;
 }

@@ -76,7 +76,7 @@ public:
                      gr_vector_void_star& output_items) override;
 };
 
-class tone_recording_source : public walking_source, private group_outlet
+class tone_recording_source : public group_block<walking_source>
 {
 public:
     tone_recording_source(frame_walk walk,
@@ -87,13 +87,6 @@ public:
                      gr_vector_int& ninput_items,
                      gr_vector_const_void_star& input_items,
                      gr_vector_void_star& output_items) override;
-
-private:
-    void
-    tag_output(std::uint64_t offset, const pmt::pmt_t& key, std::uint64_t value) override;
-    void publish_incomplete(const pmt::pmt_t& pdu) override;
-
-    group_stream d_stream;
 };
 
 } // namespace gr::wiforce

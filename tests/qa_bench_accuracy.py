@@ -54,7 +54,7 @@ def test_every_condition_is_there_once():
     assert any(c.lost for c in quick) and any(c.off for c in quick)
 
 
-def test_json_rows_have_the_agreed_keys():
+def test_json_rows_have_the_documented_keys():
     done = subprocess.run(
         ["gr-wiforce", "bench", "accuracy", "--json", "--case", "N_g 63", "--jobs", "1"],
         capture_output=True, text=True, timeout=110,

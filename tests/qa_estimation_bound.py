@@ -81,7 +81,7 @@ def test_bound_is_the_inverse_fisher_information(clocks, lost):
 
 
 @pytest.mark.parametrize("gamma_db, stated_deg", [(-20, 5.1), (0, 0.51), (10, 0.16), (20, 0.051)])
-def test_one_group_of_625_reaches_what_the_documents_state(gamma_db, stated_deg):
+def test_one_group_of_625_reaches_its_bound(gamma_db, stated_deg):
     ends = np.ones((2, 62), complex)
     noise = np.full(62, 10 ** (-gamma_db / 10))
     bound = phase_bound_deg(ends, noise, [(1000.0, 1.0)], np.arange(625) * T, TA)

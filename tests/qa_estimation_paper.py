@@ -50,7 +50,7 @@ def test_the_papers_phase_runs_away_with_the_clock():
 
 
 @pytest.mark.parametrize("estimator, losses_db", [("paper", (7.6, 10.5)), ("sideband", (2.1, 4.7))])
-def test_losses_in_plain_noise_are_those_of_the_documents(estimator, losses_db):
+def test_losses_in_plain_noise_are_those_of_theory(estimator, losses_db):
     plan = make_plan(estimator=estimator, reference_groups=40)
     tag = TagOnAir(untouched_deg=(20.0, -70.0), touched_deg=(20.0, -70.0))
     air = make_air(625, [tag], 4, 10.0, coherence_hz=None)

@@ -101,7 +101,7 @@ def test_stated_noise_gain_and_snr_are_those_seen():
     assert stated == pytest.approx(seen, rel=0.12)
     noise = np.mean([state.noise for state, _ in results], axis=0)
     assert noise.mean() == pytest.approx(air.noise[0], rel=0.03)
-    # SPEC: |c1[1] G|^2 against the noise in H; 12.95 dB below gamma, averaging included.
+    # By definition: |c1[1] G|^2 against the noise in H; 12.95 dB below gamma, averaging included.
     snr = np.mean([state.snr_db for state, _ in results], axis=0)
     assert snr == pytest.approx([5 - 12.96] * 2, abs=0.3)
 

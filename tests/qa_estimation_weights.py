@@ -67,7 +67,7 @@ def test_whatever_moves_within_the_band_is_nulled(doppler_hz):
 
 
 @pytest.mark.parametrize("length, cost_db", [(625, 0.07), (250, 0.31), (125, 0.93)])
-def test_the_band_costs_line_1_no_more_noise_than_the_documents_state(length, cost_db):
+def test_the_band_costs_line_1_no_more_noise_than_stated(length, cost_db):
     table = design_weights([1000.0], length, T, 250.0)
     gain = np.sum(np.abs(table.weights) ** 2, axis=1) * length
     lines = [tone.owners[0][1] for tone in table.tones]

@@ -145,8 +145,13 @@ def test_floats_and_integers_read_alike(codes):
         assert b.phase2_deg == pytest.approx(a.phase2_deg, abs=2e-3)
 
 
-def test_how_the_samples_arrive_changes_no_reading(codes):
-    assert read(codes) == read(codes, chunk=5000)
+def test_how_the_samples_arrive_changes_nothing_that_is_written(codes):
+    # Before they are rounded for print, values may differ by 1e-14: BLAS follows the alignment of
+    # memory.
+    whole, packets = (
+        [r.row() for r in readings] for readings in (read(codes), read(codes, chunk=5000))
+    )
+    assert whole == packets
 
 
 def test_the_blocks_compute_what_the_numpy_chain_computes(codes):
@@ -236,7 +241,7 @@ def test_dead_air_invents_no_reading(codes):
 def test_bad_parameters_are_named(arguments, told):
     with pytest.raises(ValueError, match=told) as refusal:
         wiforce.reader(**arguments)
-    assert isinstance(refusal.value, InputError) or "frame_offset" in told
+    assert isinstance(refusal.value, InputError)
 
 
 def snapshots(codes):

@@ -505,7 +505,7 @@ def test_a_check_finds_levels_delay_and_clock(slow_scene, slow_device):
     status, out, said = command(*check, *GAINS)
     assert (status, said) == (0, ""), said
     found = json.loads(out)
-    # SPEC of a scene on the air: peak 3 dB below full scale, noise by snr_db, 5.12 us of delay.
+    # A scene on the air: peak 3 dB below full scale, noise by snr_db, 5.12 us of delay.
     channel = AirChannel(load_scene(slow_scene))
     assert found["levels"]["peak_dbfs"] == pytest.approx(-3, abs=1)
     noise_dbfs = 20 * np.log10(channel.noise_std)

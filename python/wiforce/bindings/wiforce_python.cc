@@ -4,12 +4,13 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
-#include <gnuradio/wiforce/arrival_sink.h>
 #include <gnuradio/wiforce/ofdm_channel_estimator.h>
-#include <gnuradio/wiforce/paced_source.h>
 #include <gnuradio/wiforce/phase_group_doppler.h>
 #include <gnuradio/wiforce/preamble_fold.h>
 #include <gnuradio/wiforce/recording_source.h>
+
+#include "bench/arrival_sink.h"
+#include "bench/paced_source.h"
 
 namespace py = pybind11;
 using namespace py::literals;

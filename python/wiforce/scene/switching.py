@@ -9,7 +9,7 @@ import numpy as np
 # Clock 1 has 25 % duty about 0.
 SWITCHES = {
     # Clock 2 at twice the frequency: pulses about +-1/4 of clock 1's cycle, which are never high
-    # together with clock 1 (SPEC).
+    # together with clock 1.
     "pulses": ((1.0, (-1 / 8, 1 / 8)), (2.0, (3 / 8, 5 / 8))),
     # Clock 2 at a true 75 % duty about the same centres: both switches are on for Ts/16 at a time.
     "overlapping": ((1.0, (-1 / 8, 1 / 8)), (2.0, (1 / 8, 7 / 8))),

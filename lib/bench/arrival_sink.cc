@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "arrival_sink_impl.h"
+#include "arrival_sink.h"
 
-#include "kernel/require.h"
+#include "../kernel/require.h"
 #include <gnuradio/io_signature.h>
 
 #include <chrono>
@@ -12,19 +12,19 @@ arrival_sink::sptr arrival_sink::make(int item_size)
 {
     kernel::require(
         item_size >= 1, "arrival_sink", "item_size", "must be >= 1", item_size);
-    return gnuradio::make_block_sptr<arrival_sink_impl>(item_size);
+    return gnuradio::make_block_sptr<arrival_sink>(item_size);
 }
 
-arrival_sink_impl::arrival_sink_impl(int item_size)
+arrival_sink::arrival_sink(int item_size)
     : gr::sync_block("arrival_sink",
                      gr::io_signature::make(1, 1, item_size),
                      gr::io_signature::make(0, 0, 0))
 {
 }
 
-int arrival_sink_impl::work(int noutput_items,
-                            gr_vector_const_void_star&,
-                            gr_vector_void_star&)
+int arrival_sink::work(int noutput_items,
+                       gr_vector_const_void_star&,
+                       gr_vector_void_star&)
 {
     const auto now = std::chrono::steady_clock::now().time_since_epoch();
     const std::lock_guard<std::mutex> lock(d_mutex);
@@ -33,7 +33,7 @@ int arrival_sink_impl::work(int noutput_items,
     return noutput_items;
 }
 
-std::vector<double> arrival_sink_impl::times() const
+std::vector<double> arrival_sink::times() const
 {
     const std::lock_guard<std::mutex> lock(d_mutex);
     return d_times;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "paced_source_impl.h"
+#include "paced_source.h"
 
-#include "kernel/require.h"
+#include "../kernel/require.h"
 #include <gnuradio/io_signature.h>
 
 #include <chrono>
@@ -40,15 +40,15 @@ paced_source::sptr paced_source::make(int packet_length,
             sample_rate);
     require(mark_every >= 1, where, "mark_every", "must be >= 1", mark_every);
     require(item_size >= 1, where, "item_size", "must be >= 1", item_size);
-    return gnuradio::make_block_sptr<paced_source_impl>(
+    return gnuradio::make_block_sptr<paced_source>(
         packet_length, sample_rate, mark_every, samples, item_size);
 }
 
-paced_source_impl::paced_source_impl(int packet_length,
-                                     double sample_rate,
-                                     std::uint64_t mark_every,
-                                     std::uint64_t samples,
-                                     int item_size)
+paced_source::paced_source(int packet_length,
+                           double sample_rate,
+                           std::uint64_t mark_every,
+                           std::uint64_t samples,
+                           int item_size)
     : gr::sync_block("paced_source",
                      gr::io_signature::make(0, 0, 0),
                      gr::io_signature::make(1, 1, item_size)),
@@ -61,15 +61,13 @@ paced_source_impl::paced_source_impl(int packet_length,
     set_output_multiple(packet_length);
 }
 
-bool paced_source_impl::start()
+bool paced_source::start()
 {
     d_start = now();
     return true;
 }
 
-int paced_source_impl::work(int,
-                            gr_vector_const_void_star&,
-                            gr_vector_void_star& output_items)
+int paced_source::work(int, gr_vector_const_void_star&, gr_vector_void_star& output_items)
 {
     const std::uint64_t begin = nitems_written(0), end = begin + d_packet_length;
     if (begin >= d_samples)
@@ -91,7 +89,7 @@ int paced_source_impl::work(int,
     return d_packet_length;
 }
 
-std::vector<double> paced_source_impl::mark_times() const
+std::vector<double> paced_source::mark_times() const
 {
     const std::lock_guard<std::mutex> lock(d_mutex);
     return d_marks;
