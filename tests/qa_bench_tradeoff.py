@@ -25,8 +25,11 @@ simulation:
 """
 
 
-def point(setting, cpu, phase, length=625):
-    return {"setting": setting, "cpu_s_per_s": cpu, "phase_deg": phase, "group_length": length}
+def point(setting, cpu, phase, length=625, force=0.1):
+    return {
+        "setting": setting, "cpu_s_per_s": cpu, "phase_deg": phase, "group_length": length,
+        "force_n": force,
+    }  # fmt: skip
 
 
 def test_the_front_holds_what_no_other_setting_beats():
@@ -41,6 +44,7 @@ def test_a_longer_group_is_no_better_by_its_lower_rate_alone():
     points = [point("plan", 1.0, 1.0), point("long", 0.5, 0.72, 1250), point("best", 0.7, 0.7)]
     assert rated_error(points, points[1]) == pytest.approx(1.018, abs=0.001)
     assert beat_the_plan(points) == ["best"]
+    assert beat_the_plan([points[0], point("other", 0.5, 0.5, force=0.2)]) == []
 
 
 def test_every_kind_of_setting_is_tried():
