@@ -2,7 +2,6 @@
 """Groups of subcommands whose modules are imported only when asked for."""
 
 import importlib
-import importlib.util
 
 import click
 
@@ -14,8 +13,7 @@ class LazyGroup(click.Group):
     ----------
     package : str
     helps : dict
-        A line of help by name, so that showing them imports none of the modules; a name without a
-        module is left out.
+        A line of help by name, so that showing them imports none of the modules.
     """
 
     def __init__(self, *arguments, package, helps, **options):
@@ -23,10 +21,10 @@ class LazyGroup(click.Group):
         self._package, self._helps = package, helps
 
     def list_commands(self, ctx):
-        return [name for name in self._helps if importlib.util.find_spec(self._module(name))]
+        return list(self._helps)
 
     def get_command(self, ctx, name):
-        if name not in self.list_commands(ctx):
+        if name not in self._helps:
             return None
         return getattr(importlib.import_module(self._module(name)), name.replace("-", "_"))
 
