@@ -9,6 +9,7 @@ namespace {
 const pmt::pmt_t group_key = pmt::mp(names::GROUP);
 const pmt::pmt_t missing_key = pmt::mp(names::MISSING);
 const pmt::pmt_t saturated_key = pmt::mp(names::SATURATED);
+const pmt::pmt_t retuned_key = pmt::mp(names::RETUNED);
 const pmt::pmt_t mask_key = pmt::mp(names::MASK);
 } // namespace
 
@@ -68,6 +69,9 @@ bool group_stream::close(kernel::fc32* out, std::uint64_t offset)
         }
         if (d_saturated > 0)
             d_outlet.tag_output(offset, saturated_key, d_saturated);
+        if (d_retuned)
+            d_outlet.tag_output(offset, retuned_key, 1);
+        d_retuned = false;
         d_outlet.tag_output(offset, group_key, d_index);
         d_transform->finish(d_group, out);
         d_groups++;

@@ -54,6 +54,9 @@ public:
     // So many snapshots of the group at hand hold samples at full scale.
     void note_saturated(int snapshots) { d_saturated += snapshots; }
 
+    // The receiver's settings were changed before the group at hand, or inside it.
+    void mark_retuned() { d_retuned = true; }
+
     // Ends the group at hand and writes its item; returns whether there was one to write.
     bool close(kernel::fc32* out, std::uint64_t offset);
 
@@ -65,6 +68,7 @@ private:
     kernel::phase_group d_group;
     std::uint64_t d_index = 0;     // of the group at hand
     std::uint64_t d_saturated = 0; // snapshots of it
+    bool d_retuned = false;
     std::uint64_t d_groups = 0;
     std::uint64_t d_incomplete_groups = 0;
 };

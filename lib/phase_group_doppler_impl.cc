@@ -11,6 +11,7 @@ namespace gr::wiforce {
 namespace {
 constexpr int INPUT_BUFFER_SNAPSHOTS = 256; // 128 kB
 const pmt::pmt_t saturated_key = pmt::mp(names::SATURATED);
+const pmt::pmt_t retuned_key = pmt::mp(names::RETUNED);
 const pmt::pmt_t snapshot_key = pmt::mp(names::SNAPSHOT);
 } // namespace
 
@@ -47,10 +48,12 @@ void phase_group_doppler_impl::forecast(int, gr_vector_int& ninput_items_require
     ninput_items_required[0] = 1;
 }
 
-int phase_group_doppler_impl::saturated_among(int count, std::uint64_t first)
+int phase_group_doppler_impl::tagged_among(int count,
+                                           std::uint64_t first,
+                                           const pmt::pmt_t& key)
 {
     std::vector<gr::tag_t> tags;
-    get_tags_in_range(tags, 0, first, first + count, saturated_key);
+    get_tags_in_range(tags, 0, first, first + count, key);
     return tags.size();
 }
 
@@ -85,7 +88,9 @@ int phase_group_doppler_impl::general_work(int noutput_items,
                     static_cast<std::size_t>(count) * kernel::FFT_LENGTH,
                     d_stream.reserve(d_snapshot));
         d_stream.accept(count);
-        d_stream.note_saturated(saturated_among(count, here));
+        d_stream.note_saturated(tagged_among(count, here, saturated_key));
+        if (tagged_among(count, here, retuned_key) > 0)
+            d_stream.mark_retuned();
         consumed += count;
         d_snapshot += count;
         if (d_stream.is_full())

@@ -26,8 +26,8 @@ public:
     }
 
 private:
-    // Input items that are tagged as saturated.
-    int saturated_among(int count, std::uint64_t first);
+    // Input items that carry a tag.
+    int tagged_among(int count, std::uint64_t first, const pmt::pmt_t& key);
 
     std::uint64_t d_snapshot = 0; // of the next input item
 };

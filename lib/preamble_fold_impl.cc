@@ -13,10 +13,14 @@ namespace gr::wiforce {
 namespace {
 
 constexpr int INPUT_BUFFER_BYTES = 1 << 20;
+constexpr double LONGEST_GAP_S = 3600;
 
 const pmt::pmt_t rx_time_key = pmt::mp(names::RX_TIME);
-const pmt::pmt_t saturated_key = pmt::mp(names::SATURATED);
+const pmt::pmt_t rx_rate_key = pmt::mp(names::RX_RATE);
+const pmt::pmt_t rx_freq_key = pmt::mp(names::RX_FREQ);
 const pmt::pmt_t snapshot_key = pmt::mp(names::SNAPSHOT);
+const pmt::pmt_t saturated_key = pmt::mp(names::SATURATED);
+const pmt::pmt_t retuned_key = pmt::mp(names::RETUNED);
 
 // tuple(uint64 seconds, double fraction), as gr-uhd makes it.
 bool is_time(const pmt::pmt_t& value)
@@ -26,7 +30,8 @@ bool is_time(const pmt::pmt_t& value)
     const pmt::pmt_t seconds = pmt::tuple_ref(value, 0);
     return (pmt::is_uint64(seconds) ||
             (pmt::is_integer(seconds) && pmt::to_long(seconds) >= 0)) &&
-           pmt::is_real(pmt::tuple_ref(value, 1));
+           pmt::is_real(pmt::tuple_ref(value, 1)) &&
+           std::isfinite(pmt::to_double(pmt::tuple_ref(value, 1)));
 }
 
 void check(double sample_rate, const std::string& item_type)
@@ -111,59 +116,116 @@ std::uint64_t preamble_fold_impl<Sample>::window_start() const
     return d_first_window + d_frame * d_folder.frame_length();
 }
 
-// Compares the time that passed since the tag before with the samples that came.
+// Samples by which a time is later than the samples since another time account for.
+template <class Sample>
+double preamble_fold_impl<Sample>::lead(const received_time& time,
+                                        const received_time& since) const
+{
+    const double seconds =
+        static_cast<double>(static_cast<std::int64_t>(time.seconds - since.seconds)) +
+        (time.fraction - since.fraction);
+    return std::round(seconds * d_sample_rate -
+                      static_cast<double>(time.item - since.item));
+}
+
+// A later time means lost samples. One that is earlier, or later by more than any gap, is
+// a slip of the device or of the way here: it counts when the next agrees with it.
 template <class Sample>
 void preamble_fold_impl<Sample>::note_time(const received_time& time)
 {
-    if (d_last_time) {
-        const double seconds = static_cast<double>(static_cast<std::int64_t>(
-                                   time.seconds - d_last_time->seconds)) +
-                               (time.fraction - d_last_time->fraction);
-        const double received = static_cast<double>(time.item - d_last_time->item);
-        const double lost = std::round(seconds * d_sample_rate - received);
-        if (lost >= 1)
-            d_pending.push_back({ time.item, static_cast<std::uint64_t>(lost) });
-        else if (lost < 0)
-            d_logger->warn(
-                "rx_time goes back by {:g} samples: taken as a new time reference",
-                -lost);
+    const double lost = d_last_time ? lead(time, *d_last_time) : 0;
+    const auto add_loss = [&](double samples) {
+        d_pending.push_back({ time.item,
+                              static_cast<std::uint64_t>(samples),
+                              d_rate_is_ours && d_carrier_is_ours });
+    };
+    if (lost < 0 && lost == -d_last_lost) {
+        // The time before was the slip. Only the place on the frame grid can be mended.
+        const double stride = d_folder.frame_length();
+        add_loss(std::fmod(stride - std::fmod(d_last_lost, stride), stride));
+        d_last_lost = 0;
+    } else if (lost < 0 || lost > LONGEST_GAP_S * d_sample_rate) {
+        if (!d_doubtful_time || lead(time, *d_doubtful_time) != 0) {
+            d_logger->warn("rx_time is off by {:g} samples: ignored", lost);
+            d_doubtful_time = time;
+            return;
+        }
+        d_logger->warn("rx_time goes on elsewhere: taken as a new time reference");
+    } else if (lost >= 1) {
+        add_loss(lost);
+        d_last_lost = lost;
     }
+    d_doubtful_time.reset();
     d_last_time = time;
 }
 
 template <class Sample>
-void preamble_fold_impl<Sample>::find_gaps(int available)
+void preamble_fold_impl<Sample>::note_setting(const gr::tag_t& tag)
+{
+    if (!pmt::is_real(tag.value) && !pmt::is_integer(tag.value))
+        return;
+    const double value = pmt::to_double(tag.value);
+    const bool was_ours = d_rate_is_ours && d_carrier_is_ours;
+    if (pmt::eq(tag.key, rx_rate_key)) {
+        d_rate_is_ours = std::abs(value - d_sample_rate) <= 1e-6 * d_sample_rate;
+    } else {
+        d_carrier = d_carrier.value_or(value);
+        d_carrier_is_ours = std::abs(value - *d_carrier) <= 1;
+    }
+    const bool is_ours = d_rate_is_ours && d_carrier_is_ours;
+    if (is_ours == was_ours)
+        return;
+    if (!is_ours)
+        d_logger->warn("{} changes to {:g}: nothing is read until it is set back",
+                       pmt::symbol_to_string(tag.key),
+                       value);
+    d_pending.push_back({ tag.offset, 0, is_ours });
+}
+
+template <class Sample>
+void preamble_fold_impl<Sample>::find_events(int available)
 {
     const std::uint64_t begin = std::max(d_tags_read_to, this->nitems_read(0));
     const std::uint64_t end = this->nitems_read(0) + available;
     if (end <= begin)
         return;
     std::vector<gr::tag_t> tags;
-    this->get_tags_in_range(tags, 0, begin, end, rx_time_key);
+    this->get_tags_in_range(tags, 0, begin, end);
     d_tags_read_to = end;
-    std::sort(tags.begin(), tags.end(), gr::tag_t::offset_compare);
+    std::stable_sort(tags.begin(), tags.end(), gr::tag_t::offset_compare);
     for (const auto& tag : tags) {
-        if (is_time(tag.value))
+        if (pmt::eq(tag.key, rx_rate_key) || pmt::eq(tag.key, rx_freq_key))
+            note_setting(tag);
+        else if (pmt::eq(tag.key, rx_time_key) && is_time(tag.value))
             note_time({ tag.offset,
                         pmt::to_uint64(pmt::tuple_ref(tag.value, 0)),
                         pmt::to_double(pmt::tuple_ref(tag.value, 1)) });
-        else
+        else if (pmt::eq(tag.key, rx_time_key))
             d_logger->warn(
                 "rx_time is not a tuple of whole and fractional seconds: ignored");
     }
 }
 
-// Moves on over lost samples to the first frame of the grid that is whole again.
 template <class Sample>
-void preamble_fold_impl<Sample>::jump(const gap& gap)
+void preamble_fold_impl<Sample>::take_event(const event& event)
 {
-    d_position += gap.lost;
+    d_position += event.lost;
+    if (event.usable && !d_usable)
+        mark_retuned();
+    d_usable = event.usable;
+    d_samples_lost += event.lost;
+    d_gaps += event.lost > 0;
+    catch_up();
+}
+
+// Moves on to the first frame of the grid that is still whole.
+template <class Sample>
+void preamble_fold_impl<Sample>::catch_up()
+{
     if (d_position > window_start()) {
         const std::uint64_t stride = d_folder.frame_length();
         d_frame = (d_position - d_first_window + stride - 1) / stride;
     }
-    d_samples_lost += gap.lost;
-    d_gaps++;
 }
 
 template <class Sample>
@@ -179,7 +241,7 @@ int preamble_fold_impl<Sample>::general_work(int noutput_items,
     const std::uint64_t available = ninput_items[0];
     const std::uint64_t stride = d_folder.frame_length();
     const std::uint64_t window = d_folder.averaged_length();
-    find_gaps(ninput_items[0]);
+    find_events(ninput_items[0]);
 
     std::uint64_t consumed = 0;
     const auto advance = [&](std::uint64_t samples) {
@@ -187,10 +249,14 @@ int preamble_fold_impl<Sample>::general_work(int noutput_items,
         d_position += samples;
     };
     while (true) {
-        const std::uint64_t gap_at =
+        const std::uint64_t event_at =
             d_pending.empty() ? available : d_pending.front().item - this->nitems_read(0);
-        const std::uint64_t end = std::min(available, gap_at);
+        const std::uint64_t end = std::min(available, event_at);
 
+        if (!d_usable) {
+            advance(end - consumed);
+            catch_up();
+        }
         advance(std::min(end - consumed, window_start() - d_position));
         const bool at_window = d_position == window_start();
         const std::uint64_t whole = at_window && end - consumed >= window
@@ -206,10 +272,10 @@ int preamble_fold_impl<Sample>::general_work(int noutput_items,
             d_snapshots += frames;
             continue;
         }
-        if (d_pending.empty() || gap_at > available)
+        if (d_pending.empty() || event_at > available)
             break;
-        advance(end - consumed); // what is left of a frame that the gap cut
-        jump(d_pending.front());
+        advance(end - consumed); // what is left of a frame that it cuts
+        take_event(d_pending.front());
         d_pending.pop_front();
     }
     this->consume_each(consumed);
@@ -236,6 +302,12 @@ int vector_fold<Sample>::take(const Sample* averaged, int frames, std::uint64_t 
                            this->nitems_written(0) + this->d_produced,
                            snapshot_key,
                            pmt::from_uint64(snapshot));
+    if (d_retuned)
+        this->add_item_tag(0,
+                           this->nitems_written(0) + this->d_produced,
+                           retuned_key,
+                           pmt::from_uint64(1));
+    d_retuned = false;
     this->d_folder.fold(
         averaged, count, this->d_out + this->d_produced * kernel::FFT_LENGTH);
     for (const int frame : this->d_folder.saturated(averaged, count))

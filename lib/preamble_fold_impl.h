@@ -35,6 +35,8 @@ protected:
     // `averaged` with index `snapshot`; returns how many. Adds what it completed to
     // `produced`, which is below `room`.
     virtual int take(const Sample* averaged, int frames, std::uint64_t snapshot) = 0;
+    // The samples that follow were received with settings that were changed meanwhile.
+    virtual void mark_retuned() = 0;
 
     const kernel::preamble_folder d_folder;
     kernel::fc32* d_out = nullptr;
@@ -47,14 +49,19 @@ private:
         std::uint64_t seconds;
         double fraction;
     };
-    struct gap {
-        std::uint64_t item; // first item after the gap
-        std::uint64_t lost; // samples
+    // What changes at an item of the input.
+    struct event {
+        std::uint64_t item;
+        std::uint64_t lost; // samples before it
+        bool usable;        // whether rate and carrier are ours from here on
     };
 
-    void find_gaps(int available);
+    void find_events(int available);
     void note_time(const received_time& time);
-    void jump(const gap& gap);
+    void note_setting(const gr::tag_t& tag);
+    double lead(const received_time& time, const received_time& since) const;
+    void take_event(const event& event);
+    void catch_up();
     std::uint64_t window_start() const; // of the next frame, on the grid
 
     const double d_sample_rate;
@@ -67,7 +74,14 @@ private:
 
     std::uint64_t d_tags_read_to = 0; // input offset up to which tags were read
     std::optional<received_time> d_last_time;
-    std::deque<gap> d_pending; // gaps ahead of d_position
+    std::optional<received_time>
+        d_doubtful_time; // fits no sample count; the next decides
+    double d_last_lost = 0;
+    bool d_rate_is_ours = true;
+    bool d_carrier_is_ours = true;
+    std::optional<double> d_carrier; // the first one told
+    std::deque<event> d_pending;     // ahead of d_position
+    bool d_usable = true;            // samples at d_position
 
     std::uint64_t d_snapshots = 0;
     std::uint64_t d_samples_lost = 0;
@@ -86,9 +100,11 @@ public:
 
 protected:
     int take(const Sample* averaged, int frames, std::uint64_t snapshot) override;
+    void mark_retuned() override { d_retuned = true; }
 
 private:
     std::optional<std::uint64_t> d_expected;
+    bool d_retuned = false;
 };
 
 // The tones of a phase group; its snapshots never leave the thread.
@@ -104,6 +120,7 @@ public:
 
 protected:
     int take(const Sample* averaged, int frames, std::uint64_t snapshot) override;
+    void mark_retuned() override { this->d_stream.mark_retuned(); }
 };
 
 } // namespace gr::wiforce

@@ -148,7 +148,7 @@ class end_separation(GroupBlock):
         self._rotation = table.derotation(sample_rate) if derotated else 1.0
         self._equalizer = sounding.equalizer()
         self._rows = len(table.tones)
-        self._incomplete, self._saturated = {}, {}
+        self._incomplete, self._marks = {}, {}
         GroupBlock.__init__(self, "end_separation", self._rows * 64, 2 * len(clocks) * 64)
         self.message_port_register_in(pmt.intern(names.INCOMPLETE))
         self.set_msg_handler(pmt.intern(names.INCOMPLETE), self._on_incomplete)
@@ -161,8 +161,9 @@ class end_separation(GroupBlock):
 
     def take(self, tags, item):
         group = pmt.to_uint64(tags[names.GROUP])
-        if names.SATURATED in tags:
-            self._saturated[group] = pmt.to_uint64(tags[names.SATURATED])
+        marks = [name for name in (names.SATURATED, names.RETUNED) if name in tags]
+        if marks:
+            self._marks[group] = {name: pmt.to_uint64(tags[name]) for name in marks}
         if names.MISSING not in tags:
             return self._flat(self.separator.process(group, item.reshape(self._rows, 64)))
         if group not in self._incomplete:
@@ -186,6 +187,6 @@ class end_separation(GroupBlock):
 
     def _complete(self, results):
         return [
-            (replace(state, saturated=self._saturated.pop(state.group, 0)), vectors)
+            (replace(state, **self._marks.pop(state.group, {})), vectors)
             for state, vectors in results
         ]

@@ -3,10 +3,13 @@
 
 # Stream tags
 RX_TIME = "rx_time"
+RX_RATE = "rx_rate"
+RX_FREQ = "rx_freq"
 SNAPSHOT = "snapshot"
 GROUP = "group"
 MISSING = "missing"
 SATURATED = "saturated"
+RETUNED = "retuned"
 STATE = "state"
 
 # Message ports

@@ -29,12 +29,14 @@ class _SensorReadout:
         self._untouched = np.array(model.untouched_deg(frequency_hz))
         self._touch = TouchDetector(self._image(), group_period_s)
         self._motion = TouchedMotion()
+        self._retuned = False
         self._tracker = model.tracker(group_period_s, frequency_hz) if tracked else None
         if not tracked:
             model.inverter(frequency_hz).prepare()  # not while samples wait
 
     def tare(self):
         self._touch.tare()
+        self._retuned = False
 
     def _image(self):
         """Changes of arg R that a touch can make; shape (n, 2)."""
@@ -62,6 +64,10 @@ class _SensorReadout:
             flags.append("gap")
         if state.saturated:
             flags.append("saturated")
+        # The oscillator's phase is another one: without a new reference both ends are turned.
+        self._retuned = self._retuned or bool(state.retuned)
+        if self._retuned:
+            flags.append("moved")
         there = clock.locked and bool(np.all(np.isfinite(std))) and bool(np.all(np.abs(ratios) > 0))
         if clock.overlapping:
             flags.append("inconsistent")
@@ -72,7 +78,7 @@ class _SensorReadout:
                 flags.append("weak")
             return fields
         decision = self._touch.update(time_s, np.degrees(np.angle(ratios)), std, in_reference)
-        if decision.moved:
+        if decision.moved and "moved" not in flags:
             flags.append("moved")
         if decision.disturbed:
             flags.append("inconsistent")
@@ -97,7 +103,8 @@ class _SensorReadout:
             self._motion.forget()
         elif fields.get("location_mm") is not None:
             place_std = fields["location_std_mm"] or 0.0
-            if self._motion.update(phases, std, fields["location_mm"], place_std):
+            turned = self._motion.update(phases, std, fields["location_mm"], place_std)
+            if turned and "moved" not in fields["flags"]:
                 fields["flags"].append("moved")
 
     def _invert(self, fields, phases, std, touched):

@@ -59,10 +59,13 @@ class Kind:
         Name under which a broken version is put into the working folder.
     arguments : sequence of str
         Of the ``gr-wiforce`` command, run in the working folder.
+    cases : int
+        Broken versions in the default run; fewer where reading one takes long.
     """
 
-    def __init__(self, name, original, file, arguments):
+    def __init__(self, name, original, file, arguments, cases=200):
         self.name, self.original, self.file, self.arguments = name, original, file, arguments
+        self.cases = cases
 
     def broken(self, seed):
         """The broken version of a seed."""
@@ -101,13 +104,17 @@ def kinds(folder):
             [*invert, "y.yaml", "phases.csv"],
         ),
         Kind("vna", (folder / "vna.csv").read_bytes(), "x.csv", [*calibrate, "x.csv"]),
-        Kind("index", index, "i.csv", [*touchstone, "i.csv"]),
-        Kind("touchstone", first, "00.s2p", [*touchstone, "index.csv"]),
+        Kind("index", index, "i.csv", [*touchstone, "i.csv"], 100),
+        Kind("touchstone", first, "00.s2p", [*touchstone, "index.csv"], 80),
         Kind("phases", phases, "p.csv", [*invert, "wiforce-900mhz", "p.csv"]),
         Kind(
-            "metadata", (folder / "capture.sigmf-meta").read_bytes(), "x.sigmf-meta", [*read, "x"]
+            "metadata",
+            (folder / "capture.sigmf-meta").read_bytes(),
+            "x.sigmf-meta",
+            [*read, "x"],
+            100,
         ),
-        Kind("samples", data, "x.bin", [*read, "x.bin", "--datatype", "ci16_le"]),
+        Kind("samples", data, "x.bin", [*read, "x.bin", "--datatype", "ci16_le"], 40),
     ]
     return {kind.name: kind for kind in found}
 

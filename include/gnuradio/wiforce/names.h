@@ -7,10 +7,13 @@ namespace gr::wiforce::names {
 
 // Stream tags
 constexpr char RX_TIME[] = "rx_time";
+constexpr char RX_RATE[] = "rx_rate";
+constexpr char RX_FREQ[] = "rx_freq";
 constexpr char SNAPSHOT[] = "snapshot";
 constexpr char GROUP[] = "group";
 constexpr char MISSING[] = "missing";
 constexpr char SATURATED[] = "saturated";
+constexpr char RETUNED[] = "retuned";
 constexpr char STATE[] = "state";
 
 // Message ports

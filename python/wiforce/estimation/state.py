@@ -29,6 +29,8 @@ class GroupState:
         Snapshots absent.
     saturated : int
         Snapshots with samples at the converter's full scale.
+    retuned : int
+        1 when the receiver's settings were changed before it.
     clocks : tuple of ClockState
         One per tag.
     noise : ndarray, shape (K,)
@@ -54,6 +56,7 @@ class GroupState:
     gain: np.ndarray = field(repr=False)
     snr_db: np.ndarray = field(repr=False)
     saturated: int = 0
+    retuned: int = 0
     in_reference: np.ndarray = field(default=None, repr=False)
     reference_power: np.ndarray = field(default=None, repr=False)
     reference_gain: np.ndarray = field(default=None, repr=False)

@@ -1,0 +1,316 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A stream of samples, and everything that can happen to it on its way to the reader."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pmt
+from gnuradio import gr, wiforce
+
+RATE = 12.5e6
+FRAME = 720
+GROUP = 625 * FRAME
+DURATION_S = 1.44
+REFERENCE = 8 * GROUP  # no fault before: a reader without a reference can read nothing
+PRESS = {
+    "sensor": "arm",
+    "start_s": 0.6,
+    "rise_s": 0.01,
+    "hold_s": 0.55,
+    "force_n": 3.0,
+    "end_force_n": 5.0,
+    "location_mm": 37.0,
+}
+SCENE = {
+    "sensors": [{"name": "arm", "model": "line-900mhz", "clock_tolerance_ppm": 50}],
+    "reference_s": 0.25,
+    "simulation": {
+        "duration_s": DURATION_S,
+        "seed": 4,
+        "snr_db": 10,
+        "static_clutter_db": 50,
+        "clock_offset_ppm": -20,
+        "presses": [PRESS],
+    },
+}
+
+
+@dataclass
+class Stream:
+    """Samples as they reach the reader.
+
+    Attributes
+    ----------
+    codes : ndarray of int16, shape (n, 2)
+    tags : list of (int, str, pmt)
+    shift_s : float
+        By how much the reader's time may be off from the truth's.
+    spoilt : list of (float, float)
+        Stretches of time, in s, whose readings must carry a flag.
+    said : list of str
+        What was done to it.
+    """
+
+    codes: np.ndarray
+    tags: list = field(default_factory=list)
+    shift_s: float = 0.0
+    spoilt: list = field(default_factory=list)
+    said: list = field(default_factory=list)
+
+    def tag(self, item, key, value):
+        self.tags.append((int(item), key, value))
+
+    def tag_time(self, item, seconds):
+        whole = int(seconds)
+        value = pmt.make_tuple(pmt.from_uint64(whole), pmt.from_double(seconds - whole))
+        self.tag(item, "rx_time", value)
+
+    def cut(self, start, count):
+        """Take samples out; tags behind them move up."""
+        self.codes = np.concatenate([self.codes[:start], self.codes[start + count :]])
+        self._move(start, count, -count)
+
+    def double(self, start, count):
+        """Repeat samples; tags behind them move on."""
+        again = self.codes[start : start + count]
+        self.codes = np.concatenate(
+            [self.codes[: start + count], again, self.codes[start + count :]]
+        )
+        self._move(start, 0, count)
+
+    def _move(self, start, gone, by):
+        self.tags = [
+            (item + by if item >= start + gone else min(item, start), key, value)
+            for item, key, value in self.tags
+        ]
+
+    def scale(self, start, count, factor, offset=0.0):
+        """What a complex gain and a constant make of a stretch, clipped as a converter does."""
+        part = self.codes[start : start + count].astype(np.float32)
+        values = (part[:, 0] + 1j * part[:, 1]) * factor + offset
+        both = np.stack([values.real, values.imag], -1)
+        self.codes[start : start + count] = np.clip(np.rint(both), -32768, 32767)
+
+
+def lost_and_told(stream, rng):
+    """An overflow, with the time of the first sample behind it."""
+    start, count = _place(stream, rng), int(10 ** rng.uniform(0, 5.7))
+    count = min(count, len(stream.codes) - start - 1)
+    before = sum(n for _, n in getattr(stream, "told", []))
+    stream.cut(start, count)
+    stream.told = [*getattr(stream, "told", []), (start, count)]
+    stream.tag_time(start, 7.25 + (start + before + count) / RATE)
+
+
+def lost_untold(stream, rng):
+    """Samples lost that no tag tells."""
+    start, count = _place(stream, rng), int(rng.integers(1, 5000))
+    stream.cut(start, count)
+    stream.shift_s += (count + FRAME) / RATE
+
+
+def doubled(stream, rng):
+    """A packet that comes twice."""
+    start, count = _place(stream, rng), int(rng.integers(1, 5000))
+    stream.double(start, count)
+    stream.shift_s += (count + FRAME) / RATE
+
+
+def time_doubled(stream, rng):
+    """A true time, again on a later sample."""
+    item = _place(stream, rng)
+    late = int(rng.integers(1, 100_000))
+    stream.tag_time(item, 7.25 + _position(stream, item) / RATE)
+    stream.tag_time(min(item + late, len(stream.codes) - 1), 7.25 + _position(stream, item) / RATE)
+    after = min(item + 2 * late, len(stream.codes) - 1)
+    stream.tag_time(after, 7.25 + _position(stream, after) / RATE)
+
+
+def time_ahead(stream, rng):
+    """A time too late by up to 20 ms, and a true one behind it."""
+    item, lie = _place(stream, rng), rng.uniform(0, 0.02)
+    stream.tag_time(item, 7.25 + _position(stream, item) / RATE + lie)
+    after = min(item + int(rng.integers(1, 100_000)), len(stream.codes) - 1)
+    stream.tag_time(after, 7.25 + _position(stream, after) / RATE)
+    stream.shift_s += lie + FRAME / RATE
+
+
+def time_nonsense(stream, rng):
+    """Values that are no time, or one that cannot be."""
+    item = _place(stream, rng)
+    values = (
+        pmt.from_double(3.0),
+        pmt.PMT_NIL,
+        pmt.make_tuple(pmt.from_uint64(7), pmt.from_double(float("nan"))),
+        pmt.make_tuple(pmt.from_uint64(2**63), pmt.from_double(0.5)),
+        pmt.make_tuple(pmt.from_uint64(7), pmt.from_double(-1e300)),
+        pmt.make_tuple(pmt.from_uint64(0), pmt.from_double(0.0)),
+    )
+    stream.tag(item, "rx_time", values[rng.integers(len(values))])
+
+
+def other_rate(stream, rng):
+    """The device says that it samples at another rate for a while."""
+    start, count = _stretch(stream, rng)
+    stream.tag(start, "rx_rate", pmt.from_double(10e6))
+    stream.tag(start + count, "rx_rate", pmt.from_double(RATE))
+    _noise(stream, start, count, rng)
+
+
+def retuned(stream, rng):
+    """Another carrier for a while; back again the oscillator has a phase of its own."""
+    start, count = _stretch(stream, rng)
+    stream.tag(0, "rx_freq", pmt.from_double(900e6))
+    stream.tag(start, "rx_freq", pmt.from_double(910e6))
+    stream.tag(start + count, "rx_freq", pmt.from_double(900e6))
+    _noise(stream, start, count, rng)
+    stream.scale(start + count, len(stream.codes), np.exp(2j * np.pi * rng.random()))
+
+
+def saturated(stream, rng):
+    """A stretch so loud that the converter clips."""
+    start, count = _stretch(stream, rng)
+    stream.scale(start, count, rng.uniform(1.5, 20))
+
+
+def dc_offset(stream, rng):
+    """A constant from some sample on."""
+    start = _place(stream, rng)
+    constant = rng.uniform(10, 3000) * np.exp(2j * np.pi * rng.random())
+    stream.scale(start, len(stream.codes), 1.0, constant)
+
+
+def dead_air(stream, rng):
+    """Zeros for a while."""
+    start, count = _stretch(stream, rng)
+    stream.codes[start : start + count] = 0
+
+
+def tag_off_and_on(stream, rng):
+    """The tag is without power for a while: what is left is what stands still."""
+    start, count = (x // FRAME * FRAME for x in _stretch(stream, rng))
+    frames = stream.codes[: 5000 * FRAME].reshape(-1, FRAME, 2)
+    # The tag's clock averages out over whole periods; its constant part is that of clutter.
+    still = frames[:5000].mean(axis=0)
+    noise = rng.normal(0, 3.0, (count, 2))
+    stream.codes[start : start + count] = np.tile(still, (count // FRAME, 1)) + noise
+    jump = FRAME * int(rng.integers(1, 600))  # whole frames: only its clock's phase moves
+    jump = min(jump, (len(stream.codes) - start - count) // FRAME * FRAME)
+    stream.cut(start + count, jump)
+    stream.shift_s += jump / RATE
+
+
+def second_reader(stream, rng):
+    """Another reader's preambles over ours, from a clock and a carrier of its own."""
+    start, count = _stretch(stream, rng)
+    delay, level = int(rng.integers(FRAME)), 10 ** rng.uniform(-3, 0)
+    other = stream.codes[:FRAME, 0] + 1j * stream.codes[:FRAME, 1]
+    ppm = 10
+    other = other[(delay + np.arange(count) * (1 + 1e-6 * ppm)).astype(int) % FRAME]
+    turn = np.exp(2j * np.pi * rng.uniform(-3000, 3000) * np.arange(count) / RATE)
+    part = stream.codes[start : start + count]
+    mixed = part + level * np.stack([(other * turn).real, (other * turn).imag], -1)
+    stream.codes[start : start + count] = np.clip(np.rint(mixed), -32768, 32767)
+
+
+FAULTS = (
+    lost_and_told,
+    lost_untold,
+    doubled,
+    time_doubled,
+    time_ahead,
+    time_nonsense,
+    other_rate,
+    retuned,
+    saturated,
+    dc_offset,
+    dead_air,
+    tag_off_and_on,
+    second_reader,
+)  # fmt: skip
+
+
+def faulty(codes, rng, faults):
+    """The stream of ``codes`` after these faults, the first of which come latest."""
+    stream = Stream(codes.copy())
+    for fault in faults:
+        fault(stream, rng)
+        stream.said.append(fault.__name__)
+    stream.tag_time(0, 7.25)
+    return stream
+
+
+def _place(stream, rng):
+    """Some sample behind the reference."""
+    return int(rng.integers(REFERENCE, len(stream.codes) - GROUP))
+
+
+def _stretch(stream, rng):
+    start = _place(stream, rng)
+    return start, min(int(10 ** rng.uniform(2, 6.5)), len(stream.codes) - start - GROUP // 2)
+
+
+def _position(stream, item):
+    """Place of an item on the device's count, as far as tags have told losses."""
+    return item + sum(count for start, count in getattr(stream, "told", []) if start <= item)
+
+
+def _noise(stream, start, count, rng):
+    level = max(float(stream.codes[:FRAME].std()), 1.0)
+    stream.codes[start : start + count] = rng.normal(0, level, (count, 2)).clip(-32768, 32767)
+
+
+class stream_source(gr.sync_block):
+    """Emits a Stream."""
+
+    def __init__(self, stream):
+        gr.sync_block.__init__(self, "stream_source", in_sig=None, out_sig=[(np.int16, 2)])
+        self._codes, self._at = stream.codes, 0
+        self._tags = sorted(stream.tags, key=lambda tag: tag[0])
+
+    def work(self, input_items, output_items):
+        count = min(len(output_items[0]), len(self._codes) - self._at)
+        if count == 0:
+            return -1
+        output_items[0][:count] = self._codes[self._at : self._at + count]
+        while self._tags and self._tags[0][0] < self._at + count:
+            item, key, value = self._tags.pop(0)
+            self.add_item_tag(0, max(item, self._at), pmt.intern(key), value)
+        self._at += count
+        return count
+
+
+def read(stream):
+    """Readings of a Stream, and the reader that gave them."""
+    readings = []
+    reader = wiforce.reader(SCENE, input_type="sc16", on_reading=readings.append)
+    source = stream_source(stream)
+    flowgraph = gr.top_block()
+    flowgraph.connect(source, reader)
+    flowgraph.run()
+    reader.finish()
+    return readings, reader
+
+
+def wrong(reading, shift_s):
+    """What an unflagged reading says that cannot be, None when all is well."""
+    if reading.flags:
+        return None
+    half = 0.018 + shift_s
+    begin, end = PRESS["start_s"], PRESS["start_s"] + 2 * PRESS["rise_s"] + PRESS["hold_s"]
+    touched = begin < reading.time_s + half and reading.time_s - half < end
+    untouched = reading.time_s - half < begin + 0.01 or reading.time_s + half > end - 0.01
+    if reading.touch is None:
+        return "says nothing, without a flag"
+    if reading.touch == 0:
+        return None if untouched else "touch is missed"
+    if not touched:
+        return "touch is invented"
+    slope = (PRESS["end_force_n"] - PRESS["force_n"]) / PRESS["hold_s"]
+    expected = PRESS["force_n"] + slope * (reading.time_s - begin - PRESS["rise_s"])
+    allowed = max(0.2, 5 * reading.force_std_n) + slope * shift_s
+    if abs(reading.force_n - expected) > allowed:
+        return f"force {reading.force_n:.2f} +- {reading.force_std_n:.2f}, true {expected:.2f}"
+    if abs(reading.location_mm - PRESS["location_mm"]) > max(1.0, 5 * reading.location_std_mm):
+        return f"location {reading.location_mm:.2f} +- {reading.location_std_mm:.2f}"
+    return None
