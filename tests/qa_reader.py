@@ -111,9 +111,10 @@ def test_a_press_is_read_through_the_blocks_where_it_is(codes):
 @pytest.mark.parametrize("way", ["samples", "folded samples", "recording"])
 def test_what_was_clipped_is_flagged_whichever_way_it_comes(codes, tmp_path, way):
     clipped = codes.copy()
-    clipped[11 * GROUP + 700] = 32767  # in a guard, which is never looked at
-    clipped[12 * GROUP + 100] = 32767
-    clipped[20 * GROUP - 720 + 300 :: 720][:2] = -32768  # the last frame of 19, the first of 20
+    clipped[11 * GROUP + 700 :: 720][:20] = 32767  # in guards, which are never looked at
+    clipped[12 * GROUP + 100 :: 720][:7] = 32767
+    clipped[15 * GROUP + 100 :: 720][:6] = 32767  # the peak of a recording: less than 1 %
+    clipped[20 * GROUP - 7 * 720 + 300 :: 720][:14] = -32768  # the last of 19, the first of 20
     readings = []
     reader = wiforce.reader(
         SCENE,

@@ -14,6 +14,10 @@ from .estimation.weights import design_weights, tag_lines
 from .group_block import GroupBlock
 from .waveform import sounding_waveform
 
+# Snapshots with samples at full scale from which on a group counts as clipped. A recording that
+# was scaled to its own peak reaches full scale here and there; it lost nothing by that.
+_CLIPPED_SHARE = 0.01
+
 
 def _design(clocks_hz, group_length, frame_length, sample_rate, clutter_hz, harmonics, estimator):
     period = _snapshot_period(frame_length, sample_rate)
@@ -161,9 +165,9 @@ class end_separation(GroupBlock):
 
     def take(self, tags, item):
         group = pmt.to_uint64(tags[names.GROUP])
-        marks = [name for name in (names.SATURATED, names.RETUNED) if name in tags]
+        marks = self._marks_of(tags)
         if marks:
-            self._marks[group] = {name: pmt.to_uint64(tags[name]) for name in marks}
+            self._marks[group] = marks
         if names.MISSING not in tags:
             return self._flat(self.separator.process(group, item.reshape(self._rows, 64)))
         if group not in self._incomplete:
@@ -177,6 +181,16 @@ class end_separation(GroupBlock):
             tones = partial.weights @ folded[mask]
             tones = np.fft.fft(tones * self._rotation, axis=1) * self._equalizer
         return self._flat(self.separator.process(group, tones, missing, partial))
+
+    def _marks_of(self, tags):
+        """Fields of GroupState that tags decide."""
+        marks = {}
+        if names.SATURATED in tags:
+            clipped = pmt.to_uint64(tags[names.SATURATED])
+            marks["saturated"] = clipped >= _CLIPPED_SHARE * self._table.group_length
+        if names.RETUNED in tags:
+            marks["retuned"] = True
+        return marks
 
     def flush(self):
         """The groups that still wait for the clocks: (GroupState, V (2S, K)) of each."""

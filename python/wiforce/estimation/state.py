@@ -27,10 +27,10 @@ class GroupState:
         Index on the grid of the run.
     missing : int
         Snapshots absent.
-    saturated : int
-        Snapshots with samples at the converter's full scale.
-    retuned : int
-        1 when the receiver's settings were changed before it.
+    saturated : bool
+        Whether samples at full scale are more than chance.
+    retuned : bool
+        Whether the receiver's settings were changed before it.
     clocks : tuple of ClockState
         One per tag.
     noise : ndarray, shape (K,)
@@ -55,8 +55,8 @@ class GroupState:
     noise: np.ndarray = field(repr=False)
     gain: np.ndarray = field(repr=False)
     snr_db: np.ndarray = field(repr=False)
-    saturated: int = 0
-    retuned: int = 0
+    saturated: bool = False
+    retuned: bool = False
     in_reference: np.ndarray = field(default=None, repr=False)
     reference_power: np.ndarray = field(default=None, repr=False)
     reference_gain: np.ndarray = field(default=None, repr=False)
