@@ -24,7 +24,7 @@ def endpoint_of(text, option):
 class _Endpoint:
     """A bound ZMQ socket of its own context."""
 
-    def __init__(self, endpoint, kind, option):
+    def __init__(self, endpoint, kind, option, settings=None):
         try:
             import zmq
         except ImportError as error:
@@ -32,6 +32,8 @@ class _Endpoint:
         self._zmq = zmq
         self._context = zmq.Context()
         self._socket = self._context.socket(getattr(zmq, kind))
+        for name, value in (settings or {}).items():
+            self._socket.setsockopt(getattr(zmq, name), value)
         try:
             self._socket.bind(endpoint_of(endpoint, option))
         except (zmq.ZMQError, InputError) as error:
@@ -64,6 +66,10 @@ class ReadingsPublisher(_Endpoint):
         self._socket.send_string(json.dumps(message, allow_nan=False))
 
 
+# A request is a word; a peer that sends more is cut off before it takes memory.
+_LONGEST_REQUEST = 4096
+
+
 class Requests(_Endpoint):
     """Requests on a REP socket: one word in, JSON out.
 
@@ -75,13 +81,14 @@ class Requests(_Endpoint):
     """
 
     def __init__(self, endpoint, handlers, option="--control"):
-        super().__init__(endpoint, "REP", option)
+        super().__init__(endpoint, "REP", option, {"MAXMSGSIZE": _LONGEST_REQUEST})
         self._handlers = handlers
 
     def serve(self):
         """Answer what has come in; never waits."""
         while self._socket.poll(0):
-            word = self._socket.recv().decode("utf-8", "replace").strip()
+            # All parts have to be taken before an answer may be sent.
+            word = b" ".join(self._socket.recv_multipart()).decode("utf-8", "replace").strip()
             handler = self._handlers.get(word)
             if handler is None:
                 known = ", ".join(self._handlers)
