@@ -3,12 +3,14 @@
 
 import json
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from gnuradio.wiforce._config import DATA_DIR
 from gnuradio.wiforce.scene.schema import load_scene, shipped_scenes
-from wiforce_app.evaluation import result_of
+from wiforce_app.evaluation import mark_of, result_of
 from wiforce_app.evaluation_report import checks
 
 SCENE = {
@@ -101,6 +103,28 @@ def test_what_is_there_is_not_done_again_unless_the_scene_changed(evaluated):
     mark = json.loads(kept.read_text())["mark"]
     assert result_of(folder / "out", "short.yaml", mark) is not None
     assert result_of(folder / "out", "short.yaml", "of another scene") is None
+
+
+def test_a_sensor_calibrated_anew_makes_another_experiment(tmp_path):
+    sensor = yaml.safe_load(
+        (Path(DATA_DIR) / "sensors" / "line-900mhz-calibrated.yaml").read_text()
+    )
+    scene = SCENE | {"sensors": [{"name": "arm", "model": "mine.yaml"}]}
+    (tmp_path / "short.yaml").write_text(yaml.safe_dump(scene))
+    marks = []
+    for onset_n in (sensor["onset_force_n"], sensor["onset_force_n"] * 1.01):
+        (tmp_path / "mine.yaml").write_text(yaml.safe_dump(sensor | {"onset_force_n": onset_n}))
+        marks.append(mark_of(tmp_path / "short.yaml"))
+    assert marks[0] != marks[1]
+
+
+def test_scenes_whose_results_would_overwrite_each_other_are_refused(tmp_path):
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "short.yaml").write_text(yaml.safe_dump(SCENE))
+    done = evaluate(tmp_path, "a/short.yaml", "b/short.yaml", "--folder", "out")
+    assert done.returncode == 2 and "must differ in the names of their files" in done.stderr
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_bad_scene_is_refused_before_anything_is_done(tmp_path):

@@ -11,8 +11,10 @@ from pathlib import Path
 import click
 import yaml
 from gnuradio.wiforce._config import DATA_DIR, VERSION
+from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.schema import shipped_scenes
+from gnuradio.wiforce.sensor.file import sensor_to_dict
 
 from .evaluation_report import table, write_report
 from .progress import progress
@@ -34,6 +36,10 @@ def evaluate_scenes(names, folder, jobs=None, fresh=False):
     if "all" in names:
         names = shipped_scenes()
     names = list(dict.fromkeys(names))
+    stems = [Path(name).stem for name in names]
+    for name, stem in zip(names, stems, strict=True):
+        if stems.count(stem) > 1:
+            raise InputError("scenes", "must differ in the names of their files", name)
     marks = {name: mark_of(name) for name in names}  # refuses bad scenes before anything is done
     folder.mkdir(parents=True, exist_ok=True)
     missing = [name for name in names if fresh or result_of(folder, name, marks[name]) is None]
@@ -59,8 +65,12 @@ def _run(name, folder):
 
 
 def mark_of(name):
-    """What a result belongs to: the scene as it is read, and this version."""
-    content = json.dumps([VERSION, load_scene(name).as_dict()], sort_keys=True)
+    """What a result belongs to: the scene and its sensors as they are read, and this version."""
+    scene = load_scene(name)
+    used = {sensor.model for sensor in scene.sensors}
+    used |= {tag.truth_model for tag in scene.simulation.tags} if scene.simulation else set()
+    sensors = [sensor_to_dict(scene.load_model(model)) for model in sorted(used)]
+    content = json.dumps([VERSION, scene.as_dict(), sensors], sort_keys=True)
     return hashlib.sha256(content.encode()).hexdigest()
 
 
