@@ -3,6 +3,7 @@
 
 import json
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -52,6 +53,12 @@ def test_every_condition_is_there_once():
     assert {c.gamma_db for c in quick} >= {-20, -15, 0, 10, 20, 30}
     assert {c.group_length for c in quick} >= {63, 125, 250, 625, 1250}
     assert any(c.lost for c in quick) and any(c.off for c in quick)
+
+
+def test_every_case_stands_in_the_documented_table():
+    page = Path(__file__).parent.parent / "docs" / "estimation.md"
+    rows = [line.split(" | ") for line in page.read_text().splitlines() if line.startswith("| ")]
+    assert {case.name for case in cases(full=True)} <= {row[0].removeprefix("| ") for row in rows}
 
 
 def test_json_rows_have_the_documented_keys():
