@@ -247,8 +247,9 @@ def pressed_in(name):
 def test_a_plain_trace_shows_location_and_says_that_force_is_not_observable():
     _, places, found = pressed_in("plain_trace")
     assert np.abs(found.location_mm - places).max() < 0.1
-    assert all({"force-unobservable", "ambiguous"} & set(flags) for flags in found.flags)
-    assert found.force_std_n.min() > 1.5  # and the reading is flagged weak
+    assert found.force_std_n.min() > 1.5  # the reading is flagged weak
+    # Farther from the middle the two ends part enough to tell that it is the force that is hidden.
+    assert sum("force-unobservable" in flags for flags in found.flags) >= len(found.flags) / 2
 
 
 def test_a_fingertip_shows_location_and_too_much_force_or_a_flag():

@@ -116,6 +116,7 @@ def main(argv=None):
     except OSError as error:
         if state["debug"]:
             traceback.print_exc()
+        _silence_stdout()  # if it is the one that is full, Python would fail again at its end
         status = BAD_INPUT if error.errno in _BAD_NAMES else FAILED
         named = f"{error.filename}: " if error.filename is not None else ""
         return _fail(status, f"{named}{error.strerror or error}")
@@ -138,8 +139,12 @@ def _fail(status, message):
 
 
 def _silence_stdout():
-    """Whoever read our output is gone: let the interpreter's last flush go nowhere."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    """Whoever read our output is gone or full: let the interpreter's last flush go nowhere."""
+    try:
+        stdout = sys.stdout.fileno()
+    except (OSError, ValueError):
+        return  # not a file
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stdout)
 
 
 if __name__ == "__main__":

@@ -94,6 +94,7 @@ def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False, on
     """
     from gnuradio import wiforce
 
+    _silence_gnuradio()
     source = wiforce.capture_source(recording, scene, frame_offset)
     reader = wiforce.reader(scene, input_type="folded", tracked=tracked, on_reading=on_reading)
     reader.inversion.on_ratios = on_ratios
@@ -125,6 +126,7 @@ def follow_capture(capture, scene, on_reading, frame_offset, tracked):
     from gnuradio import wiforce
     from gnuradio.wiforce.capture_stream import capture_stream
 
+    _silence_gnuradio()
     source = capture_stream(*capture, scene.radio.sample_rate_hz)
     reader = wiforce.reader(
         scene, source.item_type, frame_offset, tracked=tracked, on_reading=on_reading
@@ -137,12 +139,17 @@ def follow_capture(capture, scene, on_reading, frame_offset, tracked):
     return reader.counts
 
 
+def _silence_gnuradio():
+    """It logs to standard output, where readings may go; what fails is raised all the same."""
+    from gnuradio import gr
+
+    gr.logging().set_default_level(gr.log_levels.off)
+
+
 def _run(reader, *chain, second=None):
     """Runs a chain into the reader; ``second`` goes into the other input of its last block."""
     from gnuradio import gr
 
-    # It logs to standard output, where readings may go; what fails is raised below.
-    gr.logging().set_default_level(gr.log_levels.off)
     flowgraph = gr.top_block("gr-wiforce read", catch_exceptions=False)
     flowgraph.connect(*chain, reader)
     if second is not None:

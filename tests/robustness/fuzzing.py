@@ -1,9 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Kinds of input, and the command that each is given to."""
+"""Kinds of input, the command that each is given to, and broken inputs in one process.
+
+    python3 fuzzing.py KIND COUNT
+
+works in the current folder and prints what is wrong, a line each.
+"""
 
 import contextlib
 import io
+import resource
 import signal
+import sys
 import time
 from pathlib import Path
 
@@ -59,13 +66,10 @@ class Kind:
         Name under which a broken version is put into the working folder.
     arguments : sequence of str
         Of the ``gr-wiforce`` command, run in the working folder.
-    cases : int
-        Broken versions in the default run; fewer where reading one takes long.
     """
 
-    def __init__(self, name, original, file, arguments, cases=200):
+    def __init__(self, name, original, file, arguments):
         self.name, self.original, self.file, self.arguments = name, original, file, arguments
-        self.cases = cases
 
     def broken(self, seed):
         """The broken version of a seed."""
@@ -104,17 +108,16 @@ def kinds(folder):
             [*invert, "y.yaml", "phases.csv"],
         ),
         Kind("vna", (folder / "vna.csv").read_bytes(), "x.csv", [*calibrate, "x.csv"]),
-        Kind("index", index, "i.csv", [*touchstone, "i.csv"], 100),
-        Kind("touchstone", first, "00.s2p", [*touchstone, "index.csv"], 80),
+        Kind("index", index, "i.csv", [*touchstone, "i.csv"]),
+        Kind("touchstone", first, "00.s2p", [*touchstone, "index.csv"]),
         Kind("phases", phases, "p.csv", [*invert, "wiforce-900mhz", "p.csv"]),
         Kind(
             "metadata",
             (folder / "capture.sigmf-meta").read_bytes(),
             "x.sigmf-meta",
             [*read, "x"],
-            100,
         ),
-        Kind("samples", data, "x.bin", [*read, "x.bin", "--datatype", "ci16_le"], 40),
+        Kind("samples", data, "x.bin", [*read, "x.bin", "--datatype", "ci16_le"]),
     ]
     return {kind.name: kind for kind in found}
 
@@ -165,3 +168,32 @@ def fault_of(status, said):
     if status == 2 and len(complaints) != 1:
         return f"not one line: {said[:300]!r}"
     return None
+
+
+def check(kind, data, told):
+    """What is wrong with how a kind's command takes this input, None when nothing is."""
+    Path(kind.file).write_bytes(data)
+    try:
+        status, said, _ = call(kind.arguments)
+    except Hang as hang:
+        return f"{told}: {hang}"
+    fault = fault_of(status, said)
+    return f"{told}: {fault}" if fault else None
+
+
+def run(name, count):
+    """Gives a command its sound input and so many broken ones; prints what is wrong."""
+    kind = kinds(".")[name]
+    inputs = [("the original", kind.original)]
+    inputs.extend((f"{name} {seed}", kind.broken(seed)) for seed in range(count))
+    for told, data in inputs:
+        fault = check(kind, data, told)
+        if fault:
+            print(" ".join(fault.split()), flush=True)
+    peak = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    if peak > LIMIT_BYTES:
+        print(f"{name}: took {peak >> 20} MB of memory")
+
+
+if __name__ == "__main__":
+    run(sys.argv[1], int(sys.argv[2]))
