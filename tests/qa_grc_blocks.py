@@ -216,6 +216,8 @@ REFUSED = [
     ("wiforce_force_inversion", {"output": "readings.txt"}),
     ("wiforce_preamble_fold", {"mode": "tones", "group_length": 0}),
     ("wiforce_preamble_fold", {"mode": "tones", "group_length": 600}),
+    ("wiforce_antenna_ratio", {"frame_length": 319}),
+    ("wiforce_antenna_ratio", {"sample_rate": 0}),
     ("wiforce_reader", {"scene": "missing.yaml"}),
     ("wiforce_reader", {"scene": "dome"}),
     ("wiforce_reader", {"frame_offset": -1}),

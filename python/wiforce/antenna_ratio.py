@@ -21,8 +21,11 @@ class antenna_ratio(gr.sync_block):
     Parameters
     ----------
     waveform : str
+        ``repeated`` or ``wifi``, as it was sent.
     frame_length : int
+        Samples per frame.
     sample_rate : float
+        Samples per second.
 
     Raises
     ------
