@@ -183,7 +183,8 @@ def check(kind, data, told):
 
 def run(name, count):
     """Gives a command its sound input and so many broken ones; prints what is wrong."""
-    kind = kinds(".")[name]
+    with contextlib.redirect_stdout(io.StringIO()):
+        kind = kinds(".")[name]
     inputs = [("the original", kind.original)]
     inputs.extend((f"{name} {seed}", kind.broken(seed)) for seed in range(count))
     for told, data in inputs:
