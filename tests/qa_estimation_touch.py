@@ -99,6 +99,14 @@ def test_a_press_that_begins_inside_a_group_is_not_taken_for_motion(detector, sh
     assert np.max(np.abs(decisions[-1].drift_deg)) < 0.2
 
 
+def test_a_group_that_says_nothing_does_not_move_the_tare(detector):
+    for g in range(40):
+        spoilt = g == 15
+        phases, std_deg = ([-15.0, 70.0], 500.0) if spoilt else ([0.0, 0.0], 0.02)
+        decision = detector.update(g * PERIOD_S, np.array(phases), np.full(2, std_deg))
+        assert np.allclose(decision.drift_deg, 0, atol=0.01)
+
+
 def test_a_press_after_motion_counts_from_where_the_tag_then_was(detector):
     phases = np.zeros((100, 2))
     phases[30:] += 25.0

@@ -150,7 +150,7 @@ class TouchDetector:
     def _follow(self, time_s, phases_deg, std_deg):
         """Tare from groups that have proved untouched: those a little in the past."""
         change = wrap_deg(phases_deg - self._drift)
-        group = (time_s, *(self._drift + change))
+        group = (time_s, *(self._drift + change), 1 / max(std_deg @ std_deg, 1e-12))
         apart = abs(change[0] - change[1])
         if apart > max(_OUTLIER * np.hypot(*std_deg), _OUTLIER_DEG):
             self._outliers.append(group)
@@ -167,19 +167,21 @@ class TouchDetector:
             self._drift = self._extrapolate(time_s)
 
     def _extrapolate(self, time_s):
+        """Where both ends stand now: their mean, with a drift that is beyond doubt."""
         groups = np.array(self._untouched)
-        times, phases = groups[:, 0], groups[:, 1:]
-        mean = phases.mean(axis=0)
+        times, phases, weights = groups[:, 0], groups[:, 1:3], groups[:, 3]
+        weights = weights / weights.sum()
+        mean = weights @ phases
         if len(times) < _DRIFT_GROUPS:
             return mean
-        elapsed = times - times.mean()
-        moments = elapsed @ elapsed
-        common = phases.mean(axis=1)
-        slope = elapsed @ (common - common.mean()) / moments
-        left = common - common.mean() - elapsed * slope
-        error = np.sqrt(left @ left / (len(times) - 2) / moments)
+        elapsed = times - weights @ times
+        moments = weights @ elapsed**2
+        common = phases.mean(axis=1) - mean.mean()
+        slope = weights @ (elapsed * common) / moments
+        left = common - elapsed * slope
+        error = np.sqrt(weights @ left**2 / (len(times) - 2) / moments)
         if abs(slope) > _SIGNIFICANT_DRIFT * error:
-            mean = mean + slope * (time_s - times.mean())
+            mean = mean + slope * (time_s - weights @ times)
         return mean
 
 
