@@ -49,6 +49,16 @@ void check(double sample_rate, const std::string& item_type)
                     "'" + item_type + "'");
 }
 
+template <template <class> class Fold, class... Arguments>
+preamble_fold::sptr for_items(const std::string& item_type, Arguments&&... arguments)
+{
+    if (item_type == "sc16")
+        return gnuradio::make_block_sptr<Fold<kernel::sc16>>(
+            std::forward<Arguments>(arguments)...);
+    return gnuradio::make_block_sptr<Fold<kernel::fc32>>(
+        std::forward<Arguments>(arguments)...);
+}
+
 } // namespace
 
 preamble_fold::sptr preamble_fold::make(int frame_length,
@@ -60,11 +70,7 @@ preamble_fold::sptr preamble_fold::make(int frame_length,
 {
     const kernel::preamble_folder folder(frame_length, first_averaged, repetitions);
     check(sample_rate, item_type);
-    if (item_type == "sc16")
-        return gnuradio::make_block_sptr<vector_fold<kernel::sc16>>(
-            folder, sample_rate, frame_offset);
-    return gnuradio::make_block_sptr<vector_fold<kernel::fc32>>(
-        folder, sample_rate, frame_offset);
+    return for_items<vector_fold>(item_type, folder, sample_rate, frame_offset);
 }
 
 preamble_fold::sptr preamble_fold::tones(const std::vector<std::complex<double>>& weights,
@@ -78,12 +84,12 @@ preamble_fold::sptr preamble_fold::tones(const std::vector<std::complex<double>>
 {
     const kernel::preamble_folder folder(frame_length, first_averaged, repetitions);
     check(sample_rate, item_type);
-    auto transform = std::make_unique<doppler_tones>(weights, group_length);
-    if (item_type == "sc16")
-        return gnuradio::make_block_sptr<tone_fold<kernel::sc16>>(
-            folder, sample_rate, frame_offset, std::move(transform), group_length);
-    return gnuradio::make_block_sptr<tone_fold<kernel::fc32>>(
-        folder, sample_rate, frame_offset, std::move(transform), group_length);
+    return for_items<tone_fold>(item_type,
+                                folder,
+                                sample_rate,
+                                frame_offset,
+                                std::make_unique<doppler_tones>(weights, group_length),
+                                group_length);
 }
 
 template <class Sample>
