@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Power of a capture's snapshots over Doppler frequency, for a picture."""
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from gnuradio.wiforce.waveform import FFT_LENGTH
+
+_LENGTH = 5000  # snapshots per stretch
+_KAISER_BETA = 14  # side lobes below -100 dB: a strong static path hides no line
+
+
+def doppler_spectrum(recording, scene):
+    """Mean over subcarriers and over whole stretches of the capture.
+
+    Parameters
+    ----------
+    recording : Capture
+    scene : Scene
+
+    Returns
+    -------
+    dict
+        ``hz``, rising from minus to plus half the snapshot rate, and ``db``; empty lists for a
+        capture shorter than a stretch.
+    """
+    waveform = scene.waveform()
+    with tempfile.TemporaryDirectory(dir=Path(recording.path).parent) as folder:
+        channels = _channels(recording, scene, Path(folder) / "channels")
+        stretches = len(channels) // _LENGTH
+        if not stretches:
+            return {"hz": [], "db": []}
+        window = np.kaiser(_LENGTH, _KAISER_BETA)[:, None]
+        power = np.zeros(_LENGTH)
+        for number in range(stretches):
+            stretch = channels[number * _LENGTH : (number + 1) * _LENGTH, waveform.bins]
+            lines = np.fft.fft(stretch * window, axis=0) / window.sum()
+            power += np.mean(np.abs(lines) ** 2, axis=1) / stretches
+    level = 10 * np.log10(np.maximum(power, 1e-30))
+    hz = np.fft.fftfreq(_LENGTH, scene.snapshot_period_s)
+    return {
+        "hz": np.fft.fftshift(hz).round(2).tolist(),
+        "db": np.fft.fftshift(level).round(2).tolist(),
+    }
+
+
+def _channels(recording, scene, path):
+    """H (N, 64) of every snapshot, by way of a file."""
+    from gnuradio import blocks, gr, wiforce
+
+    factors = scene.waveform().equalizer().astype(np.complex64)
+    flowgraph = gr.top_block("doppler spectrum", catch_exceptions=False)
+    flowgraph.connect(
+        wiforce.capture_source(recording, scene),
+        wiforce.ofdm_channel_estimator(factors=factors),
+        blocks.file_sink(FFT_LENGTH * gr.sizeof_gr_complex, str(path)),
+    )
+    flowgraph.run()
+    return np.fromfile(path, np.complex64).reshape(-1, FFT_LENGTH)

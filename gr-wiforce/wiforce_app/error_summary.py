@@ -1,0 +1,29 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A method's errors in a scene as plain figures, and what a calibration adds to them."""
+
+import numpy as np
+from gnuradio.wiforce.angles import wrap_deg
+
+
+def summary(phase_deg, force_n, location_mm):
+    """Medians, 90th percentiles and phase rms of errors; empty where nothing was read."""
+    if not len(phase_deg):
+        return {}
+    found = {
+        "phase_deg": float(np.median(np.abs(phase_deg))),
+        "phase_rms_deg": float(np.sqrt(np.mean(phase_deg**2))),
+    }
+    for name, error in (("force_n", force_n), ("location_mm", location_mm)):
+        if len(error):
+            found[name] = float(np.median(np.abs(error)))
+            found[f"{name}_90"] = float(np.percentile(np.abs(error), 90))
+            found[f"{name}_errors"] = np.abs(error).tolist()
+    return found
+
+
+def calibration_bias_deg(scene, index):
+    """By how much the reader's untouched phases differ from the true ones; shape (2,)."""
+    frequency = scene.radio.center_frequency_hz
+    known = scene.sensors[index].load_model(scene).untouched_deg(frequency)
+    true = scene.load_model(scene.simulation.tags[index].truth_model).untouched_deg(frequency)
+    return wrap_deg(np.subtract(known, true))
