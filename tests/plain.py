@@ -6,7 +6,7 @@ from gnuradio.wiforce.angles import wrap_deg
 from gnuradio.wiforce.estimation.separation import TagClock
 from gnuradio.wiforce.scene.plan import Plan
 from gnuradio.wiforce.waveform import sounding_waveform
-from wiforce_app.bench.air import Air, Levels, TagOnAir
+from wiforce_app.bench.air import Air, PathLevels, TagOnAir
 from wiforce_app.bench.chain import SnapshotChain
 
 WAVEFORM = sounding_waveform()
@@ -77,4 +77,4 @@ def errors_deg(results, tags, reference_groups=12):
 
 def make_air(group_length, tags, seed, gamma_db, noise_profile=None, **levels):
     """The air of a test."""
-    return Air(WAVEFORM, group_length, tags, Levels(gamma_db, **levels), seed, noise_profile)
+    return Air(WAVEFORM, group_length, tags, PathLevels(gamma_db, **levels), seed, noise_profile)

@@ -6,7 +6,7 @@ import pytest
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.channel import PEAK, Adc, AirChannel
 from gnuradio.wiforce.scene.paths import Fir, MovingPath, delay_taps, response, tag_taps
-from gnuradio.wiforce.scene.switching import SWITCHES, TagClock, switch_states
+from gnuradio.wiforce.scene.switching import SWITCHES, SwitchingClock, switch_states
 from gnuradio.wiforce.waveform import sounding_waveform
 
 TA = 256 / 12.5e6
@@ -371,14 +371,14 @@ def test_a_hands_tremor_has_the_stated_rms_between_8_and_12_hz():
 
 
 def test_clock_phase_is_that_of_the_signal_model_until_the_crystals_limit():
-    clock = TagClock(1000.0, 40.0, 0.5, 100.0, 0.3)
+    clock = SwitchingClock(1000.0, 40.0, 0.5, 100.0, 0.3)
     t = np.array([0.0, 1.0, 60.0])
     wanted = 0.3 + 1000 * (t * (1 + 40e-6) + 0.5e-6 * t**2 / 2)
     np.testing.assert_allclose(clock.cycles(t), wanted, rtol=0, atol=1e-9)
 
 
 def test_clock_wanders_for_days_within_its_tolerance_and_without_a_step():
-    clock = TagClock(1000.0, 40.0, 0.5, 100.0, 0.0)
+    clock = SwitchingClock(1000.0, 40.0, 0.5, 100.0, 0.0)
     t = np.linspace(0, 1200, 2_400_001)
     rate_ppm = (np.diff(clock.cycles(t)) / np.diff(t) / 1000 - 1) * 1e6
     assert np.abs(rate_ppm).max() < 100.01 and rate_ppm.max() > 99.9 and rate_ppm.min() < -99.9
@@ -389,7 +389,7 @@ def test_clock_wanders_for_days_within_its_tolerance_and_without_a_step():
 
 
 def test_a_new_clock_offset_keeps_the_phase():
-    clock = TagClock(1000.0, 40.0, 0.0, 100.0, 0.0)
+    clock = SwitchingClock(1000.0, 40.0, 0.0, 100.0, 0.0)
     before = clock.cycles(5.0)
     clock.retune(5.0, -120.0)
     assert clock.cycles(5.0) == pytest.approx(before, abs=1e-12)
@@ -398,7 +398,7 @@ def test_a_new_clock_offset_keeps_the_phase():
 
 @pytest.mark.parametrize("shape", ["pulses", "overlapping"])
 def test_edges_inside_a_sample_count_by_their_exact_place(shape):
-    clock, delay = TagClock(1700.0, 80.0, 1.0, 100.0, 0.123), 3e-6
+    clock, delay = SwitchingClock(1700.0, 80.0, 1.0, 100.0, 0.123), 3e-6
     rate, first, count, fine = 1e6, 12_345, 3000, 400
     got = switch_states(clock, SWITCHES[shape], delay, first, count, rate)
     t = (first - 0.5 + (np.arange(count * fine) + 0.5) / fine) / rate

@@ -9,7 +9,7 @@ import click
 from gnuradio.wiforce.readings import open_writer
 from gnuradio.wiforce.scene import load_scene
 
-from .publisher import ReadingsPublisher, Requests, endpoint_of
+from .zmq_sockets import ReadingsPublisher, Replies, answer_words, endpoint_of
 
 _LOOK_S = 0.1
 
@@ -165,4 +165,5 @@ def _requests(control, session, watch, ended):
         ended.set()
         return {}
 
-    return Requests(control, {"tare": tare, "status": watch.status, "stop": stop})
+    answer = answer_words({"tare": tare, "status": watch.status, "stop": stop})
+    return Replies(control, answer)

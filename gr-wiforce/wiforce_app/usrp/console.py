@@ -7,6 +7,7 @@ import stat
 
 from gnuradio.wiforce.errors import InputError
 
+from ..zmq_sockets import Replies
 from .faults import parse_fault
 
 USAGE = {
@@ -108,30 +109,10 @@ class ZmqControl:
     """
 
     def __init__(self, console, device, endpoint):
-        try:
-            import zmq
-        except ImportError as error:
-            raise InputError("--control", "needs pyzmq (python3-zmq)", endpoint) from error
         if not endpoint.startswith("tcp://127."):
             raise InputError("--control", "must read tcp://127.0.0.1:PORT", endpoint)
-        self._zmq, self._console = zmq, console
-        self._context = zmq.Context()
-        self._socket = self._context.socket(zmq.REP)
-        try:
-            self._socket.bind(endpoint)
-        except zmq.ZMQError as error:
-            self.close()
-            raise InputError("--control", f"cannot be bound ({error})", endpoint) from error
-        device.watch(self._socket.fileno(), self._read)
+        self._replies = Replies(endpoint, console.answer)
+        self.close = self._replies.close
+        device.watch(self._replies.fileno(), self._replies.serve)
         # Its descriptor only shows changes: a request may be there before the first one.
-        self._read()
-
-    def close(self):
-        """Give the endpoint back."""
-        self._socket.close(linger=0)
-        self._context.term()
-
-    def _read(self):
-        while self._socket.getsockopt(self._zmq.EVENTS) & self._zmq.POLLIN:
-            line = self._socket.recv().decode("utf-8", "replace")
-            self._socket.send_string(self._console.answer(line))
+        self._replies.serve()

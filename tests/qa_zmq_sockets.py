@@ -7,7 +7,7 @@ import socket
 import numpy as np
 import pytest
 import zmq
-from wiforce_app.publisher import Requests
+from wiforce_app.zmq_sockets import Replies, answer_words
 
 
 @pytest.fixture
@@ -15,7 +15,7 @@ def ask():
     """Sends the parts of a request and gives the answer; None when there is none."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    requests = Requests(str(port), {"status": lambda: {"groups": 3}})
+    replies = Replies(str(port), answer_words({"status": lambda: {"groups": 3}}))
 
     def send(*parts):
         client = zmq.Context.instance().socket(zmq.REQ)
@@ -23,7 +23,7 @@ def ask():
         client.send_multipart(list(parts))
         answer = None
         for _ in range(20 if sum(map(len, parts)) > 4096 else 400):
-            requests.serve()
+            replies.serve()
             if client.poll(5):
                 answer = json.loads(client.recv())
                 break
@@ -31,7 +31,7 @@ def ask():
         return answer
 
     yield send
-    requests.close()
+    replies.close()
 
 
 def test_a_word_that_is_known_is_answered(ask):

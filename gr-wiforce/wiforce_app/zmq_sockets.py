@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Readings and requests over ZMQ, on loopback unless told otherwise."""
+"""ZMQ sockets: readings out, requests in, on loopback unless told otherwise."""
 
 import json
 
@@ -66,33 +66,48 @@ class ReadingsPublisher(_Endpoint):
         self._socket.send_string(json.dumps(message, allow_nan=False))
 
 
-# A request is a word; a peer that sends more is cut off before it takes memory.
+# A request is a line; a peer that sends more is cut off before it takes memory.
 _LONGEST_REQUEST = 4096
 
 
-class Requests(_Endpoint):
-    """Requests on a REP socket: one word in, JSON out.
+class Replies(_Endpoint):
+    """Requests on a REP socket, each answered with a string.
 
     Parameters
     ----------
     endpoint : str
-    handlers : dict
-        Word to a callable that returns a dict.
+    answer : callable
+        Takes the text of a request.
+
+    Raises
+    ------
+    InputError
+        When pyzmq is missing or the endpoint cannot be bound.
     """
 
-    def __init__(self, endpoint, handlers, option="--control"):
+    def __init__(self, endpoint, answer, option="--control"):
         super().__init__(endpoint, "REP", option, {"MAXMSGSIZE": _LONGEST_REQUEST})
-        self._handlers = handlers
+        self._answer = answer
+
+    def fileno(self):
+        """Descriptor that becomes readable when requests may have come in."""
+        return self._socket.fileno()
 
     def serve(self):
         """Answer what has come in; never waits."""
         while self._socket.poll(0):
             # All parts have to be taken before an answer may be sent.
-            word = b" ".join(self._socket.recv_multipart()).decode("utf-8", "replace").strip()
-            handler = self._handlers.get(word)
-            if handler is None:
-                known = ", ".join(self._handlers)
-                answer = {"ok": False, "error": f"must be one of {known}, got {word[:80]!r}"}
-            else:
-                answer = {"ok": True, **handler()}
-            self._socket.send_string(json.dumps(answer))
+            text = b" ".join(self._socket.recv_multipart()).decode("utf-8", "replace").strip()
+            self._socket.send_string(self._answer(text))
+
+
+def answer_words(handlers):
+    """An answer for `Replies`: JSON of what the handler of a word returns, a dict."""
+
+    def answer(word):
+        if word not in handlers:
+            rule = f"must be one of {', '.join(handlers)}, got {word[:80]!r}"
+            return json.dumps({"ok": False, "error": rule})
+        return json.dumps({"ok": True, **handlers[word]()})
+
+    return answer
