@@ -32,9 +32,9 @@ _HOMES = {
     "trend_display": "trend_display",
     "ForceDisplay": "display",
     # what their parameters are made with, and checked by
-    "tone_weights": "end_separation",
-    "tone_derotation": "end_separation",
-    "tone_count": "end_separation",
+    "tone_weights": "tones",
+    "tone_derotation": "tones",
+    "tone_count": "tones",
     "load_scene": "scene",
     "load_sensor": "sensor",
     "open_writer": "readings",

@@ -10,73 +10,13 @@ from . import names
 from .errors import InputError
 from .estimation.estimators import estimator_named
 from .estimation.separation import TagClock
-from .estimation.weights import design_weights, tag_lines
 from .group_block import GroupBlock
+from .tones import tone_table
 from .waveform import sounding_waveform
 
 # Snapshots with samples at full scale from which on a group counts as clipped. A recording that
 # was scaled to its own peak reaches full scale here and there; it lost nothing by that.
 _CLIPPED_SHARE = 0.01
-
-
-def _design(clocks_hz, group_length, frame_length, sample_rate, clutter_hz, harmonics, estimator):
-    period = _snapshot_period(frame_length, sample_rate)
-    rectangular = estimator_named(estimator).rectangular
-    return design_weights(clocks_hz, group_length, period, clutter_hz, harmonics, rectangular)
-
-
-def _snapshot_period(frame_length, sample_rate):
-    return sounding_waveform("repeated", frame_length, sample_rate).snapshot_period_s
-
-
-def tone_weights(
-    clocks_hz,
-    group_length=625,
-    frame_length=720,
-    sample_rate=12.5e6,
-    clutter_hz=0.0,
-    harmonics=8,
-    estimator="harmonic",
-):
-    """Weight table for ``phase_group_doppler`` that suits ``end_separation`` of the same settings.
-
-    Returns
-    -------
-    ndarray of complex64, shape (M, group_length)
-    """
-    settings = (clocks_hz, group_length, frame_length, sample_rate, clutter_hz, harmonics)
-    return _design(*settings, estimator).weights.astype(np.complex64)
-
-
-def tone_count(
-    clocks_hz,
-    group_length=625,
-    frame_length=720,
-    sample_rate=12.5e6,
-    clutter_hz=0.0,
-    harmonics=8,
-):
-    """Rows M of ``tone_weights`` of the same settings."""
-    period = _snapshot_period(frame_length, sample_rate)
-    return len(tag_lines(clocks_hz, period, group_length, harmonics, clutter_hz))
-
-
-def tone_derotation(
-    clocks_hz,
-    group_length=625,
-    frame_length=720,
-    sample_rate=12.5e6,
-    clutter_hz=0.0,
-    harmonics=8,
-):
-    """Factors for ``ofdm_channel_estimator`` that stop each tone's turning within a symbol.
-
-    Returns
-    -------
-    ndarray of complex64, shape (M, 64)
-    """
-    settings = (clocks_hz, group_length, frame_length, sample_rate, clutter_hz, harmonics)
-    return _design(*settings, "harmonic").derotation(sample_rate).astype(np.complex64)
 
 
 def _tolerances(tolerance_ppm, tags):
@@ -140,7 +80,7 @@ class end_separation(GroupBlock):
         derotated=True,
     ):
         sounding = sounding_waveform(waveform, frame_length, sample_rate)
-        table = _design(
+        table = tone_table(
             clocks_hz, group_length, frame_length, sample_rate, clutter_hz, harmonics, estimator
         )
         tolerances = _tolerances(tolerance_ppm, len(clocks_hz))

@@ -53,7 +53,7 @@ def is_capture(capture, datatype=None):
 
 def is_tone_design(*settings):
     """Whether ``tone_weights(*settings)`` finds weights."""
-    from .end_separation import tone_weights
+    from .tones import tone_weights
 
     return _accepted(lambda: tone_weights(*settings))
 
