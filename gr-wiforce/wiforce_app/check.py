@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass, field
 
 import click
 import numpy as np
+from gnuradio.wiforce.codes import samples_of
 from gnuradio.wiforce.estimation.frame import MARGIN
 from gnuradio.wiforce.estimation.levels import measure_levels
 from gnuradio.wiforce.scene import load_scene
@@ -16,7 +17,6 @@ _FRAMES = 2000
 _SEARCHES = 16
 _AFTER_REFERENCE_S = 0.7
 _LOOK_S = 0.05
-_FULL_SCALE = 32768
 
 
 @dataclass
@@ -88,8 +88,7 @@ def _listen(scene, radio, amplitude, args):
         raise session.failure
     if session.alignment.offset is None:
         return session, None
-    samples = keeper.samples.astype(np.float32) / _FULL_SCALE
-    return session, samples.view(np.complex64).ravel()
+    return session, samples_of(keeper.samples)
 
 
 def _judge(findings, scene, session, samples):

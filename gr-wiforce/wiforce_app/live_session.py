@@ -4,7 +4,8 @@
 import time
 
 from gnuradio import gr, wiforce
-from gnuradio.wiforce.level_meter import FULL_SCALE, level_meter
+from gnuradio.wiforce.codes import FULL_SCALE
+from gnuradio.wiforce.level_meter import level_meter
 from gnuradio.wiforce.state_probe import state_probe
 
 # GNU Radio logs to standard output, where readings may go.

@@ -18,7 +18,13 @@ _UNFIT = {"gap", "transition", "moved"}
 
 @click.command("off-reflection")
 @click.argument("capture", type=click.Path())
-@click.option("--scene", "scene_path", required=True, type=click.Path(), help="Scene file.")
+@click.option(
+    "--scene",
+    "scene_path",
+    required=True,
+    type=click.Path(),
+    help="Scene file, or a shipped scene.",
+)
 @click.option("--datatype", help="Raw samples of this type: ci16_le or cf32_le.")
 def off_reflection(capture, scene_path, datatype):
     """Find off_reflection of every sensor from a CAPTURE in which each is pressed.

@@ -20,7 +20,13 @@ _SEARCHED_FRAMES = 2000
 
 @click.command()
 @click.argument("capture", type=click.Path())
-@click.option("--scene", "scene_path", required=True, type=click.Path(), help="Scene file.")
+@click.option(
+    "--scene",
+    "scene_path",
+    required=True,
+    type=click.Path(),
+    help="Scene file, or a shipped scene.",
+)
 @click.option("-o", "--output", type=click.Path(), help="OUT.csv or OUT.jsonl; CSV on stdout.")
 @click.option("--plot", "plot_path", type=click.Path(), help="Picture of the readings, PNG.")
 @click.option("--datatype", help="Raw samples of this type: ci16_le or cf32_le.")

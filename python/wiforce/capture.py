@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from .carrier import same_carrier
+from .codes import samples_of
 from .errors import InputError
 from .textfile import read_bytes
 
@@ -60,8 +62,7 @@ class Capture:
         if self.datatype == "cf32_le":
             return np.fromfile(self.path, "<c8", count)
         codes = np.fromfile(self.path, "<i2", 2 * count)
-        codes = codes[: len(codes) // 2 * 2].astype(np.float32) / 32768
-        return codes.view(np.complex64)
+        return samples_of(codes[: len(codes) // 2 * 2])
 
     def check_against(self, scene):
         """Refuses a scene that disagrees on sample rate or carrier.
@@ -70,13 +71,12 @@ class Capture:
         ------
         InputError
         """
-        pairs = (
-            ("sample rate", self.sample_rate_hz, scene.radio.sample_rate_hz, 1e-6),
-            ("carrier", self.center_frequency_hz, scene.radio.center_frequency_hz, 1e-3),
-        )
-        for name, own, wanted, tolerance in pairs:
-            if own is not None and abs(own - wanted) > tolerance * wanted:
-                raise InputError(self.path, f"{name} must be the scene's {wanted:g} Hz", own)
+        own, wanted = self.sample_rate_hz, scene.radio.sample_rate_hz
+        if own is not None and abs(own - wanted) > 1e-6 * wanted:
+            raise InputError(self.path, f"sample rate must be the scene's {wanted:g} Hz", own)
+        own, wanted = self.center_frequency_hz, scene.radio.center_frequency_hz
+        if own is not None and not same_carrier(own, wanted):
+            raise InputError(self.path, f"carrier must be the scene's {wanted:g} Hz", own)
 
 
 def open_capture(path, datatype=None):

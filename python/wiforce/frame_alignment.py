@@ -8,13 +8,13 @@ import pmt
 from gnuradio import gr
 
 from . import names
+from .codes import samples_of
 from .errors import InputError
 from .estimation.frame import find_frame_offset
 from .stream_time import Timeline, time_value
 from .waveform import sounding_waveform
 
 ITEMS = {"fc32": np.complex64, "sc16": (np.int16, 2)}
-_FULL_SCALE = 32768
 _RX_TIME = pmt.intern(names.RX_TIME)
 
 
@@ -139,7 +139,7 @@ class frame_alignment(gr.basic_block):
         samples = np.concatenate(self._held)
         if self._complex:
             return samples
-        return (samples.astype(np.float32) / _FULL_SCALE).view(np.complex64).ravel()
+        return samples_of(samples)
 
     def _take_tags(self, count):
         """Keep the tags of the next input items; the last item that has lost samples before it."""

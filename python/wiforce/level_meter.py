@@ -4,8 +4,6 @@
 import numpy as np
 from gnuradio import gr
 
-FULL_SCALE = 32768
-
 
 class level_meter(gr.sync_block):
     """Passes complex 16-bit samples through, noting their peak.

@@ -37,7 +37,7 @@ class TagOnAir:
 
 
 @dataclass(frozen=True)
-class Levels:
+class PathLevels:
     """What surrounds the tags; None for what is not there.
 
     ``gamma_db``: mean over the subcarriers of |a_k|^2 against the noise in H. ``static_db`` and
@@ -114,7 +114,7 @@ class Air:
     waveform : Waveform
     group_length : int
     tags : sequence of TagOnAir
-    levels : Levels
+    levels : PathLevels
     seed : int or sequence of int
     noise_profile : ndarray, shape (K,), optional
         Noise variance of each subcarrier, relative.

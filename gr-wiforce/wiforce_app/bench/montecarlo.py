@@ -14,7 +14,7 @@ from gnuradio.wiforce.estimation.separation import TagClock
 from gnuradio.wiforce.scene.plan import Plan
 from gnuradio.wiforce.waveform import sounding_waveform
 
-from .air import Air, Levels, TagOnAir
+from .air import Air, PathLevels, TagOnAir
 from .chain import SnapshotChain
 
 _WAVEFORM = sounding_waveform()
@@ -89,7 +89,7 @@ def air_of(case, run, seed=1):
     seeds = np.random.SeedSequence([seed, zlib.crc32(case.name.encode()), run])
     rng = np.random.default_rng(seeds)
     tags = [_tag(case, hertz, level, rng) for hertz, level in _each_tag(case)]
-    levels = Levels(case.gamma_db, case.static_db, case.movers_db, case.coherence_hz)
+    levels = PathLevels(case.gamma_db, case.static_db, case.movers_db, case.coherence_hz)
     profile = np.ones(len(_WAVEFORM.bins))
     profile[_INTERFERED] = 100.0 if case.interfered else 1.0
     return Air(_WAVEFORM, case.group_length, tags, levels, seeds.spawn(1)[0], profile), tags, rng

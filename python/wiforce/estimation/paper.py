@@ -6,6 +6,7 @@ Same interface as :class:`separation.EndSeparator`.
 
 import numpy as np
 
+from ..errors import InputError
 from .state import ClockState, GroupState
 from .tag_clock import harmonics
 
@@ -38,7 +39,7 @@ class _LineReader:
         for row, tone in enumerate(self.table.tones):
             if (tag, harmonic) in tone.owners:
                 return row
-        raise ValueError(f"line {harmonic} of tag {tag} is not in the table")
+        raise InputError("harmonics", f"must leave line {harmonic} of tag {tag} in the table")
 
     def process(self, group, tones, missing=0, partial=None):
         """One group's vectors at once; see :meth:`separation.EndSeparator.process`."""

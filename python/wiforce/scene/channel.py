@@ -13,10 +13,10 @@ from .oscillators import FreeOscillators
 from .paths import MOVING_PATHS as _MOVING_PATHS
 from .paths import Fir, MovingPath, Ramp, mean_power, static_taps, tag_taps
 from .presses import PressedSensor
-from .switching import SWITCHES, TagClock, switch_states
+from .switching import SWITCHES, SwitchingClock, switch_states
 
 PEAK = 10 ** (-3 / 20)  # of full scale: where a scene's transmit frame peaks at the ADC
-_NOISE_PEAK = 4.5  # standard deviations of a noise component that count as its peak
+NOISE_PEAK = 4.5  # standard deviations of a noise component that count as its peak
 _MOST_PATHS = 64
 _PIECE = 32768  # samples worked on at once: few calls, and still in the cache
 
@@ -204,7 +204,7 @@ class AirChannel:
         """Largest magnitude to expect when the scene's own frame is sent, noise included."""
         frame = self._amplitude * np.tile(self._waveform.frame(), 2)
         total = sum(np.abs(np.convolve(frame, taps)) for taps in _padded([static, *movers, *tags]))
-        return total.max() + _NOISE_PEAK * self._noise / np.sqrt(2)
+        return total.max() + NOISE_PEAK * self._noise / np.sqrt(2)
 
 
 class TagOnAir:
@@ -213,7 +213,7 @@ class TagOnAir:
     Attributes
     ----------
     name : str
-    clock : TagClock
+    clock : SwitchingClock
     pressed : PressedSensor
     on : bool
         False takes the tag off the air.
@@ -227,7 +227,7 @@ class TagOnAir:
         phase = rng.random()
         if tag.clock_phase_deg is not None:
             phase = tag.clock_phase_deg / 360
-        self.clock = TagClock(
+        self.clock = SwitchingClock(
             sensor.clock_hz,
             tag.clock_offset_ppm,
             tag.clock_drift_ppm_per_s,

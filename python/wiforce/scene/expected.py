@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..carrier import same_carrier
 from ..estimation.bound import phase_bound_deg
 from ..estimation.tag_clock import harmonics
-from .channel import PEAK
+from .channel import NOISE_PEAK, PEAK
 from .presses import PressedSensor
 
 # Median of |x| for a Gaussian x of unit standard deviation.
@@ -22,12 +23,10 @@ _GROUPS, _DRAWS = 300, 16
 # Standard deviation of a noise component, in ADC steps, below which rounding is not like noise, and
 # steps of the tag's line that are then too few.
 _DITHER_STEPS, _FEW_STEPS = 0.3, 10
-# Peak of noise in standard deviations of a component.
-_NOISE_PEAK = 4.5
 
 
 @dataclass(frozen=True)
-class Levels:
+class ReceivedLevels:
     """What reaches the receiver, in units of a tag's rho; noise per subcarrier and snapshot.
 
     ``noise`` is the variance in H of what the scene's ``snr_db`` says, ``quantisation`` that of
@@ -78,10 +77,10 @@ def receive_levels(scene):
     clutter = [simulation.static_clutter_db, simulation.moving_clutter_db]
     amplitudes = [line * 10 ** (db / 20) for db in clutter if db is not None]
     amplitudes += [10 ** (tag.level_db / 20) for tag in simulation.tags]
-    peak = sum(amplitudes) * float(np.abs(waveform.frame()).max()) + _NOISE_PEAK * sample_std
+    peak = sum(amplitudes) * float(np.abs(waveform.frame()).max()) + NOISE_PEAK * sample_std
     step = peak / PEAK / 2 ** ((simulation.adc_bits or 16) - 1)
     quantisation = 2 * step**2 / 12 * waveform.channel_noise_gain
-    return Levels(noise, float(quantisation), float(line / step), float(sample_std / step))
+    return ReceivedLevels(noise, float(quantisation), float(line / step), float(sample_std / step))
 
 
 def expect(scene, plan):
@@ -277,7 +276,7 @@ def _model_variance(model, frequency_hz, force_n, location_mm):
     interpolation errs at least twice as much.
     """
     rows = getattr(model, "cross_validation", {}).get("locations", [])
-    rows = [r for r in rows if abs(r["frequency_mhz"] * 1e6 - frequency_hz) < 1e-3 * frequency_hz]
+    rows = [r for r in rows if same_carrier(r["frequency_mhz"] * 1e6, frequency_hz)]
     if not rows:
         return model.model_std_deg(force_n, location_mm, frequency_hz) ** 2
     calibrated = model.carriers[model.carrier_index(frequency_hz)].location_mm

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-SPEED_OF_LIGHT_M_S = 299_792_458.0
+from ..carrier import SPEED_OF_LIGHT_M_S
+
 # Physiological tremor of a hand lies between 8 and 12 Hz.
 TREMOR_HZ = (8.3, 9.7, 11.4)
 _TIMES_INSIDE = 32

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..codes import samples_of
 from ..errors import InputError, OutputError
 from .channel import Adc, AirChannel
 
@@ -94,7 +95,7 @@ def capture(scene, channel, datatype):
         elif scene.simulation.adc_bits is None:
             yield received.astype("<c8", copy=False)
         else:
-            yield (adc.codes(received).astype(np.float32) / 32768).view("<c8")
+            yield samples_of(adc.codes(received))
 
 
 def group_centers(scene):

@@ -18,7 +18,7 @@ SWITCHES = {
 }
 
 
-class TagClock:
+class SwitchingClock:
     """Phase of a crystal clock: u(t) = u_0 + f (t + integral of o), in cycles.
 
     The offset o starts at ``offset_ppm`` and drifts linearly; where it would leave
@@ -89,7 +89,7 @@ def switch_states(clock, switches, delay_s, first_sample, count, sample_rate_hz)
 
     Parameters
     ----------
-    clock : TagClock
+    clock : SwitchingClock
     switches : tuple
         One of :data:`SWITCHES`.
     delay_s : float

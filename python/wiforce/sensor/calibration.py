@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..angles import wrap_deg
+from ..carrier import same_carrier
 from ..errors import InputError
 from . import curves, line
 from .checks import check_places, check_table, continuous_phase, split_untouched
@@ -171,7 +172,7 @@ def _carriers(table):
 
 
 def _carrier_data(table, frequency, length_mm, permittivity, mirror, assumed):
-    table = table.take(np.abs(table.frequency_hz - frequency) <= 1e-3 * frequency)
+    table = table.take(same_carrier(table.frequency_hz, frequency))
     untouched = _untouched_phases(table)
     if untouched is None:
         assumed.append(

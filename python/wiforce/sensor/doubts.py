@@ -3,6 +3,7 @@
 
 import numpy as np
 
+from ..carrier import same_carrier
 from . import line
 
 _ENOUGH_LOCATIONS = 5
@@ -62,7 +63,7 @@ def _left_out(model, carrier):
     rows = [
         row
         for row in model.cross_validation.get("locations", [])
-        if abs(row["frequency_mhz"] * 1e6 - carrier.frequency_hz) <= 1e-3 * carrier.frequency_hz
+        if same_carrier(row["frequency_mhz"] * 1e6, carrier.frequency_hz)
     ]
     return [
         f"location {row['location_mm']:g} mm does not fit the others: port {row['port']} is "

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from ..angles import wrap_deg
+from ..carrier import same_carrier
 from ..errors import InputError
 from . import curves
 from .checks import check_table
@@ -52,7 +53,7 @@ def refine(model, table, name=None, date=None):
     carriers = list(model.carriers)
     for index in sorted({_carrier_of(model, table, row) for row in range(table.row.size)}):
         frequency = model.frequencies_hz[index]
-        rows = table.take(np.abs(table.frequency_hz - frequency) <= 1e-3 * frequency)
+        rows = table.take(same_carrier(table.frequency_hz, frequency))
         carriers[index] = _refined_carrier(model, index, rows)
     spans = np.concatenate([carrier.force_span_n for carrier in carriers])
     provenance = dict(model.provenance)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..carrier import same_carrier
 from ..errors import InputError
 from ..textfile import read_bytes, read_csv
 
@@ -106,7 +107,7 @@ def read_vna_csv(path, frequency_hz=None):
         rows.append((number, frequency, location, port, force, phase, _press(line)))
     table = _table(path, rows)
     if frequency_hz is not None:
-        table = table.take(np.abs(table.frequency_hz - frequency_hz) <= 1e-3 * frequency_hz)
+        table = table.take(same_carrier(table.frequency_hz, frequency_hz))
         if not table.row.size:
             raise InputError(path, "has no row at the carrier", frequency_hz)
     return table

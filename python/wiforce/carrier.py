@@ -1,0 +1,13 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Carrier frequencies: when two are the same, and what a wave travels in a second."""
+
+import numpy as np
+
+SPEED_OF_LIGHT_M_S = 299_792_458.0
+# A sensor's phases at a carrier hold this far around it; channels of a band lie further apart.
+_TOLERANCE = 1e-3
+
+
+def same_carrier(frequency_hz, carrier_hz):
+    """Whether a frequency, or each of an array, is that carrier."""
+    return np.abs(frequency_hz - carrier_hz) <= _TOLERANCE * carrier_hz
