@@ -61,6 +61,18 @@ def test_ratio_is_the_weighted_conjugate_product_over_the_reference():
             assert state.in_reference[end] == (g < 3)
 
 
+def test_a_group_given_up_in_the_reference_is_not_made_good_by_a_touched_one():
+    """Else each would bias every reading by a part of the touch, here 90 / 4 deg."""
+    channel = normal(np.random.default_rng(12), 2, K)
+    difference, angles = ConjugateDifference(2, BINS, 4), []
+    for g in range(8):
+        gain = [np.inf, 1e-9] if g in (0, 2) else [1e-9, 1e-9]
+        turned = channel * (1j if g >= 4 else 1)
+        for item in difference.process(a_state(g, np.ones(K), gain), padded(turned)):
+            angles.append(np.degrees(np.angle(SubcarrierAverage(BINS).process(*item)[1][0])))
+    assert angles == pytest.approx([0] * 4 + [90] * 4, abs=1e-6)
+
+
 def test_unoccupied_bins_stay_empty():
     difference = ConjugateDifference(2, BINS, 1)
     ((_, vectors),) = difference.process(a_state(0, np.ones(K), [1, 1]), padded(np.ones((2, K))))

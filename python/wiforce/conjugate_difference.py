@@ -24,7 +24,7 @@ class conjugate_difference(GroupBlock):
     sensors : int
         S, two ends each.
     reference_groups : int
-        Groups at the start that make the untouched reference.
+        Groups at the start that make the untouched reference; absent ones are not made good.
     against : str
         ``untouched``, or ``previous`` for the group before (paper, section 3.3).
     waveform : str

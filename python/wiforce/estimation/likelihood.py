@@ -18,6 +18,8 @@ from .tag_clock import harmonics
 # Lines beyond this carry too little energy to help the clock.
 _HIGHEST_LINE = 8
 _DELAYS = 64
+# Smallest part of a tag's signal by which a clock phase must be told from any other.
+PHASE_MARGIN = 0.02
 
 
 class PhaseLikelihood:
@@ -41,17 +43,23 @@ class PhaseLikelihood:
         Harmonic number of each.
     projection : ndarray of complex, shape (L, L)
         Pi(0), for tones scaled to unit noise.
+
+    Raises
+    ------
+    InputError
+        When the tag's own lines are too few to tell its clock's phase, or its ends.
     """
 
     def __init__(self, table, tag, averaging_phase, clock2_delay=0.0):
         self.rows, self.lines = _own_lines(table.tones, tag)
-        if not len(self.rows):
-            rule = "must leave each tag lines that no other tag's fall on; has none"
-            raise InputError(f"clock_hz of tag {tag + 1}", rule)
         self.clock2_delay = clock2_delay
         self._averaging_phase = averaging_phase
         # Rows of unit noise; the lines are then close enough to orthogonal.
         self.scale = 1 / np.linalg.norm(table.weights[self.rows], axis=1)
+        if phase_margin(self._spectra(clock2_delay), self.lines) < PHASE_MARGIN:
+            rule = "must leave each tag enough lines that no other tag's fall on; its own are "
+            shown = ", ".join(map(str, sorted(set(abs(self.lines))))) or "none"
+            raise InputError(f"clock_hz of tag {tag + 1}", rule + shown)
         self.projection = self._project(clock2_delay)
 
     def delayed(self, clock2_delay):
@@ -63,10 +71,14 @@ class PhaseLikelihood:
         other.projection = other._project(clock2_delay)
         return other
 
-    def _project(self, clock2_delay):
+    def _spectra(self, clock2_delay):
+        """What the tag's own lines hold of each end; shape (L, 2)."""
         coefficients = harmonics(self.lines, self._averaging_phase).astype(complex)
         coefficients[:, 1] *= np.exp(-1j * self.lines * clock2_delay)
-        basis, _ = np.linalg.qr(coefficients * self.scale[:, None])
+        return coefficients * self.scale[:, None]
+
+    def _project(self, clock2_delay):
+        basis, _ = np.linalg.qr(self._spectra(clock2_delay))
         return basis @ basis.conj().T
 
     @property
@@ -142,6 +154,34 @@ class PhaseLikelihood:
         return np.add.reduceat(terms[..., places], starts, axis=-1) * exists
 
 
+def phase_margin(spectra, lines):
+    """How well a clock's phase is told from any that is an eighth of a cycle or more away.
+
+    Parameters
+    ----------
+    spectra : ndarray of complex, shape (L, 2)
+        The two ends' spectra, at the right phase.
+    lines : ndarray of int, shape (L,)
+        Harmonic number of each row.
+
+    Returns
+    -------
+    float
+        Part of the ends' signals, on average over them, that changes at any such phase; 0 when the
+        ends could be swapped, or cannot be told apart.
+    """
+    norms = np.linalg.norm(spectra, axis=0)
+    if len(lines) < 2 or norms.min() <= 1e-9 * norms.max():
+        return 0.0
+    right, sizes, _ = np.linalg.svd(spectra / norms, full_matrices=False)
+    if sizes[1] < 1e-6:
+        return 0.0
+    shifts = np.arange(1 / 8, 7 / 8 + 1e-9, 1 / 64)
+    turns = np.exp(-2j * np.pi * np.outer(shifts, lines))
+    overlap = np.einsum("mi,sm,mj->sij", right.conj(), turns, right)
+    return max(0.0, float(1 - np.max(np.sum(np.abs(overlap) ** 2, axis=(1, 2))) / 2))
+
+
 def _own_lines(tones, tag):
     rows, lines = [], []
     for row, tone in enumerate(tones):
@@ -151,7 +191,7 @@ def _own_lines(tones, tag):
             if abs(m) <= _HIGHEST_LINE and unaliased:
                 rows.append(row)
                 lines.append(m)
-    return np.array(rows), np.array(lines)
+    return np.array(rows, int), np.array(lines, int)
 
 
 def turned_by(coefficients, phases):

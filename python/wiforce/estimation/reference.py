@@ -26,7 +26,8 @@ class ConjugateDifference:
     bins : ndarray of int
         Occupied FFT bins.
     reference_groups : int
-        Groups that make the untouched reference; at least 1.
+        Length of the untouched reference, at least 1. Groups that are absent or given up are not
+        made good by later ones, in which the sensor may be touched.
     against : str
         ``untouched`` or ``previous``.
 
@@ -52,8 +53,8 @@ class ConjugateDifference:
     def tare(self):
         """Takes the untouched reference anew from the groups that follow."""
         self._sum = np.zeros((self._ends, len(self.bins)), complex)
-        self._gain = np.zeros(self._ends)
-        self._count = np.zeros(self._ends, int)
+        self._precision = np.zeros(self._ends)
+        self._stop = None
 
     def process(self, state, vectors):
         """Takes one group of vectors (2S, 64); gives the groups that are ready.
@@ -69,7 +70,7 @@ class ConjugateDifference:
         if self.previous_mode:
             return [self._against_previous(state, values)]
         self._held.append((state, values, self._learn(state, values)))
-        complete = np.all(self._count >= self.reference_groups)
+        complete = np.all((self._precision > 0) & (state.group + 1 >= self._stop))
         if self._holding and not complete and len(self._held) < 2 * self.reference_groups:
             return []
         return self.flush()
@@ -77,25 +78,30 @@ class ConjugateDifference:
     def flush(self):
         """Gives the groups held back, against the reference as far as it has come."""
         held, self._held, self._holding = self._held, [], False
-        count = np.maximum(self._count, 1)
-        reference, gain = self._sum / count[:, None], self._gain / count**2
+        with np.errstate(divide="ignore", invalid="ignore"):
+            gain = 1 / self._precision
+            reference = np.where(self._precision > 0, self._sum.T * gain, 0).T
         return [self._difference(*item, reference, gain) for item in held]
 
     def _learn(self, state, values):
-        learning = np.isfinite(state.gain) & (self._count < self.reference_groups)
-        self._sum[learning] += values[learning]
-        self._gain[learning] += state.gain[learning]
-        self._count[learning] += 1
+        there = np.isfinite(state.gain)
+        if self._stop is None:
+            self._stop = np.full(self._ends, state.group + self.reference_groups)
+        # An end that was not there in its time takes the groups in which it comes.
+        late = there & (self._precision == 0) & (state.group >= self._stop)
+        self._stop = np.where(late, state.group + self.reference_groups, self._stop)
+        learning = there & (state.group < self._stop)
+        self._sum[learning] += values[learning] / state.gain[learning, None]
+        self._precision[learning] += 1 / state.gain[learning]
         return learning
 
     def _against_previous(self, state, values):
         there = np.isfinite(state.gain)
-        first = self._count == 0
+        first = self._precision == 0
         reference = np.where(first[:, None], values, self._sum)
-        gain = np.where(first, state.gain, self._gain)
+        gain = np.where(first, state.gain, 1 / np.where(first, 1, self._precision))
         self._sum = np.where(there[:, None], values, self._sum)
-        self._gain = np.where(there, state.gain, self._gain)
-        self._count[there] = 1
+        self._precision = np.where(there, 1 / state.gain, self._precision)
         return self._difference(state, values, first & there, reference, gain)
 
     def _difference(self, state, values, in_reference, reference, reference_gain):
@@ -103,7 +109,7 @@ class ConjugateDifference:
         power = np.abs(reference) ** 2 @ weights
         # Noise in the reference adds to its power and would make |R| come out small.
         noise = np.where(np.isfinite(reference_gain), reference_gain, 0) * (weights @ state.noise)
-        power = np.where(self._count > 0, np.maximum(power - noise, 0.05 * power), 0.0)
+        power = np.where(self._precision > 0, np.maximum(power - noise, 0.05 * power), 0.0)
         with np.errstate(divide="ignore", invalid="ignore"):
             products = values * reference.conj() / power[:, None]
         vectors = np.zeros((self._ends, 64), complex)

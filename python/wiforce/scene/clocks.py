@@ -13,6 +13,7 @@ from itertools import product
 import numpy as np
 
 from ..errors import InputError
+from ..estimation.likelihood import PHASE_MARGIN, phase_margin
 from ..estimation.weights import clutter_basis
 
 # An end that loses more than this to its neighbours, or to aliases, is not readable.
@@ -22,8 +23,6 @@ _WEAKEST_LINE_DB = -20.0
 _HIGHEST_HARMONIC = 64
 # Clock phases that are tried; clocks that are multiples of each other hide one another at few.
 _TRIES = 48
-# Smallest part of the signal by which a clock's phase must be told from any other.
-_PHASE_MARGIN = 0.02
 _CANDIDATES = 60
 
 
@@ -213,7 +212,7 @@ class ClockReport:
         found += [
             f"tag {tag + 1}: two phases of its clock look alike, so that its ends could be swapped"
             for tag, margin in enumerate(self.phase_margins)
-            if margin < _PHASE_MARGIN
+            if margin < PHASE_MARGIN
         ]
         return tuple(found)
 
@@ -338,17 +337,10 @@ def _unexplained(waveforms):
 
 
 def _phase_margin(pulses, averaging_cycles):
-    """Part of the tag's signal, on average over the ends, that changes at any wrong clock phase.
-
-    Wrong phases are an eighth of a cycle or more away; nearer ones are told apart by tracking.
-    """
+    """``phase_margin`` of all lines of a tag."""
     m = np.r_[-_HIGHEST_HARMONIC:0, 1 : _HIGHEST_HARMONIC + 1]
     spectra = np.stack([line_coefficients(p, m, averaging_cycles) for p in pulses], axis=1)
-    right = np.linalg.qr(spectra)[0]
-    shifts = np.arange(1 / 8, 7 / 8 + 1e-9, 1 / 64)
-    turns = np.exp(-2j * np.pi * np.outer(shifts, m))
-    overlap = np.einsum("mi,sm,mj->sij", right.conj(), turns, right)
-    return max(0.0, float(1 - np.max(np.sum(np.abs(overlap) ** 2, axis=(1, 2))) / 2))
+    return phase_margin(spectra, m)
 
 
 def propose_clocks(

@@ -6,6 +6,7 @@ from functools import cached_property, lru_cache
 
 from ..errors import InputError
 from ..estimation.estimators import estimator_named
+from ..estimation.likelihood import PhaseLikelihood
 from ..estimation.loss import line_loss_db
 from ..estimation.separation import TagClock
 from ..estimation.weights import design_weights, tag_lines
@@ -78,7 +79,8 @@ def plan(scene):
     Raises
     ------
     InputError
-        When the untouched reference holds no whole group, or the weights cannot be designed.
+        When the untouched reference holds no whole group, the weights cannot be designed, or two
+        clocks are too much alike.
     """
     period = scene.group_period_s
     reference_groups = int(scene.reference_s / period + 1e-9)
@@ -119,17 +121,18 @@ def _fewest_harmonics(clocks, waveform, group_length, clutter_hz):
             )
     best = min(loss.max() for loss in losses.values())
     chosen = next(h for h, loss in losses.items() if loss.max() <= best + ACCEPTED_LOSS_DB)
-    if chosen > HARMONICS[0] and not _designable(
-        clocks_hz, group_length, period_s, clutter_hz, chosen
-    ):
-        chosen = HARMONICS[0]
+    if chosen > HARMONICS[0]:
+        try:
+            _check_lines(clocks, waveform, group_length, clutter_hz, chosen)
+        except InputError:
+            chosen = HARMONICS[0]
+    _check_lines(clocks, waveform, group_length, clutter_hz, chosen)
     return chosen, tuple(losses[chosen].tolist())
 
 
-def _designable(*settings):
-    """Whether weights are found: lines that nearly coincide may make a group too short."""
-    try:
-        _design(*settings)
-    except InputError:
-        return False
-    return True
+def _check_lines(clocks, waveform, group_length, clutter_hz, harmonics):
+    """Raises InputError when lines nearly coincide: a group too short, or clocks too alike."""
+    clocks_hz, period_s = tuple(clock.clock_hz for clock in clocks), waveform.snapshot_period_s
+    table = _design(clocks_hz, group_length, period_s, clutter_hz, harmonics, False)
+    for tag, clock_hz in enumerate(clocks_hz):
+        PhaseLikelihood(table, tag, clock_hz * waveform.averaging_s)
