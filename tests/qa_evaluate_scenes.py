@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import yaml
 from gnuradio.wiforce._config import DATA_DIR
-from gnuradio.wiforce.scene.schema import load_scene, shipped_scenes
-from wiforce_app.evaluation import mark_of, result_of
-from wiforce_app.evaluation_report import checks
+from gnuradio.wiforce.scene import load_scene, shipped_scenes
+from wiforce_app.evaluation.checks import checks
+from wiforce_app.evaluation.runs import mark_of, result_of
 
 SCENE = {
     "sensors": [{"name": "arm", "model": "line-900mhz-calibrated"}],

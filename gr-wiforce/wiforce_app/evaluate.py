@@ -43,7 +43,7 @@ def evaluate():
 @click.option("--fresh", is_flag=True, help="Do everything again.")
 def scenes(scenes, folder, jobs, fresh):
     """Simulate, read and score SCENES (or: all), and write a report."""
-    from .evaluation import evaluate_scenes
+    from .evaluation.runs import evaluate_scenes
 
     evaluate_scenes(scenes, Path(folder), jobs, fresh)
 

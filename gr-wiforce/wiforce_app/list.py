@@ -2,7 +2,7 @@
 """``gr-wiforce list``: the scenes and sensor models that are shipped."""
 
 import click
-from gnuradio.wiforce.scene.schema import about_scene, shipped_scenes
+from gnuradio.wiforce.scene.load import about_scene, shipped_scenes
 from gnuradio.wiforce.sensor import load_sensor, shipped_sensors
 
 

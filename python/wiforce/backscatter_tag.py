@@ -7,8 +7,8 @@ import numpy as np
 from gnuradio import gr
 
 from .errors import InputError
+from .scene import load_scene
 from .scene.channel import AirChannel
-from .scene.schema import load_scene
 
 _WORK_ITEMS = 16384  # as many samples at once as keep the cost of a call small
 

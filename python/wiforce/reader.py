@@ -11,8 +11,8 @@ from .end_separation import end_separation
 from .errors import InputError
 from .estimation.estimators import estimator_named
 from .force_inversion import force_inversion
+from .scene import Scene, load_scene
 from .scene.plan import plan as plan_of
-from .scene.schema import Scene, load_scene
 from .subcarrier_average import subcarrier_average
 from .wiforce_python import ofdm_channel_estimator, phase_group_doppler, preamble_fold
 

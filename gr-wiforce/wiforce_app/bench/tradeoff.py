@@ -35,9 +35,9 @@ def tradeoff(scenes, as_json, quick, folder, fresh, plot_path, page_path):
     subcarriers, sample type, file or stream, order of the blocks, stock blocks. Processor time.
     """
     from gnuradio import gr
-    from gnuradio.wiforce.scene.schema import shipped_scenes
+    from gnuradio.wiforce.scene import shipped_scenes
 
-    from ..evaluation import keep_result, mark_of, result_of
+    from ..evaluation.runs import keep_result, mark_of, result_of
 
     if plot_path is not None:
         from ..plots import check_picture

@@ -12,12 +12,11 @@ import click
 import yaml
 from gnuradio.wiforce._config import DATA_DIR, VERSION
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.scene.schema import shipped_scenes
+from gnuradio.wiforce.scene import load_scene, shipped_scenes
 from gnuradio.wiforce.sensor.file import sensor_to_dict
 
-from .evaluation_report import table, write_report
-from .progress import progress
+from ..progress import progress
+from .report import table, write_report
 
 
 def evaluate_scenes(names, folder, jobs=None, fresh=False):

@@ -21,6 +21,11 @@ def summary(phase_deg, force_n, location_mm):
     return found
 
 
+def figure_text(value):
+    """A figure as a table shows it; empty for None."""
+    return "" if value is None else f"{value:.3g}"
+
+
 def calibration_bias_deg(scene, index):
     """By how much the reader's untouched phases differ from the true ones; shape (2,)."""
     frequency = scene.radio.center_frequency_hz

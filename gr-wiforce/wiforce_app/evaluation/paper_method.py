@@ -8,8 +8,8 @@ from gnuradio.wiforce.angles import wrap_deg
 from gnuradio.wiforce.estimation.estimators import RatioUnfolder, estimator_named
 from gnuradio.wiforce.estimation.off_state import corrected_phase_deg
 
+from ..read import read_capture
 from .error_summary import calibration_bias_deg, summary
-from .read import read_capture
 
 _ESTIMATOR = "paper"
 

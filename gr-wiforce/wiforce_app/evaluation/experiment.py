@@ -10,15 +10,15 @@ from gnuradio.wiforce.capture import open_capture
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.channel import AirChannel
 from gnuradio.wiforce.scene.expected import expect, why_not_readable
+from gnuradio.wiforce.scene.load import about_scene
 from gnuradio.wiforce.scene.plan import plan
-from gnuradio.wiforce.scene.schema import about_scene
 from gnuradio.wiforce.scene.score import read_truth, score
 from gnuradio.wiforce.scene.simulator import second_antenna, simulate
 
+from ..read import read_capture
 from .doppler_spectrum import doppler_spectrum
 from .error_summary import calibration_bias_deg, summary
 from .paper_method import paper_changes, paper_errors
-from .read import read_capture
 
 
 def run(scene_name, work_folder):

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is promised of every evaluated scene, and whether it was held."""
+
+from pathlib import Path
+
+import numpy as np
+
+from .error_summary import figure_text
+
+CHECKS_HEAD = ("scene", "sensor", "check", "measured", "held")
+# Factors within which the plan is to expect phase, force and location, and the phase rms's own.
+_FACTORS = {"phase_deg": 1.5, "force_n": 2.0, "location_mm": 2.0}
+BETTER, NEAR = 3.0, 1.5
+
+
+def checks(results, figures):
+    """What is promised of every scene, and whether it was held: rows as in ``CHECKS_HEAD``."""
+    rows = []
+    for result in results:
+        name = Path(result["scene"]).stem
+        figure = figures.get(name, {})
+        for sensor in result["sensors"]:
+            ours = sensor["methods"]["ours"]
+            if sensor["expected"]["phase_deg"] is None:
+                measured = f"{sensor['unflagged']} unflagged readings"
+                found = [("nothing is read", measured, sensor["unflagged"] == 0)]
+            else:
+                found = [_phase_check(sensor, figure), *_plan_checks(sensor)]
+            found += _figure_checks(ours, figure)
+            rows += [(name, sensor["sensor"], *check) for check in found]
+        if "sum_n" in figure and result["sum"] is not None:
+            measured = f"{figure_text(result['sum'])} N"
+            rows.append(
+                (name, "sum", "the paper's figure", measured, result["sum"] <= figure["sum_n"])
+            )
+    return rows
+
+
+def _phase_check(sensor, figure):
+    rms = sensor["methods"]["ours"].get("phase_rms_deg", np.inf)
+    paper = sensor["methods"]["paper, clock offset removed"].get("phase_rms_deg", 0.0)
+    better, near = paper / rms, rms / sensor["bound_rms_deg"]
+    held = better >= BETTER or near <= NEAR
+    measured = f"{better:.3g} x better than the paper's, {near:.3g} x the bound"
+    return "phase rms", measured, held or figure.get("reason", False)
+
+
+def _plan_checks(sensor):
+    expected, ours = sensor["expected"], sensor["methods"]["ours"]
+    for key, factor in _FACTORS.items():
+        wanted = np.mean(expected[key]) if expected[key] is not None else np.nan
+        ratio = ours.get(key, np.nan) / wanted
+        what = f"plan's {key.partition('_')[0]} within {factor:g}"
+        yield what, f"{ratio:.2f} x expected", bool(1 / factor <= ratio <= factor)
+
+
+def _figure_checks(ours, figure):
+    units = {"force_n": "N", "location_mm": "mm", "phase_rms_deg": "deg"}
+    for key, unit in units.items():
+        if key in figure:
+            value = ours.get(key, np.inf)
+            yield (
+                f"the paper's {figure[key]:g} {unit}",
+                f"{figure_text(value)} {unit}",
+                value <= figure[key],
+            )
+    if "within_10mm" in figure:
+        share = np.mean(np.array(ours.get("location_mm_errors", [np.inf])) <= 10)
+        what = f"the paper's {100 * figure['within_10mm']:g} % within 10 mm"
+        yield what, f"{100 * share:.0f} %", bool(share >= figure["within_10mm"])

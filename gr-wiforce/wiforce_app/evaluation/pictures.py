@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Pictures of evaluated scenes: readings beside the truth, errors, spectrum, distance."""
+
+from pathlib import Path
+
+import numpy as np
+from gnuradio.wiforce._config import DATA_DIR
+
+_STYLES = {"ours": "-", "paper": ":", "paper, clock offset removed": "--"}
+
+
+def plot_distances(results, folder, figures):
+    """``distance.png``: phase scatter over distance beside the published curve; False for none."""
+    from matplotlib.figure import Figure
+
+    at = [figures.get(Path(result["scene"]).stem, {}).get("distance_m") for result in results]
+    own = sorted((d, r["sensors"][0]) for d, r in zip(at, results, strict=True) if d is not None)
+    if len(own) < 2:
+        return False
+    distance = [100 * d for d, _ in own]
+    published = np.genfromtxt(
+        Path(DATA_DIR) / "data" / "paper" / "distance_phase_std.csv", delimiter=",", names=True
+    )
+    canvas = Figure(figsize=(7, 4), layout="constrained")
+    axis = canvas.subplots()
+    axis.errorbar(
+        published["distance_from_rx_cm"],
+        published["phase_std_deg"],
+        [published["err_minus_deg"], published["err_plus_deg"]],
+        fmt="s-",
+        color="0.6",
+        ms=4,
+        label="published",
+    )
+    for method, marker in (("ours", "o"), ("paper, clock offset removed", "^")):
+        rms = [sensor["methods"][method]["phase_rms_deg"] for _, sensor in own]
+        axis.plot(distance, rms, marker + _STYLES[method], label=method)
+    axis.plot(distance, [sensor["bound_rms_deg"] for _, sensor in own], "k:", label="bound")
+    axis.set_yscale("log")
+    axis.set_xlabel("distance from the receiver (cm), antennas 4 m apart")
+    axis.set_ylabel("phase rms (deg)")
+    axis.grid(alpha=0.3)
+    axis.legend(fontsize=8)
+    canvas.savefig(folder / "distance.png", dpi=100)
+    return True
+
+
+def plot_scene(result, path):
+    """Force and location over time beside the truth, and how the errors are distributed."""
+    from matplotlib.figure import Figure
+
+    canvas = Figure(figsize=(11, 7.5), layout="constrained")
+    above, below = canvas.subfigures(2, 1, height_ratios=(2, 1))
+    axes = above.subplots(2, 2, width_ratios=(2, 1))
+    canvas.suptitle(Path(result["scene"]).stem)
+    for i, sensor in enumerate(result["sensors"]):
+        truth = np.array(sensor["truth"], float)
+        readings = np.array([row[:4] for row in sensor["readings"]], float)
+        doubtful = np.array([row[4] for row in sensor["readings"]])
+        for row, (column, key, label) in enumerate(
+            ((2, "force_n", "force (N)"), (3, "location_mm", "location (mm)"))
+        ):
+            over_time, distribution = axes[row]
+            known = np.where(truth[:, 1] == 1, truth[:, column], np.nan)
+            over_time.plot(truth[:, 0], known, color="0.6", lw=2.5, zorder=0)
+            name = sensor["sensor"]
+            over_time.plot(readings[:, 0], readings[:, column], f"C{i}.", ms=4, label=name)
+            over_time.plot(readings[doubtful, 0], readings[doubtful, column], "x", color="C3", ms=5)
+            over_time.set_ylabel(label)
+            _distributions(distribution, sensor["methods"], f"{key}_errors", f"C{i}")
+            distribution.set_xlabel(f"error of {label}")
+    axes[1, 0].set_xlabel("time (s); grey: truth, crosses: flagged")
+    axes[0, 0].legend(fontsize=8)
+    spectrum = below.subplots()
+    spectrum.plot(result["spectrum"]["hz"], result["spectrum"]["db"], lw=0.6)
+    spectrum.set_xlabel("Doppler frequency of the snapshots (Hz)")
+    spectrum.set_ylabel("power (dB)")
+    for axis in (*axes.flat, spectrum):
+        axis.grid(alpha=0.3)
+    canvas.savefig(path, dpi=100)
+
+
+def _distributions(axis, methods, key, color):
+    for method, style in _STYLES.items():
+        errors = np.sort(methods[method].get(key, []))
+        if len(errors):
+            part = np.arange(1, len(errors) + 1) / len(errors)
+            axis.semilogx(np.maximum(errors, 1e-4), part, style, color=color, label=method)
+    if axis.get_legend_handles_labels()[0]:
+        axis.legend(fontsize=7)
+    axis.set_ylim(0, 1)
