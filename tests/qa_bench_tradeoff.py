@@ -25,10 +25,9 @@ simulation:
 """
 
 
-def point(setting, cpu, phase, length=625, force=0.1):
+def point(setting, cpu, phase, length=625):
     return {
         "setting": setting, "cpu_s_per_s": cpu, "phase_deg": phase, "group_length": length,
-        "force_n": force,
     }  # fmt: skip
 
 
@@ -44,7 +43,8 @@ def test_a_longer_group_is_no_better_by_its_lower_rate_alone():
     points = [point("plan", 1.0, 1.0), point("long", 0.5, 0.72, 1250), point("best", 0.7, 0.7)]
     assert rated_error(points, points[1]) == pytest.approx(1.018, abs=0.001)
     assert beat_the_plan(points) == ["best"]
-    assert beat_the_plan([points[0], point("other", 0.5, 0.5, force=0.2)]) == []
+    as_they_stand = beat_the_plan(points, lambda points, point: point["phase_deg"])
+    assert as_they_stand == ["long", "best"]
 
 
 def test_every_kind_of_setting_is_tried():
@@ -57,6 +57,7 @@ def test_every_kind_of_setting_is_tried():
         "every second subcarrier",
         "file-fc32",
         "stream-sc16",
+        "block by block",
         "channel first",
         "stock blocks",
         "clutter band 250 Hz",
@@ -79,11 +80,14 @@ def test_a_scene_is_measured_once_and_all_settings_read_it(tmp_path):
     for p in result["points"]:
         assert p["cpu_s_per_s"] == pytest.approx(p["samples_s_per_s"] + p["groups_s_per_s"])
     # the same samples by another way are the same readings
-    for same in ("file-fc32", "stream-sc16", "stream-fc32"):
+    for same in ("file-fc32", "stream-sc16", "stream-fc32", "block by block"):
         assert by_name[same]["phase_deg"] == pytest.approx(plan["phase_deg"], abs=1e-3)
+    assert set(result["skips"]) >= {"guard and first repetition", "channel per snapshot"}
+    assert all(seconds >= 0 for seconds in result["skips"].values())
     assert by_name["paper"]["phase_deg"] > 3 * plan["phase_deg"]
     assert (tmp_path / "p.png").read_bytes().startswith(b"\x89PNG")
-    assert "| short | plan |" in (tmp_path / "p.md").read_text()
+    page = (tmp_path / "p.md").read_text()
+    assert "| short | plan |" in page and "What each skip saves" in page
     again = subprocess.run(
         command.split(), capture_output=True, text=True, cwd=tmp_path, timeout=120
     )

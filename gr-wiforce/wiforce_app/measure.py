@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What each step of a plan costs on this machine: processor time per second of signal.
 
-GNU Radio's performance counters time the blocks over a simulated press. What a skip saves is what
-the same blocks take with the step forced on, less what they take without.
+GNU Radio's performance counters time the reader's blocks over a simulated press. Folding and tones
+are one block there: the tones' share is what they add to folding alone. What a skip saves is what
+the same block takes with the step forced on, less what it takes without.
 """
 
 import dataclasses
@@ -17,10 +18,11 @@ from gnuradio.wiforce.scene.plan import HARMONICS
 from gnuradio.wiforce.scene.schema import Press
 from gnuradio.wiforce.scene.simulator import simulate
 from gnuradio.wiforce.scene.steps import steps
+from gnuradio.wiforce.waveform import FFT_LENGTH
 
 # Signal behind the untouched reference: long enough that a block's start does not count.
 _PRESSED_S = 1.0
-_REPEATS = 20
+_REPEATS, _RUNS = 20, 3
 
 
 def measure_steps(scene, plan):
@@ -46,19 +48,21 @@ def measure_steps(scene, plan):
         samples = Path(f"{capture}.sigmf-data")
         signal_s = samples.stat().st_size / 4 / scene.radio.sample_rate_hz
         chain = _Chain(samples, plan)
-        took = {**_reader_times(samples, scene), **chain.plain()}
-        took["guard and first repetition"] = chain.whole_frames() - took["preamble_fold"]
+        took, tones = _reader_times(samples, scene), chain.tones()
+        took["preamble_fold"] = chain.fold()
+        took["phase_group_doppler"] = tones - took["preamble_fold"]
+        took["guard and first repetition"] = chain.whole_frames() - tones
         per_snapshot = chain.channel_first() - took["ofdm_channel_estimator"]
         took["channel per snapshot"] = per_snapshot
         if any(step.name == "more lines" for step in steps(scene, plan)):
-            took["more lines"] = chain.most_lines() - took["phase_group_doppler"]
+            took["more lines"] = chain.most_lines() - tones
     took = {name: seconds / signal_s for name, seconds in took.items()}
     took |= _group_skips(scene, plan)
     return {name: max(seconds, 0.0) for name, seconds in took.items()}
 
 
 def _pressed(scene):
-    """The scene with one long press on each sensor after the reference."""
+    """The scene with one long press on each sensor after the reference, heard by one antenna."""
     presses = []
     for sensor in scene.sensors:
         model = sensor.load_model(scene)
@@ -70,7 +74,8 @@ def _pressed(scene):
         presses=tuple(presses),
         moves=(),
     )
-    return dataclasses.replace(scene, simulation=simulation)
+    environment = dataclasses.replace(scene.environment, receive_antennas=1)
+    return dataclasses.replace(scene, simulation=simulation, environment=environment)
 
 
 def _reader_times(samples, scene):
@@ -101,55 +106,64 @@ class _Chain:
     def __init__(self, samples, plan):
         self._samples, self._plan = str(samples), plan
 
-    def plain(self):
-        fold, doppler = self._fold(), self._doppler(self._plan)
-        self._run(fold, doppler)
-        return {"preamble_fold": _seconds(fold), "phase_group_doppler": _seconds(doppler)}
+    def tones(self):
+        return self._time(lambda: self._tones(self._plan))
+
+    def fold(self):
+        return self._time(self._fold)
 
     def whole_frames(self):
-        """Folding with every sample of a frame looked at."""
-        frame = self._plan.waveform.frame_length
-        fold = self._fold(first_averaged=0, repetitions=frame // 64)
-        self._run(fold)
-        return _seconds(fold)
+        """Every sample of a frame looked at."""
+        whole = {
+            "first_averaged": 0,
+            "repetitions": self._plan.waveform.frame_length // FFT_LENGTH,
+        }
+        return self._time(lambda: self._tones(self._plan, **whole))
+
+    def most_lines(self):
+        most = dataclasses.replace(self._plan, harmonics=HARMONICS[-1])
+        return self._time(lambda: self._tones(most))
 
     def channel_first(self):
         """The channel estimate of every snapshot, before the tones."""
         from gnuradio import wiforce
 
-        estimator = wiforce.ofdm_channel_estimator(self._plan.waveform.equalizer(), 1)
-        self._run(self._fold(), estimator, self._doppler(self._plan))
-        return _seconds(estimator)
+        factors = self._plan.waveform.equalizer()
+        return self._time(lambda: wiforce.ofdm_channel_estimator(factors, 1), behind=self._fold)
 
-    def most_lines(self):
-        doppler = self._doppler(dataclasses.replace(self._plan, harmonics=HARMONICS[-1]))
-        self._run(self._fold(), doppler)
-        return _seconds(doppler)
-
-    def _fold(self, first_averaged=None, repetitions=None):
+    def _fold(self):
         from gnuradio import wiforce
 
-        waveform = self._plan.waveform
-        return wiforce.preamble_fold(
-            waveform.frame_length,
-            waveform.first_averaged if first_averaged is None else first_averaged,
-            repetitions or waveform.repetitions,
-            item_type="sc16",
+        return wiforce.preamble_fold(**self._frame(), item_type="sc16")
+
+    def _tones(self, plan, **frame):
+        from gnuradio import wiforce
+
+        return wiforce.preamble_fold.tones(
+            plan.table.weights, plan.group_length, **self._frame() | frame, item_type="sc16"
         )
 
-    def _doppler(self, plan):
-        from gnuradio import wiforce
+    def _frame(self):
+        waveform = self._plan.waveform
+        return {
+            "frame_length": waveform.frame_length,
+            "first_averaged": waveform.first_averaged,
+            "repetitions": waveform.repetitions,
+        }
 
-        return wiforce.phase_group_doppler(plan.table.weights, plan.group_length)
+    def _time(self, make, behind=None):
+        """The least time that a block took in some runs, each with blocks of its own."""
+        return min(self._run(make(), behind and behind()) for _ in range(_RUNS))
 
-    def _run(self, *chain):
+    def _run(self, block, behind):
         from gnuradio import blocks, gr
 
         flowgraph = gr.top_block()
-        item = chain[-1].output_signature().sizeof_stream_item(0)
-        source = blocks.file_source(4, self._samples)
-        flowgraph.connect(source, *chain, blocks.null_sink(item))
+        item = block.output_signature().sizeof_stream_item(0)
+        chain = [blocks.file_source(4, self._samples), behind, block, blocks.null_sink(item)]
+        flowgraph.connect(*filter(None, chain))
         flowgraph.run()
+        return _seconds(block)
 
 
 def _group_skips(scene, plan):

@@ -2,8 +2,10 @@
 """One scene under every sensible setting: what each costs, and how far its readings are off."""
 
 import dataclasses
+import multiprocessing
 import tempfile
 import time
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,11 +16,13 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.readout import Readout
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.channel import AirChannel
-from gnuradio.wiforce.scene.expected import MEDIAN, expect
+from gnuradio.wiforce.scene.expected import MEDIAN, phase_std_deg
 from gnuradio.wiforce.scene.plan import plan
 from gnuradio.wiforce.scene.score import read_truth, score
-from gnuradio.wiforce.scene.simulator import simulate, write_truth
+from gnuradio.wiforce.scene.simulator import second_antenna, simulate, write_truth
+from gnuradio.wiforce.scene.steps import steps
 
+from ..measure import measure_steps
 from .chain import SnapshotChain
 from .throughput.recording import GROUP_LENGTH, WAVEFORM, Recording
 
@@ -77,11 +81,15 @@ def settings_of(scene):
         vary(f"{label} subcarrier", waveform=_thinned(chosen.waveform, step))
     for source in ("file-fc32", "stream-sc16", "stream-fc32"):
         found.append(Setting(source, scene, chosen, source))
-    found.append(Setting("channel first", scene, chosen, "stream-fc32", "channel first"))
+    for order in ("block by block", "channel first"):
+        found.append(Setting(order, scene, chosen, "stream-fc32", order))
     if chosen.waveform.frame_length == WAVEFORM.frame_length and (
         chosen.waveform.name == WAVEFORM.name and chosen.group_length == GROUP_LENGTH
     ):
         found.append(Setting("stock blocks", scene, chosen, "stream-fc32", "stock"))
+    if scene.environment.receive_antennas == 2:
+        # Their ratio is taken of snapshots.
+        return [setting for setting in found if setting.source.startswith("file")]
     return found
 
 
@@ -108,28 +116,43 @@ def measure_scene(name, folder, runs, progress=lambda steps: None):
     Returns
     -------
     dict
-        ``scene``, ``signal_s``, and ``points``: a dict per setting, plain values.
+        ``scene``, ``signal_s``, ``points``: a dict per setting, ``skips``: what each step that the
+        plan leaves out would take; plain values.
     """
     scene = load_scene(name)
     with tempfile.TemporaryDirectory(dir=folder, prefix=".tradeoff-") as place:
-        capture = Path(place) / "capture"
-        simulate(scene, capture)
-        recording = _both_types(open_capture(capture), Path(place))
-        signal_s = recording.samples / scene.radio.sample_rate_hz
-        models = [sensor.load_model(scene) for sensor in scene.sensors]
+        place = Path(place)
+        names = [place / "capture"]
+        simulate(scene, names[0])
+        if scene.environment.receive_antennas == 2:
+            names.append(second_antenna(names[0]))
+            simulate(scene, names[1], antenna=1)
+        recordings = [_both_types(open_capture(name)) for name in names]
+        signal_s = recordings[0].samples / scene.radio.sample_rate_hz
+        scene_run = _SceneRun(scene, recordings, place / "truth.csv", signal_s, runs)
         points = []
         for setting in settings_of(scene):
-            truth = _truth(setting.scene, Path(place) / "truth.csv")
-            points.append(_measure(setting, models, recording, truth, signal_s, runs))
+            points.append(scene_run.measure(setting))
             progress(1)
-    return {"scene": str(name), "signal_s": signal_s, "points": points}
+    return {
+        "scene": str(name), "signal_s": signal_s, "points": points, "skips": _skips(scene),
+    }  # fmt: skip
 
 
-def _both_types(capture, folder):
+def _skips(scene):
+    """Processor time per second that each skipped step would take."""
+    chosen = plan(scene)
+    # GNU Radio counts a block's time only where it is told so before it is imported.
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+        took = pool.submit(measure_steps, scene, chosen).result()
+    return {step.name: took[step.name] for step in steps(scene, chosen) if not step.needed}
+
+
+def _both_types(capture):
     """The capture as raw files of both sample types."""
     sc16 = Path(capture.path)
     codes = np.memmap(sc16, "<i2", "r")
-    fc32 = folder / "capture.cf32"
+    fc32 = sc16.with_suffix(".cf32")
     with open(fc32, "wb") as stream:
         for start in range(0, len(codes), _PART_FC32):
             stream.write(codes[start : start + _PART_FC32].astype("<f4") / np.float32(32768))
@@ -148,32 +171,72 @@ def _truth(scene, path):
     return rows
 
 
-def _measure(setting, models, recording, truth, signal_s, runs):
-    samples = min(_tone_seconds(setting, recording) for _ in range(runs))
-    flowgraph = _flowgraph(setting, recording)
-    flowgraph.run()
-    tones, spent = flowgraph.tones[0], []
-    for _ in range(runs):
-        chain, readout = _python_part(setting, models)
-        began = time.process_time()
-        readings = _read(chain, readout, tones)
-        spent.append(time.process_time() - began)
-    groups = min(spent)
-    point = {
-        "setting": setting.name,
-        "cpu_s_per_s": (samples + groups) / signal_s,
-        "samples_s_per_s": samples / signal_s,
-        "groups_s_per_s": groups / signal_s,
-        "readings_per_s": 1 / setting.plan.group_period_s,
-        "group_length": setting.plan.group_length,
-        "bound_deg": _bound_deg(setting),
-    }
-    return point | _errors(setting, readings, truth)
+class _SceneRun:
+    """Measures settings on one capture; what settings share is computed once."""
 
+    def __init__(self, scene, recordings, truth_path, signal_s, runs):
+        self._recordings, self._signal_s, self._runs = recordings, signal_s, runs
+        self._truth_path = truth_path
+        self._models = [sensor.load_model(scene) for sensor in scene.sensors]
+        self._known = {}
 
-def _bound_deg(setting):
-    expected = expect(setting.scene, setting.plan)
-    return float(MEDIAN * np.sqrt(np.mean([np.square(e.phase_std_deg) for e in expected])))
+    def measure(self, setting):
+        """A point: times per second of signal, and errors."""
+        spent = []
+        for _ in range(self._runs):
+            flowgraph = _flowgraph(setting, self._recordings)
+            began = time.process_time()
+            flowgraph.run()
+            spent.append(time.process_time() - began)
+        groups_s, readings = self._read(setting, flowgraph.tones[0])
+        samples_s = min(spent)
+        point = {
+            "setting": setting.name,
+            "cpu_s_per_s": (samples_s + groups_s) / self._signal_s,
+            "samples_s_per_s": samples_s / self._signal_s,
+            "groups_s_per_s": groups_s / self._signal_s,
+            "readings_per_s": 1 / setting.plan.group_period_s,
+            "group_length": setting.plan.group_length,
+            "bound_deg": self._bound_deg(setting),
+        }
+        return point | _errors(setting, readings, self._truth(setting.scene))
+
+    def _read(self, setting, tones):
+        """Processor time from tones to readings, and the readings.
+
+        Settings that differ only in how the tones were made take the time of the first of them.
+        """
+        rotated = setting.order in _ROTATED
+        key = "groups", id(setting.plan), rotated
+        spent = []
+        for _ in range(1 if key in self._known else self._runs):
+            chain, readout = _python_part(setting, self._models, rotated)
+            began = time.process_time()
+            readings = _readings(chain, readout, tones)
+            spent.append(time.process_time() - began)
+        return self._once(key, lambda: min(spent)), readings
+
+    def _truth(self, scene):
+        key = "truth", scene.phase_group.snapshots
+        return self._once(key, lambda: _truth(scene, self._truth_path))
+
+    def _bound_deg(self, setting):
+        settings = setting.plan
+        key = (
+            "bound", settings.group_length, settings.clutter_hz, len(settings.waveform.bins),
+            settings.smoothing_groups, settings.loss_db,
+        )  # fmt: skip
+
+        def bound():
+            std = phase_std_deg(setting.scene, settings)
+            return float(MEDIAN * np.sqrt(np.mean(np.square(std))))
+
+        return self._once(key, bound)
+
+    def _once(self, key, compute):
+        if key not in self._known:
+            self._known[key] = compute()
+        return self._known[key]
 
 
 def _errors(setting, readings, truth):
@@ -203,23 +266,21 @@ def _calibration_bias_deg(scene, index):
 # samples to tones: the C++ blocks, or stock ones
 
 
-def _tone_seconds(setting, recording):
-    flowgraph = _flowgraph(setting, recording)
-    began = time.process_time()
-    flowgraph.run()
-    return time.process_time() - began
+# Orders in which the tones stop turning within a symbol before the FFT is taken.
+_ROTATED = ("tones first", "block by block")
 
 
-def _flowgraph(setting, recording):
+def _flowgraph(setting, recordings):
     from gnuradio import blocks, wiforce
 
     from .throughput.chains import CHAINS, Flowgraph, sample_type
 
     table, waveform = setting.plan.table, setting.plan.waveform
     if setting.order == "stock":
-        return CHAINS["stock-tuned"](recording, table.weights)
+        return CHAINS["stock-tuned"](recordings[0], table.weights)
     kind, item_type = setting.source.split("-")
-    path, size, datatype = sample_type(recording, item_type)
+    files = [sample_type(recording, item_type) for recording in recordings]
+    samples = recordings[0].samples
     frame = {
         "frame_length": waveform.frame_length,
         "first_averaged": waveform.first_averaged,
@@ -227,31 +288,43 @@ def _flowgraph(setting, recording):
     }
     group = {"weights": table.weights, "group_length": setting.plan.group_length}
     flowgraph = Flowgraph()
-    if kind == "file":
-        segments = [(0, 0, recording.samples)]
+    if len(files) == 2:
+        folded = [
+            wiforce.recording_source(path, kind, [(0, 0, samples)], **frame)
+            for path, _, kind in files
+        ]
+        sounding = waveform.name, waveform.frame_length, waveform.sample_rate_hz
+        chain = [folded[0], wiforce.antenna_ratio(*sounding), wiforce.phase_group_doppler(**group)]
+        flowgraph.top.connect(folded[1], (chain[1], 1))
+    elif kind == "file":
+        ((path, _, datatype),) = files
+        segments = [(0, 0, samples)]
         chain = [wiforce.recording_source.tones(path, datatype, segments, **group, **frame)]
     else:
-        source = blocks.file_source(size, path, False, 0, recording.samples)
+        ((path, size, _),) = files
+        source = blocks.file_source(size, path, False, 0, samples)
         if setting.order == "tones first":
             chain = [source, wiforce.preamble_fold.tones(**group, **frame, item_type=item_type)]
         else:
             chain = [source, wiforce.preamble_fold(**frame, item_type=item_type)]
     factors = waveform.equalizer().astype(np.complex64)
-    if setting.order == "tones first":
+    doppler = [] if setting.order == "tones first" else [wiforce.phase_group_doppler(**group)]
+    if setting.order in _ROTATED:
         rotation = table.derotation(waveform.sample_rate_hz).astype(np.complex64)
-        chain.append(wiforce.ofdm_channel_estimator(factors, len(table.tones), rotation))
+        rows = len(table.tones)
+        chain += [*doppler, wiforce.ofdm_channel_estimator(factors, rows, rotation)]
     else:
-        chain.append(wiforce.ofdm_channel_estimator(factors, 1))
-        chain.append(wiforce.phase_group_doppler(**group))
+        chain += [wiforce.ofdm_channel_estimator(factors, 1), *doppler]
     flowgraph.top.connect(*chain)
     flowgraph.end(chain[-1])
+    flowgraph.blocks = chain  # one in Python lives no longer than its Python object
     return flowgraph
 
 
 # tones to readings: what the Python blocks of a reader compute
 
 
-def _python_part(setting, models):
+def _python_part(setting, models, rotated):
     """SnapshotChain and Readout of a setting, tables and all."""
     scene, settings = setting.scene, setting.plan
     sensors = zip(scene.sensors, models, strict=True)
@@ -260,10 +333,10 @@ def _python_part(setting, models):
         scene.radio.center_frequency_hz,
         settings.group_period_s,
     )
-    return SnapshotChain(settings, setting.order == "tones first"), readout
+    return SnapshotChain(settings, rotated), readout
 
 
-def _read(chain, readout, tones):
+def _readings(chain, readout, tones):
     readings = []
     for group, item in enumerate(tones):
         for state, ratios in chain.process_tones(group, item):

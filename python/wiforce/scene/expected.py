@@ -99,29 +99,44 @@ def expect(scene, plan):
     tuple of Expected
     """
     levels = receive_levels(scene)
-    variance = levels.noise + levels.quantisation
     carrier_hz = scene.radio.center_frequency_hz
     models = [sensor.load_model(scene) for sensor in scene.sensors]
-    presses = [_presses(scene, i) for i in range(len(models))]
-    points = [
-        _span(model) if press is None else press
-        for model, press in zip(models, presses, strict=True)
-    ]
-    phases = [
-        model.phases_deg(*p.T[:2], carrier_hz) for model, p in zip(models, points, strict=True)
-    ]
-    bound = _bound_deg(scene, plan, phases, variance)
+    points = _pressed_points(scene, models)
     found = []
-    for i, (sensor, model) in enumerate(zip(scene.sensors, models, strict=True)):
-        std = _reading_std(sensor, phases[i], bound[2 * i : 2 * i + 2])
+    stds = _phase_std(scene, plan, models, points, levels)
+    for i, (sensor, model, std) in enumerate(zip(scene.sensors, models, stds, strict=True)):
         if why_not_readable(scene, i, levels):
             medians = None, None, None
-        elif presses[i] is None:
-            medians = _claimed(model, carrier_hz, points[i], std)
+        elif points[i] is None:
+            medians = _claimed(model, carrier_hz, _span(model), std)
         else:
             medians = _drawn(model, carrier_hz, points[i], np.hypot(std, _curvature_deg(scene)))
         found.append(Expected(sensor.name, tuple(std.tolist()), *medians))
     return tuple(found)
+
+
+def phase_std_deg(scene, plan):
+    """``Expected.phase_std_deg`` of every sensor alone; shape (S, 2)."""
+    models = [sensor.load_model(scene) for sensor in scene.sensors]
+    return _phase_std(scene, plan, models, _pressed_points(scene, models), receive_levels(scene))
+
+
+def _pressed_points(scene, models):
+    """`_presses` of every sensor."""
+    return [_presses(scene, i) for i in range(len(models))]
+
+
+def _phase_std(scene, plan, models, points, levels):
+    """Noise of the phases of readings; shape (S, 2)."""
+    carrier_hz = scene.radio.center_frequency_hz
+    phases = [
+        model.phases_deg(*(_span(model) if p is None else p).T[:2], carrier_hz)
+        for model, p in zip(models, points, strict=True)
+    ]
+    bound = _bound_deg(scene, plan, phases, levels.noise + levels.quantisation).reshape(-1, 2)
+    return np.array(
+        [_reading_std(*each) for each in zip(scene.sensors, phases, bound, strict=True)]
+    )
 
 
 def why_not_readable(scene, index, levels=None):
