@@ -17,14 +17,19 @@ _ESTIMATOR = "paper"
 def paper_changes(recording, scene):
     """Change of every group against the first, complex of magnitude 1; shape (groups, 2S).
 
-    Plain sums at lines 1 and 4, each group against the one before (paper, section 3.3), added up.
+    Plain sums at lines 1 and 4, each group against the one before (paper, section 3.3), added up;
+    of the first receive antenna, since the paper has one.
     """
-    phase_group = dataclasses.replace(scene.phase_group, estimator=_ESTIMATOR)
+    scene = dataclasses.replace(
+        scene,
+        phase_group=dataclasses.replace(scene.phase_group, estimator=_ESTIMATOR),
+        environment=dataclasses.replace(scene.environment, receive_antennas=1),
+    )
     unfolder = RatioUnfolder(estimator_named(_ESTIMATOR).ratios, 2 * len(scene.sensors))
     changes = []
     read_capture(
         recording,
-        dataclasses.replace(scene, phase_group=phase_group),
+        scene,
         on_reading=lambda reading: None,
         on_ratios=lambda *group: changes.append(unfolder.process(*group)[1]),
     )

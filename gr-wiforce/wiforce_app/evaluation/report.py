@@ -28,14 +28,14 @@ _HEAD = (
 
 _EXPLANATION = """\
 Each scene is simulated, then read from the same capture by this reader and by the paper's method
-(plain sums at lines 1 and 4, each group against the one before), as published and with the constant
-clock offset taken out that the untouched time shows. The paper's method is told when the sensor is
-touched. Errors are medians over the groups that are touched, with touched neighbours, ramps of the
-force included; the rms is over both ends and the same groups. Phase errors are of the change
-against the untouched sensor, and against the group's mean reflection; force and location count from
-what is pressed at the group's centre. Expected is what `gr-wiforce plan` says of the scene; the
-bound is the Cramer-Rao bound for the lines that are read, with the reference's noise. The paper's
-figures come from its own test set.""".splitlines()
+(plain sums at lines 1 and 4 of one antenna, each group against the one before), as published and
+with the constant clock offset taken out that the untouched time shows. The paper's method is told
+when the sensor is touched. Errors are medians over the groups that are touched, with touched
+neighbours, ramps of the force included; the rms is over both ends and the same groups. Phase errors
+are of the change against the untouched sensor, and against the group's mean reflection; force and
+location count from what is pressed at the group's centre. Expected is what `gr-wiforce plan` says
+of the scene; the bound is the Cramer-Rao bound for the lines that are read, with the reference's
+noise. The paper's figures come from its own test set.""".splitlines()
 
 
 def table(results, figures):
