@@ -73,11 +73,6 @@ class Waveform:
         return self.repetitions * FFT_LENGTH / self.sample_rate_hz
 
     @property
-    def center_sample(self):
-        """Centre of the averaged samples within a frame: the time reference of a snapshot."""
-        return self.first_averaged + (self.repetitions * FFT_LENGTH - 1) / 2
-
-    @property
     def bins(self):
         """FFT bin of each occupied subcarrier; shape (K,)."""
         return self.subcarriers % FFT_LENGTH

@@ -525,7 +525,9 @@ def test_faults_come_at_their_time_in_order():
     clock.poke(3, 1)
     clock.poke(0, 0)  # device time is 50 ticks ahead
     faults = [parse_fault(t) for t in ("+0.000001 swap", "0.000002 lose 3", "0.000001 late rx")]
-    queue = FaultQueue(faults)
+    queue = FaultQueue()
+    for fault in faults:
+        queue.add(fault)
     assert queue.next_tick(clock, origin) == 50
     clock.advance(150)
     assert [fault.kind for fault in queue.due(clock, origin)] == ["late", "lose"]

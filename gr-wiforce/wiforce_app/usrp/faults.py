@@ -96,8 +96,8 @@ def _convert(kind, arguments, text, where):
 class FaultQueue:
     """Faults that are still to come."""
 
-    def __init__(self, faults=()):
-        self._faults = list(faults)
+    def __init__(self):
+        self._faults = []
 
     def add(self, fault):
         self._faults.append(fault)

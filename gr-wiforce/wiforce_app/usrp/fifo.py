@@ -58,10 +58,6 @@ class Fifo:
         *time, control, value = layout.unpack_from(datagram, 8)
         self._queue.append(Command(peer, sequence, control, value, time[0] if timed else None))
 
-    def clear(self):
-        """Drop all that waits."""
-        self._queue.clear()
-
     def next_tick(self):
         """Tick for which the first command waits, or None."""
         if self._queue and self._queue[0].time is not None:
