@@ -4,7 +4,8 @@
 import numpy as np
 import pytest
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.scene.channel import PEAK, Adc, AirChannel
+from gnuradio.wiforce.scene.adc import Adc
+from gnuradio.wiforce.scene.channel import PEAK, AirChannel
 from gnuradio.wiforce.scene.paths import Fir, MovingPath, delay_taps, response, tag_taps
 from gnuradio.wiforce.scene.switching import SWITCHES, SwitchingClock, switch_states
 from gnuradio.wiforce.waveform import sounding_waveform

@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.scene.channel import Adc, AirChannel
+from gnuradio.wiforce.scene.adc import Adc
+from gnuradio.wiforce.scene.channel import AirChannel
 
 from .air import Cable, SampleHistory, amplitude
 from .dsp import FULL_SCALE

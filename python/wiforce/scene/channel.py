@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The air of a scene at sample level: static and moving paths, tags, noise; and the ADC.
+"""The air of a scene at sample level: static and moving paths, tags, noise.
 
 Received samples are y = sum over paths of the transmit samples, delayed and scaled. A tag's path
 is scaled by r(t) = s_1 G_1 + s_2 G_2 + (1 - s_1 - s_2) G_off, with the switches s_i driven by the
@@ -10,10 +10,8 @@ walk of a piece of signal is :meth:`AirChannel._piece`.
 import numpy as np
 
 from .oscillators import FreeOscillators
-from .paths import MOVING_PATHS as _MOVING_PATHS
-from .paths import Fir, MovingPath, Ramp, mean_power, static_taps, tag_taps
-from .presses import PressedSensor
-from .switching import SWITCHES, SwitchingClock, switch_states
+from .paths import MOVING_PATHS, Fir, MovingPath, Ramp, mean_power, static_taps, tag_taps
+from .tag import SwitchedTag
 
 PEAK = 10 ** (-3 / 20)  # of full scale: where a scene's transmit frame peaks at the ADC
 NOISE_PEAK = 4.5  # standard deviations of a noise component that count as its peak
@@ -43,74 +41,39 @@ class AirChannel:
     Attributes
     ----------
     sensors : dict
-        Name to :class:`TagOnAir`, for what can be changed while running.
+        Name to :class:`tag.SwitchedTag`, for what can be changed while running.
     scale : float
         Received amplitude per unit of the signal model's rho.
     """
 
     def __init__(self, scene, amplitude=1.0, through=False, antenna=0):
-        simulation, waveform = scene.simulation, scene.waveform()
-        seeds = np.random.SeedSequence(simulation.seed).spawn(5)
-        generators = map(np.random.default_rng, seeds)
-        paths_rng, clocks_rng, movers_rng, noise_rng, oscillators_rng = generators
-        turn = np.ones(_MOST_PATHS)  # of each path to this antenna against that to the first
-        if antenna:
-            own = np.random.SeedSequence(simulation.seed, spawn_key=(len(seeds), antenna)).spawn(2)
-            paths_rng, noise_rng = map(np.random.default_rng, own)
-            turn = np.exp(2j * np.pi * paths_rng.random(_MOST_PATHS))
-        self._rate = scene.radio.sample_rate_hz
+        simulation = scene.simulation
+        self._rate, self._waveform = scene.radio.sample_rate_hz, scene.waveform()
+        self._amplitude = amplitude
         self._ramp = Ramp(self._rate)
-        self._noise_rng = noise_rng
-        self._waveform, self._amplitude = waveform, amplitude
-
-        clock_hz = scene.sensors[0].clock_hz
-        self._tag_line = 0.25 * np.sinc(0.25) * np.sinc(clock_hz * waveform.averaging_s)
-        static = np.ones(1) if through else static_taps(paths_rng, self._rate)
-        static = _scaled(static, waveform, self._level(simulation.static_clutter_db))
-        movers = (
-            [
-                MovingPath(movers_rng, simulation.moving_clutter_hz, i == 0)
-                for i in range(_MOVING_PATHS)
-            ]
-            if simulation.moving_clutter_db is not None
-            else []
+        self._tag_line = (
+            0.25 * np.sinc(0.25) * np.sinc(scene.sensors[0].clock_hz * self._waveform.averaging_s)
         )
-        mover_level = self._level(simulation.moving_clutter_db) / np.sqrt(max(len(movers), 1))
-        mover_taps = [_scaled(mover.taps, waveform, mover_level) for mover in movers]
-        if antenna:
-            mover_taps = [taps * t for taps, t in zip(mover_taps, turn, strict=False)]
-        tags = [
-            TagOnAir(scene, sensor, tag, clocks_rng, self._ramp)
-            for sensor, tag in zip(scene.sensors, simulation.tags, strict=True)
-        ]
-        tag_fades = [
-            _scaled(
-                tag_taps(paths_rng, waveform, simulation.tag_coherence_hz),
-                waveform,
-                10 ** (tag.level_db / 20),
-            )
-            for tag in simulation.tags
-        ]
-        if antenna:
-            tag_fades = [taps * t for taps, t in zip(tag_fades, turn[len(movers) :], strict=False)]
-        self.sensors = {tag.name: tag for tag in tags}
-
         self._set_noise(simulation.snr_db)
+
+        chances = _Chances(simulation.seed, antenna)
+        self._noise_rng = chances.noise
+        static = np.ones(1) if through else static_taps(chances.paths, self._rate)
+        static = self._scaled(static, self._level(simulation.static_clutter_db))
+        movers, mover_taps = self._moving_paths(simulation, chances)
+        tags, tag_fades = self._tag_paths(scene, chances)
         if through:
             self.scale = 1 / self._level(simulation.static_clutter_db)
         else:
             self.scale = PEAK / self._peak(static, mover_taps, tag_fades)
+        self.sensors = {tag.name: tag for tag in tags}
         self._static = Fir(self.scale * static)
-        self._movers = [
-            (Fir(self.scale * taps), mover) for taps, mover in zip(mover_taps, movers, strict=True)
-        ]
-        self._tags = [
-            (Fir(self.scale * taps), tag) for taps, tag in zip(tag_fades, tags, strict=True)
-        ]
+        self._movers = self._filtered(mover_taps, movers)
+        self._tags = self._filtered(tag_fades, tags)
         self._oscillators = FreeOscillators(
             simulation.carrier_offset_hz,
             simulation.phase_noise_hz,
-            oscillators_rng,
+            chances.oscillators,
             self._ramp,
             self._rate,
         )
@@ -118,6 +81,29 @@ class AirChannel:
         self._memory = max(fir.memory for fir in firs)
         self._scratch = np.empty((2, _PIECE), np.complex64)
         self.restart(0)
+
+    def _moving_paths(self, simulation, chances):
+        """What moves, and the taps of each."""
+        if simulation.moving_clutter_db is None:
+            return [], []
+        hertz = simulation.moving_clutter_hz
+        movers = [MovingPath(chances.movers, hertz, i == 0) for i in range(MOVING_PATHS)]
+        level = self._level(simulation.moving_clutter_db) / np.sqrt(len(movers))
+        taps = [chances.turned(self._scaled(mover.taps, level)) for mover in movers]
+        return movers, taps
+
+    def _tag_paths(self, scene, chances):
+        """The tags, and the taps of each one's path."""
+        simulation = scene.simulation
+        tags, taps = [], []
+        for sensor, tag in zip(scene.sensors, simulation.tags, strict=True):
+            tags.append(SwitchedTag(scene, sensor, tag, chances.clocks, self._ramp))
+            fade = tag_taps(chances.paths, self._waveform, simulation.tag_coherence_hz)
+            taps.append(chances.turned(self._scaled(fade, 10 ** (tag.level_db / 20))))
+        return tags, taps
+
+    def _filtered(self, taps, scatterers):
+        return [(Fir(self.scale * t), what) for t, what in zip(taps, scatterers, strict=True)]
 
     def restart(self, first_sample):
         """Begin anew at a sample: the air holds nothing that was sent before."""
@@ -191,6 +177,10 @@ class AirChannel:
         noise *= np.float32(self.noise_std / np.sqrt(2))
         received.view(np.float32)[:] += noise
 
+    def _scaled(self, taps, amplitude):
+        """Taps brought to an rms amplitude over the occupied subcarriers."""
+        return taps * (amplitude / np.sqrt(mean_power(taps, self._waveform)))
+
     def _level(self, level_db):
         """Amplitude of what is ``level_db`` above |c1[1] G1|; 0 for None."""
         return 0.0 if level_db is None else self._tag_line * 10 ** (level_db / 20)
@@ -207,102 +197,26 @@ class AirChannel:
         return total.max() + NOISE_PEAK * self._noise / np.sqrt(2)
 
 
-class TagOnAir:
-    """A tag in the air: its clock, its switches, the sensor that they show.
+class _Chances:
+    """What is drawn at random in a scene: a source for each kind, so that none disturbs another.
 
-    Attributes
-    ----------
-    name : str
-    clock : SwitchingClock
-    pressed : PressedSensor
-    on : bool
-        False takes the tag off the air.
+    Another antenna than the first has paths and noise of its own, and turns what the tags and
+    what moves send to it by a phase each.
     """
 
-    def __init__(self, scene, sensor, tag, rng, ramp):
-        self.name, self.on = sensor.name, True
-        self._rate, self._ramp = scene.radio.sample_rate_hz, ramp
-        simulation = scene.simulation
-        last_ppm = tag.clock_offset_ppm + tag.clock_drift_ppm_per_s * simulation.duration_s
-        phase = rng.random()
-        if tag.clock_phase_deg is not None:
-            phase = tag.clock_phase_deg / 360
-        self.clock = SwitchingClock(
-            sensor.clock_hz,
-            tag.clock_offset_ppm,
-            tag.clock_drift_ppm_per_s,
-            max(sensor.clock_tolerance_ppm, abs(tag.clock_offset_ppm), abs(last_ppm)),
-            phase,
-        )
-        self._switches, self._delay_s = SWITCHES[tag.clock2_duty], tag.clock2_delay_s
-        self._off = np.array(sensor.off_reflection)
-        self._turn = np.exp(2j * np.pi * rng.random())
-        self.pressed = PressedSensor(
-            scene.load_model(tag.truth_model),
-            [press for press in simulation.presses if press.sensor == sensor.name],
-            [move for move in simulation.moves if move.sensor == sensor.name],
-            scene.radio.center_frequency_hz,
-        )
+    def __init__(self, seed, antenna):
+        seeds = np.random.SeedSequence(seed).spawn(5)
+        generators = map(np.random.default_rng, seeds)
+        self.paths, self.clocks, self.movers, self.noise, self.oscillators = generators
+        self._turns = iter(np.ones(_MOST_PATHS))
+        if antenna:
+            own = np.random.SeedSequence(seed, spawn_key=(len(seeds), antenna)).spawn(2)
+            self.paths, self.noise = map(np.random.default_rng, own)
+            self._turns = iter(np.exp(2j * np.pi * self.paths.random(_MOST_PATHS)))
 
-    def reflection(self, first, count):
-        """r / rho of the samples; complex64, shape (count,)."""
-        if not self.on:
-            return np.zeros(count, np.complex64)
-        first_on, second_on = switch_states(
-            self.clock, self._switches, self._delay_s, first, count, self._rate
-        )
-        both_on = first_on * second_on
-        times = self._ramp.knots(first, count)
-        ends = self.pressed.reflections(times)
-        path = self._turn * self.pressed.motion(times)
-        # Against the off state, which is taken with the rest of the time.
-        states = [first_on, second_on]
-        values = [ends[:, 0] - self._off[0], ends[:, 1] - self._off[1]]
-        if both_on.any():
-            states.append(both_on)
-            values.append(self.pressed.through(times) + self._off.mean())
-        if self._off.any():
-            states.append(np.ones_like(first_on))
-            values.append(self._off.mean())
-        values = [np.atleast_1d(value * path).astype(np.complex64) for value in values]
-        return self._sum(states, values, first, count)
-
-    def _sum(self, states, values, first, count):
-        """Sum of the states times their values: constants, or values at the knots."""
-        if all(len(value) == 1 for value in values):
-            parts = np.concatenate(values).view(np.float32).reshape(-1, 2)
-            return (np.stack(states).T @ parts).view(np.complex64).ravel()
-        total = np.zeros(count, np.complex64)
-        for state, value in zip(states, values, strict=True):
-            total += state * (value if len(value) == 1 else self._ramp.draw(value, first, count))
-        return total
-
-
-class Adc:
-    """An analogue-to-digital converter: rounds, clips, and left-justifies its codes in 16 bits.
-
-    Parameters
-    ----------
-    bits : int or None
-        None rounds to 16 bits.
-    """
-
-    def __init__(self, bits):
-        self.bits = bits or 16
-        self._half = 2 ** (self.bits - 1)
-
-    def codes(self, samples):
-        """Codes of complex samples (full scale 1 per component); int16, shape (2 n,), I Q I Q."""
-        parts = np.ascontiguousarray(samples, np.complex64).view(np.float32) * self._half
-        np.rint(parts, out=parts)
-        np.minimum(parts, self._half - 1, out=parts)
-        np.maximum(parts, -self._half, out=parts)
-        return parts.astype(np.int16) << (16 - self.bits)
-
-
-def _scaled(taps, waveform, amplitude):
-    """Taps brought to an rms amplitude over the occupied subcarriers."""
-    return taps * (amplitude / np.sqrt(mean_power(taps, waveform)))
+    def turned(self, taps):
+        """The taps of the next path, as this antenna has them."""
+        return taps * next(self._turns)
 
 
 def _padded(filters):

@@ -12,7 +12,8 @@ import numpy as np
 
 from ..codes import samples_of
 from ..errors import InputError, OutputError
-from .channel import Adc, AirChannel
+from .adc import Adc
+from .channel import AirChannel
 
 TRUTH_COLUMNS = (
     "time_s", "sensor", "touch", "force_n", "location_mm", "phase1_deg", "phase2_deg",
