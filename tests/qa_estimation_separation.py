@@ -243,6 +243,20 @@ def test_a_tag_that_comes_later_than_the_first_is_found():
     assert locked[:, 0].all() and not locked[:25, 1].any() and locked[40:, 1].all()
 
 
+def test_one_loud_group_does_not_hide_the_tag_in_those_around_it():
+    tag = TagOnAir(offset_ppm=30.0, start_cycles=0.1, untouched_deg=(35.0, -80.0))
+    air = make_air(625, [tag], 9, 5.0)
+    rng, separator, results = np.random.default_rng(10), make_separator(), []
+    for g in range(24):
+        snapshots = air.group(g)
+        if g == 5:
+            snapshots = snapshots + 300 * rng.standard_normal(snapshots.shape)
+        results += separator.process(g, tones_of(separator, snapshots))
+    assert all(state.clocks[0].locked for state, _ in results)
+    # What it did to the usual noise is gone after some groups.
+    assert results[0][0].noise.mean() == pytest.approx(air.noise[0], rel=0.1)
+
+
 def test_an_interferer_on_12_of_64_subcarriers_is_weighted_out():
     """Without the weights it would cost 13 dB."""
     profile = np.ones(62)

@@ -26,7 +26,7 @@ def a_state(group, std_deg=0.05, missing=0, reference=False, sensors=1, **clock)
     return GroupState(
         group, missing, (ClockState(**({"locked": True} | clock)),) * sensors, np.ones(4),
         np.full(ends, 1e-3), np.arange(7.0, 7.0 + ends),
-        in_reference=np.full(ends, reference), std_deg=std,
+        in_reference=np.full(ends, reference), reshaped=np.zeros(ends, bool), std_deg=std,
     )  # fmt: skip
 
 

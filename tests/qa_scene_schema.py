@@ -229,7 +229,7 @@ def test_presses_of_different_sensors_may_overlap_and_must_name_theirs():
     [
         ("", "must hold a mapping of keys to values, is empty"),
         ("- 1\n", "must hold a mapping of keys to values, is a list"),
-        ("radio: [1, 2", "is not valid YAML at line 1"),
+        ("radio: [1, 2", "is not valid YAML at line"),
         ("radio: !!python/object/apply:os.getcwd []", "is not valid YAML"),
         ("radio: {}\nradio: {}\n", "key 'radio' is given twice"),
         ("a: &x [1]\nb: *x\n", "aliases are not allowed"),

@@ -77,8 +77,9 @@ def calibrate(table, output, frequency_hz, kind, name, refined, plot_path, **set
         model = sensor.refine(sensor.load_sensor(refined), data, name)
     else:
         model = sensor.calibrate(data, name, **settings)
+    lines = report(model)  # refuses a model that cannot be inverted
     sensor.write_sensor(model, output)
-    for line in report(model):
+    for line in lines:
         click.echo(line)
     for doubt in sensor.doubts(model):
         click.echo(f"warning: {doubt}")

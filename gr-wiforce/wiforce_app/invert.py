@@ -12,6 +12,7 @@ from gnuradio.wiforce.sensor.inversion import DEFAULT_STD_DEG
 from gnuradio.wiforce.textfile import read_csv
 
 _NEEDED = ("phase1_deg", "phase2_deg")
+_LARGEST = 1e12  # of any number: phases of more have no digits left for degrees
 
 
 @click.command()
@@ -73,7 +74,7 @@ def _numbers(path, number, row):
             parsed[column] = float(cell)
         except ValueError:
             parsed[column] = math.nan
-        if not math.isfinite(parsed[column]):
+        if not abs(parsed[column]) <= _LARGEST:
             raise InputError(f"{path}: row {number}: {column}", "must be a finite number", cell)
     if parsed["location_std_mm"] > 0:
         parsed["location_mm"] = math.nan

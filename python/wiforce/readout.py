@@ -66,7 +66,7 @@ class _SensorReadout:
             flags.append("saturated")
         # The oscillator's phase is another one: without a new reference both ends are turned.
         self._retuned = self._retuned or bool(state.retuned)
-        if self._retuned:
+        if self._retuned or np.any(state.reshaped[ends]):
             flags.append("moved")
         there = clock.locked and bool(np.all(np.isfinite(std))) and bool(np.all(np.abs(ratios) > 0))
         if clock.overlapping:

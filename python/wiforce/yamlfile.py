@@ -14,21 +14,9 @@ MAX_DEPTH = 16
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 
 
-class _Loader(yaml.SafeLoader):
-    """Safe loader that refuses what a description has no use for: repeated keys and aliases."""
-
-    def compose_node(self, parent, index):
-        if self.check_event(yaml.AliasEvent):
-            mark = self.peek_event().start_mark
-            raise yaml.MarkedYAMLError(problem="aliases are not allowed", problem_mark=mark)
-        self.depth = getattr(self, "depth", 0) + 1
-        if self.depth > MAX_DEPTH:
-            mark = self.peek_event().start_mark
-            problem = f"must not be nested deeper than {MAX_DEPTH} levels"
-            raise yaml.MarkedYAMLError(problem=problem, problem_mark=mark)
-        node = super().compose_node(parent, index)
-        self.depth -= 1
-        return node
+# libyaml's parser is ten times as fast as Python's.
+class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
+    """Safe loader that refuses repeated keys."""
 
     def construct_mapping(self, node, deep=False):
         seen = set()
@@ -44,6 +32,20 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
+def _check_structure(data):
+    """Refuses aliases and depth, which a loader would follow by recursion."""
+    depth = 0
+    for event in yaml.parse(data, _Loader):
+        if isinstance(event, yaml.AliasEvent):
+            problem = "aliases are not allowed"
+            raise yaml.MarkedYAMLError(problem=problem, problem_mark=event.start_mark)
+        if isinstance(event, yaml.NodeEvent) and depth == MAX_DEPTH:
+            problem = f"must not be nested deeper than {MAX_DEPTH} levels"
+            raise yaml.MarkedYAMLError(problem=problem, problem_mark=event.start_mark)
+        depth += isinstance(event, yaml.CollectionStartEvent)
+        depth -= isinstance(event, yaml.CollectionEndEvent)
+
+
 def read_yaml(path):
     """The mapping at the top of a YAML file, as a dict.
 
@@ -56,6 +58,7 @@ def read_yaml(path):
     """
     data = read_bytes(path, MAX_BYTES)
     try:
+        _check_structure(data)
         content = yaml.load(data, _Loader)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark

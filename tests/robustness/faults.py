@@ -11,7 +11,8 @@ RATE = 12.5e6
 FRAME = 720
 GROUP = 625 * FRAME
 DURATION_S = 1.44
-REFERENCE = 8 * GROUP  # no fault before: a reader without a reference can read nothing
+# No fault before: a reader without clocks (0.4 s) and a reference can read nothing.
+REFERENCE = 12 * GROUP
 PRESS = {
     "sensor": "arm",
     "start_s": 0.6,

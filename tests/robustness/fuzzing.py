@@ -1,16 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Kinds of input, the command that each is given to, and broken inputs in one process.
 
-    python3 fuzzing.py KIND COUNT
+    python3 fuzzing.py KIND COUNT FINDS
 
-works in the current folder and prints what is wrong, a line each.
+works in a folder that `prepare` has filled, prints what is wrong, a line each, and keeps what it
+finds in the folder FINDS. ``corpus/`` holds inputs that once broke a command, or that reach code
+which the original does not; their names begin with their kind.
 """
 
 import contextlib
+import hashlib
 import io
 import signal
 import sys
-import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +24,7 @@ from wiforce_app.main import main
 
 LIMIT_S = 10
 LIMIT_BYTES = 1 << 30
+CORPUS = Path(__file__).parent / "corpus"
 
 SCENE = {
     "sensors": [{"name": "arm", "model": "line-900mhz", "off_reflection": [0.05, 0.0]}],
@@ -30,7 +34,7 @@ SCENE = {
     "environment": {"moving_clutter_hz": 0, "reader_clock": "shared"},
     "reference_s": 0.05,
     "simulation": {
-        "duration_s": 0.2,
+        "duration_s": 0.08,
         "seed": 4,
         "snr_db": 25,
         "static_clutter_db": 40,
@@ -38,9 +42,9 @@ SCENE = {
         "presses": [
             {
                 "sensor": "arm",
-                "start_s": 0.1,
-                "rise_s": 0.01,
-                "hold_s": 0.06,
+                "start_s": 0.055,
+                "rise_s": 0.002,
+                "hold_s": 0.02,
                 "force_n": 4.0,
                 "end_force_n": 5.0,
                 "location_mm": 37.0,
@@ -59,70 +63,66 @@ class Kind:
 
     Parameters
     ----------
-    name : str
-    original : bytes
     file : str
         Name under which a broken version is put into the working folder.
+    original : str
+        File in the working folder.
     arguments : sequence of str
         Of the ``gr-wiforce`` command, run in the working folder.
     """
 
-    def __init__(self, name, original, file, arguments):
-        self.name, self.original, self.file, self.arguments = name, original, file, arguments
+    def __init__(self, file, original, *arguments):
+        self.file, self.arguments = Path(file), arguments
+        self.original = Path(original).read_bytes()
 
-    def broken(self, seed):
-        """The broken version of a seed."""
-        rng = np.random.default_rng([seed, len(self.original)])
-        return (mutated_samples if self.name == "samples" else mutated)(self.original, rng)
+    def broken(self, rng, of=None):
+        """A broken version of the original, or of another input."""
+        mutate = mutated_samples if self.file.suffix == ".bin" else mutated
+        return mutate(self.original if of is None else of, rng)
 
 
-def kinds(folder):
-    """Every kind by name; what they need is put into ``folder``."""
+KINDS = ("scene", "sensor", "vna", "index", "touchstone", "phases", "metadata", "samples")
+_READ = ("read", "-o", "out.csv", "--scene", "scene.yaml")
+_CALIBRATE = ("calibrate", "-o", "out.yaml", "--form", "cubic", "--length-mm", "10")
+_TOUCHSTONE = (*_CALIBRATE, "--frequency-hz", "900e6")
+_INVERT = ("invert", "-o", "out.jsonl", "--sensor")
+
+
+def kind_of(name):
+    """A kind by its name; works in a folder that was prepared."""
+    return {
+        "scene": lambda: Kind("x.yaml", "scene.yaml", "plan", "x.yaml"),
+        "sensor": lambda: Kind("y.yaml", "arm.yaml", *_INVERT, "y.yaml", "phases.csv"),
+        "vna": lambda: Kind("x.csv", "vna.csv", *_CALIBRATE, "x.csv"),
+        "index": lambda: Kind("i.csv", "index.csv", *_TOUCHSTONE, "i.csv"),
+        "touchstone": lambda: Kind("00.s2p", "first.s2p", *_TOUCHSTONE, "index.csv"),
+        "phases": lambda: Kind("p.csv", "phases.csv", *_INVERT, "wiforce-900mhz", "p.csv"),
+        "metadata": lambda: Kind("x.sigmf-meta", "capture.sigmf-meta", *_READ, "x"),
+        "samples": lambda: Kind(
+            "x.bin", "capture.sigmf-data", *_READ, "x.bin", "--datatype", "ci16_le"
+        ),
+    }[name]()
+
+
+def prepare(folder):
+    """Puts the original of every kind into a folder, and what the commands need beside it."""
     folder = Path(folder)
-    scene = yaml.safe_dump(SCENE).encode()
-    (folder / "scene.yaml").write_bytes(scene)
+    (folder / "scene.yaml").write_text(yaml.safe_dump(SCENE))
     assert main(["simulate", str(folder / "scene.yaml"), str(folder / "capture")]) == 0
-    line = sensors.load_sensor("line-900mhz")
-    table = sensors.measure_vna(line, [20.0, 40.0, 60.0], np.linspace(1, 8, 6), 0.2)
-    sensors.write_vna_csv(table, folder / "vna.csv")
-    assert main(["calibrate", str(folder / "vna.csv"), "-o", str(folder / "arm.yaml")]) == 0
-    index, first = _touchstone(table, folder)
-    phases = b"phase1_deg,phase2_deg,time_s,sensor,location_mm\n"
-    phases += b"".join(
-        b"%d,%d,%g,arm,%s\n" % (100 - i, 90 + i, i / 28, b"40" if i % 3 else b"") for i in range(9)
-    )
-    (folder / "phases.csv").write_bytes(phases)
-    read = ["read", "--scene", "scene.yaml", "-o", "out.csv"]
-    data = (folder / "capture.sigmf-data").read_bytes()
     (folder / "x.sigmf-data").symlink_to("capture.sigmf-data")
-    calibrate = ["calibrate", "-o", "out.yaml", "--form", "cubic"]
-    touchstone = [*calibrate, "--frequency-hz", "900e6"]
-    invert = ["invert", "-o", "out.jsonl", "--sensor"]
-    found = [
-        Kind("scene", scene, "x.yaml", ["plan", "x.yaml"]),
-        Kind(
-            "sensor",
-            (folder / "arm.yaml").read_bytes(),
-            "y.yaml",
-            [*invert, "y.yaml", "phases.csv"],
-        ),
-        Kind("vna", (folder / "vna.csv").read_bytes(), "x.csv", [*calibrate, "x.csv"]),
-        Kind("index", index, "i.csv", [*touchstone, "i.csv"]),
-        Kind("touchstone", first, "00.s2p", [*touchstone, "index.csv"]),
-        Kind("phases", phases, "p.csv", [*invert, "wiforce-900mhz", "p.csv"]),
-        Kind(
-            "metadata",
-            (folder / "capture.sigmf-meta").read_bytes(),
-            "x.sigmf-meta",
-            [*read, "x"],
-        ),
-        Kind("samples", data, "x.bin", [*read, "x.bin", "--datatype", "ci16_le"]),
-    ]
-    return {kind.name: kind for kind in found}
+    # A short line: the tables of its model are small, and soon built.
+    line = replace(sensors.load_sensor("line-900mhz"), length_mm=10.0)
+    table = sensors.measure_vna(line, [4.0, 5.0, 6.0], np.linspace(2, 3, 5), 0.2)
+    sensors.write_vna_csv(table, folder / "vna.csv")
+    sensors.write_sensor(sensors.calibrate(table, "arm", 10.0, "cubic"), folder / "arm.yaml")
+    _touchstone(table, folder)
+    phases = "".join(f"{100 - i},{90 + i},{i / 28},arm,{'5' if i % 3 else ''}\n" for i in range(9))
+    header = "phase1_deg,phase2_deg,time_s,sensor,location_mm\n"
+    (folder / "phases.csv").write_text(header + phases)
 
 
 def _touchstone(table, folder):
-    """An index of Touchstone files of a table's presses, and the first of them."""
+    """An index of Touchstone files of a table's presses, the first of them twice."""
     presses = sorted({(f, str(p)) for f, p in zip(table.force_n, table.location_mm, strict=True)})
     index = ["file,force_n,location_mm"]
     for number, (force, place) in enumerate(presses):
@@ -132,27 +132,26 @@ def _touchstone(table, folder):
         lines = [f"{f} {cells}" for f in (800, 900, 1000)]
         (folder / f"{number:02d}.s2p").write_text("# MHz S MA R 50\n" + "\n".join(lines) + "\n")
         index.append(f"{number:02d}.s2p,{force:g},{'' if place == 'nan' else place}")
-    text = "\n".join(index) + "\n"
-    (folder / "index.csv").write_text(text)
-    return text.encode(), (folder / "00.s2p").read_bytes()
+    (folder / "index.csv").write_text("\n".join(index) + "\n")
+    (folder / "first.s2p").write_bytes((folder / "00.s2p").read_bytes())
 
 
 def call(arguments):
-    """The command's entry function with a deadline: (exit status, standard error, seconds)."""
+    """The command's entry function with a deadline: (exit status, standard error)."""
 
     def expired(signum, frame):
         raise Hang(f"{arguments}: still running after {LIMIT_S} s")
 
     before = signal.signal(signal.SIGALRM, expired)
     left = signal.alarm(LIMIT_S)
-    said, began = io.StringIO(), time.monotonic()
+    said = io.StringIO()
     try:
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(said):
-            status = main(arguments)
+            status = main(list(arguments))
     finally:
         signal.signal(signal.SIGALRM, before)
         signal.alarm(left)
-    return status, said.getvalue(), time.monotonic() - began
+    return status, said.getvalue()
 
 
 def fault_of(status, said):
@@ -169,15 +168,39 @@ def fault_of(status, said):
     return None
 
 
-def check(kind, data, told):
+def check(kind, data):
     """What is wrong with how a kind's command takes this input, None when nothing is."""
-    Path(kind.file).write_bytes(data)
+    kind.file.write_bytes(data)
     try:
-        status, said, _ = call(kind.arguments)
+        return fault_of(*call(kind.arguments))
     except Hang as hang:
-        return f"{told}: {hang}"
-    fault = fault_of(status, said)
-    return f"{told}: {fault}" if fault else None
+        return str(hang)
+
+
+class Reached:
+    """Tells inputs that reach code which none has reached before, by lines of our own Python."""
+
+    def __init__(self):
+        self._known, self._now = set(), set()
+
+    def __enter__(self):
+        self._now = set()
+        sys.settrace(self._called)
+
+    def __exit__(self, *_):
+        sys.settrace(None)
+
+    def anything_new(self):
+        """Whether the last input did."""
+        fresh = not self._now <= self._known
+        self._known |= self._now
+        return fresh
+
+    def _called(self, frame, event, _):
+        if "wiforce" not in frame.f_code.co_filename:
+            return None
+        self._now.add((frame.f_code, frame.f_lineno))
+        return self._called
 
 
 def peak_memory():
@@ -190,20 +213,32 @@ def peak_memory():
     return 1024 * int(next(line for line in status.splitlines() if "VmHWM" in line).split()[1])
 
 
-def run(name, count):
-    """Gives a command its sound input and so many broken ones; prints what is wrong."""
-    with contextlib.redirect_stdout(io.StringIO()):
-        kind = kinds(".")[name]
-    inputs = [("the original", kind.original)]
-    inputs.extend((f"{name} {seed}", kind.broken(seed)) for seed in range(count))
-    for told, data in inputs:
-        fault = check(kind, data, told)
+def run(name, count, finds):
+    """Gives a command its sound input, those of the corpus, and so many broken ones.
+
+    What is broken is the sound input or one that reached code which none before had. Prints what
+    is wrong, and keeps such inputs in the folder ``finds``: ``fault-...`` and, of those that
+    reached further, ``KIND-...``.
+    """
+    kind, rng, reached = kind_of(name), np.random.default_rng(11), Reached()
+    pool = [kind.original]
+    known = [kind.original, *(path.read_bytes() for path in sorted(CORPUS.glob(f"{name}-*")))]
+    for number in range(len(known) + count):
+        fresh = number >= len(known)
+        data = kind.broken(rng, pool[rng.integers(len(pool))]) if fresh else known[number]
+        with reached:
+            fault = check(kind, data)
         if fault:
-            print(" ".join(fault.split()), flush=True)
+            (finds / f"fault-{name}-{number}").write_bytes(data)
+            print(f"{name} {number}: {' '.join(fault.split())}", flush=True)
+        elif reached.anything_new():
+            pool.append(data)
+            if fresh:
+                (finds / f"{name}-{hashlib.sha1(data).hexdigest()[:8]}").write_bytes(data)
     peak = peak_memory()
     if peak > LIMIT_BYTES:
         print(f"{name}: took {peak >> 20} MB of memory")
 
 
 if __name__ == "__main__":
-    run(sys.argv[1], int(sys.argv[2]))
+    run(sys.argv[1], int(sys.argv[2]), Path(sys.argv[3]))

@@ -7,6 +7,10 @@ import numpy as np
 
 from ..errors import InputError
 
+# Part of an end's energy, beside so many times its noise, that may differ from the reference's
+# course over the subcarriers.
+_ALIKE, _NOTABLE = 0.2, 3.0
+
 
 def subcarrier_weights(noise):
     """Maximum-ratio weights w_k = 1 / sigma_k^2, scaled to sum to 1; shape (K,)."""
@@ -117,7 +121,19 @@ class ConjugateDifference:
         state = replace(
             state,
             in_reference=in_reference,
+            reshaped=self._reshaped(state, values, vectors, power, weights),
             reference_power=power,
             reference_gain=reference_gain,
         )
         return state, vectors
+
+    def _reshaped(self, state, values, vectors, power, weights):
+        """Ends whose channel runs differently over the subcarriers than the reference does.
+
+        A press turns all subcarriers alike. What else it takes, V - R V_ref, is noise, unless the
+        tag was moved or frames are no longer where they were.
+        """
+        energy = np.abs(values) ** 2 @ weights
+        alike = np.abs(vectors[:, self.bins] @ weights) ** 2 * power
+        noise = np.where(np.isfinite(state.gain), state.gain, 0) * (weights @ state.noise)
+        return energy - alike > _ALIKE * energy + _NOTABLE * noise

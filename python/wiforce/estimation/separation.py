@@ -31,6 +31,9 @@ _NOISE_FLOOR = 1e-14
 # Residual of a group over the usual noise: below it is chance; above, noise has not become so.
 _NOTABLE = 1.15
 _UNUSUAL = 3.0
+# A group this much louder than most is left out of an acquisition. A press changes a tag's energy
+# by a factor of 6 at most.
+_LOUD = 10.0
 # Groups whose median residual tells that the noise has changed, and from which factor on. A press
 # that changes disturbs fewer.
 _STEP_GROUPS = 8
@@ -121,7 +124,7 @@ class EndSeparator:
         self._noise = None
         self._noise_groups = 0
         self._noise_memory = max(32, int(_NOISE_MEMORY_S / self.group_period_s))
-        self._misfits = deque(maxlen=_STEP_GROUPS)
+        self._misfits, self._latest = deque(maxlen=_STEP_GROUPS), deque(maxlen=_STEP_GROUPS)
         self._held = []
         self._started = False
 
@@ -192,14 +195,17 @@ class EndSeparator:
         More than once: the noise, and what other tags put into a tag's lines, are known only
         after a first time.
         """
+        usable = _not_loud(usable)
         if len(usable) < 2:
             return
         self._set_noise(np.mean([item.power() for item in usable], axis=0), usable)
         for _ in range(2 if len(self._tags) == 1 else 3):
             for tag in self._tags:
                 self._try(tag, usable)
-            residuals = [self._solve(item)[2] for item in usable]
-            self._set_noise(np.mean(residuals, axis=0), usable)
+            residuals = np.array([self._solve(item)[2] for item in usable])
+            levels = residuals.mean(axis=1)
+            fitting = residuals[levels <= _UNUSUAL * np.median(levels)]
+            self._set_noise(fitting.mean(axis=0), usable)
         self._noise_groups = len(usable)
 
     def _set_noise(self, noise, items):
@@ -237,6 +243,7 @@ class EndSeparator:
         if fresh and item.usable:
             self._follow(item)
         ends, gain, residual = self._solve(item)
+        clocks = tuple(tag.state(item) for tag in self._tags)
         misfit = self._misfit(residual, item)
         if fresh and item.usable and not item.missing:
             self._learn_noise(residual, misfit, item)
@@ -244,7 +251,6 @@ class EndSeparator:
         gain = gain * (1 + len(self.bins) * max(0.0, misfit - _NOTABLE))
         vectors = np.zeros((self.ends, 64), complex)
         vectors[:, self.bins] = ends
-        clocks = tuple(tag.state(item) for tag in self._tags)
         noise = np.ones(len(self.bins)) if self._noise is None else self._noise
         snr = self._snr_db(ends, gain)
         return GroupState(item.group, item.missing, clocks, noise, gain, snr), vectors
@@ -280,7 +286,9 @@ class EndSeparator:
         """Tries to acquire a tag over the latest groups."""
         tag.waiting.append(item)
         del tag.waiting[: -self.acquisition_groups]
-        if len(tag.waiting) == self.acquisition_groups and self._try(tag, tag.waiting):
+        if len(tag.waiting) < self.acquisition_groups:
+            return
+        if self._try(tag, _not_loud(tag.waiting)):
             tag.waiting = []
 
     def _fit(self, item):
@@ -317,7 +325,15 @@ class EndSeparator:
 
     def _learn_noise(self, residual, misfit, item):
         self._misfits.append(misfit)
+        self._latest.append(item)
         usual = sorted(self._misfits)[len(self._misfits) // 2]
+        if len(self._misfits) == _STEP_GROUPS and usual > _UNUSUAL:
+            # Noise that has risen, or a clock that is held at a wrong phase: found anew.
+            self._misfits.clear()
+            self._start(list(self._latest))
+            for tag in self._tags:
+                tag.waiting = [] if tag.tracker else list(self._latest)
+            return
         if len(self._misfits) == _STEP_GROUPS and not 1 / _STEP < usual < _STEP:
             # Its level has changed; its course over the subcarriers is still the best known.
             self._misfits.clear()
@@ -370,6 +386,14 @@ class _Fit:
     ends: np.ndarray
     gain: np.ndarray
     left: np.ndarray = None
+
+
+def _not_loud(items):
+    """Groups without those of some accident, which would drown all the others."""
+    if not items:
+        return items
+    levels = np.array([item.level() for item in items])
+    return [items[i] for i in np.flatnonzero(levels <= _LOUD * np.median(levels))]
 
 
 def _power(values):

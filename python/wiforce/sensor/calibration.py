@@ -181,6 +181,8 @@ def _carrier_data(table, frequency, length_mm, permittivity, mirror, assumed):
         )
     touched, below, above = _without_untouched_sweeps(table, untouched)
     own = np.unique(touched.location_mm)
+    if not len(own):
+        raise InputError(table.source, f"has no row with a force at {frequency / 1e6:g} MHz")
     if mirror:
         touched = _mirrored(touched, length_mm, assumed)
     check_places(touched)
@@ -426,7 +428,7 @@ def _left_out(data, form, by_press):
     folds = []
     for curve in data.all_curves():
         for out, rim in [] if curve.copied else _folds(curve, by_press):
-            if np.count_nonzero(~out) < _LEAST_LEFT:
+            if not np.any(out) or np.count_nonzero(~out) < _LEAST_LEFT:
                 continue
             fit = fitter.fit(curve.force_n[~out], curve.added_deg[~out])
             error = curve.added_deg[out] - fitter.value(fit, curve.force_n[out])

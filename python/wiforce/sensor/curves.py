@@ -206,6 +206,7 @@ class CurveModel(SensorModel):
         curves, interpolation = self.carriers[carrier], self._interpolations[carrier]
         basis = self._basis(force)
         fit = np.einsum("...k,pjkm,...m->...pj", basis, curves.covariance_deg2, basis)
+        fit = np.maximum(fit, 0.0)  # a file's digits end somewhere
         values = self._at_locations(force, carrier)
         variance = [
             np.sum(interpolation.weights(location, port) ** 2 * fit[..., port, :], axis=-1)

@@ -3,6 +3,7 @@
 
 import datetime
 import os
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -52,10 +53,16 @@ def load_sensor(name_or_path, relative_to=None):
     if text.lower().endswith((".yaml", ".yml")):
         path = Path(relative_to or ".") / text
     elif text in shipped_sensors():
-        path = _shipped_folder() / f"{text}.yaml"
+        return _shipped(_shipped_folder() / f"{text}.yaml")
     else:
         shipped = ", ".join(shipped_sensors())
         raise InputError("sensor", f"must be a .yaml file or one of {shipped}", text)
+    return sensor_from_dict(read_yaml(path), path)
+
+
+# One object with its tables for all who name it: they take a second to build.
+@lru_cache(maxsize=8)
+def _shipped(path):
     return sensor_from_dict(read_yaml(path), path)
 
 
@@ -166,19 +173,30 @@ def _read_carrier(section, basis_size, length_mm):
     if abs(interpolation[:, 4].sum() - 1) > 1e-6:
         rule = "must have probabilities (fifth column) that sum to 1"
         raise section.error("interpolation", rule, interpolation[:, 4].sum())
+    covariance = _numbers(section, "covariance_deg2", (2, count, basis_size, basis_size))
+    if not _are_covariances(covariance):
+        raise section.error("covariance_deg2", "must hold symmetric, non-negative matrices")
     carrier = curves.Carrier(
         frequency_hz=section.number("frequency_hz", above=0),
         untouched_deg=tuple(map(float, _numbers(section, "untouched_deg", (2,)))),
         location_mm=location,
         force_span_n=_numbers(section, "force_span_n", (count, 2)),
         coefficients_deg=_numbers(section, "coefficients_deg", (2, count, basis_size)),
-        covariance_deg2=_numbers(section, "covariance_deg2", (2, count, basis_size, basis_size)),
+        covariance_deg2=covariance,
         noise_deg=tuple(map(float, _numbers(section, "noise_deg", (2,)))),
         misfit_deg=tuple(map(float, _numbers(section, "misfit_deg", (2,)))),
         interpolation=interpolation,
     )
     section.finish()
     return carrier
+
+
+def _are_covariances(matrices):
+    """Whether matrices (..., n, n) are symmetric and without negative eigenvalues but rounding."""
+    size = np.abs(matrices).max(axis=(-2, -1))
+    apart = np.abs(matrices - np.swapaxes(matrices, -2, -1)).max(axis=(-2, -1))
+    least = np.linalg.eigvalsh(matrices)[..., 0]
+    return bool(np.all((apart <= 1e-6 * size) & (least >= -1e-6 * size)))
 
 
 def _numbers(section, key, shape):

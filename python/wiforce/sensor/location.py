@@ -21,6 +21,8 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from ..errors import InputError
+
 SHAPES = np.arange(5)
 _FADES_MM = np.geomspace(5.0, 80.0, 25)
 _SHIFTS_MM = np.linspace(-5.0, 15.0, 17)
@@ -112,7 +114,11 @@ class LocationInterpolation:
             ],
             axis=-1,
         )
-        solution = np.linalg.solve(system, np.swapaxes(right, 1, 2))
+        try:
+            solution = np.linalg.solve(system, np.swapaxes(right, 1, 2))
+        except np.linalg.LinAlgError:
+            rule = "must hold shapes that change between the calibrated locations"
+            raise InputError("sensor: interpolation", rule) from None
         variance = 1.0 - np.einsum("hkg,hgk->hg", solution, right)
         return np.swapaxes(solution[:, :count], 1, 2), np.maximum(variance, 0.0)
 
