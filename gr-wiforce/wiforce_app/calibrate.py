@@ -84,7 +84,7 @@ def calibrate(table, output, frequency_hz, kind, name, refined, plot_path, **set
     for doubt in sensor.doubts(model):
         click.echo(f"warning: {doubt}")
     if plot_path is not None:
-        from .plots import plot_calibration
+        from .calibration_plot import plot_calibration
 
         plot_calibration(data, model, plot_path)
     click.echo(f"written: {output}")

@@ -75,7 +75,7 @@ def paper(output, plot_path, in_full):
     for limit in published.LIMITS:
         click.echo(f"- {limit}")
     if plot_path is not None:
-        from .plots import plot_error_distributions
+        from .evaluation.published_plot import plot_error_distributions
 
         plot_error_distributions(scores, forms, plot_path)
 
