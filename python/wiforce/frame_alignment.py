@@ -86,6 +86,9 @@ class frame_alignment(gr.basic_block):
     def general_work(self, input_items, output_items):
         items, out = input_items[0], output_items[0]
         if self.offset is None:
+            # No more than a search needs: where frames are found must not depend on how many
+            # samples happen to come at once.
+            items = items[: self._needed - self._held_count]
             self._search(items)
             self.consume(0, len(items))
             return 0
