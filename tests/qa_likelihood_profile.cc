@@ -13,6 +13,9 @@ namespace {
 constexpr std::size_t nodes = 24;
 constexpr double first = 1.0, last = 9.0, middle_mm = 40.0;
 
+// All of the plane of phases is one cell of one row.
+const std::vector<likelihood_profile::cell> one_cell{ { 0, 1 } };
+
 // Phases psi_i = +-slope (l - l0) + bend_i(F): the far end moves a quarter as much as the
 // near one.
 double bend(int port, double force, double reach)
@@ -22,7 +25,8 @@ double bend(int port, double force, double reach)
 
 likelihood_profile made(double reach)
 {
-    std::vector<double> force(nodes), rows(likelihood_profile::columns * nodes);
+    std::vector<double> force(nodes);
+    std::vector<float> rows(likelihood_profile::columns * nodes);
     for (std::size_t k = 0; k < nodes; k++) {
         force[k] = first * std::pow(last / first, double(k) / (nodes - 1));
         const double at_4[] = { bend(0, 4.0, reach), bend(1, 4.0, reach) };
@@ -32,7 +36,7 @@ likelihood_profile made(double reach)
         // the location that fits best where the phases are those of 4 N in the middle
         const double move = (s[0] * e[0] + s[1] * e[1]) / 8.0;
         const auto put = [&](int column, double value) {
-            rows[column * nodes + k] = value;
+            rows[column * nodes + k] = static_cast<float>(value);
         };
         put(likelihood_profile::place, middle_mm + move);
         put(likelihood_profile::error_1, e[0] - s[0] * move);
@@ -43,7 +47,7 @@ likelihood_profile made(double reach)
         put(likelihood_profile::variance_2, 0.02);
         put(likelihood_profile::inside, 1);
     }
-    return { force, rows, std::vector<std::uint8_t>(nodes - 1, 1) };
+    return { force, rows, std::vector<std::uint8_t>(nodes - 1, 1), one_cell };
 }
 
 // The likelihood added up on a fine grid of force and location.
@@ -103,17 +107,45 @@ BOOST_AUTO_TEST_CASE(phases_that_no_force_shows_have_a_large_misfit)
 
 BOOST_AUTO_TEST_CASE(a_row_that_holds_nowhere_gives_no_force)
 {
-    const likelihood_profile none({ 1, 2 }, std::vector<double>(18, 1.0), { 0 });
+    const likelihood_profile none(
+        { 1, 2 }, std::vector<float>(18, 1.0F), { 0 }, one_cell);
     const auto found = none.read(0, 0, 0, 1, 1);
     BOOST_TEST(std::isnan(found.force));
     BOOST_TEST(std::isinf(found.misfit));
 }
 
+BOOST_AUTO_TEST_CASE(phases_are_read_by_every_row_of_their_cell)
+{
+    const std::vector<float> rows(2 * 18, 1.0F);
+    std::vector<likelihood_profile::cell> cells(36 * 36, { 0, 0 });
+    cells[35 * 36 + 2] = { 0, 1 }; // -10 to 0 deg, 20 to 30 deg
+    cells[0] = { 0, 2 };
+    const likelihood_profile some({ 1, 2 }, rows, { 0, 0 }, cells);
+    BOOST_TEST(some.read_turns(-5, 25, 1, 1).count == 1);
+    BOOST_TEST(some.read_turns(355, -335, 1, 1).count == 1);
+    BOOST_TEST(some.read_turns(5 + 720, 5, 1, 1).count == 2);
+    BOOST_TEST(some.read_turns(15, 5, 1, 1).count == 0);
+}
+
 BOOST_AUTO_TEST_CASE(tables_of_the_wrong_size_are_refused)
 {
-    BOOST_CHECK_THROW(likelihood_profile({ 1 }, {}, {}), std::invalid_argument);
-    BOOST_CHECK_THROW(likelihood_profile({ 1, 2 }, std::vector<double>(17), { 1 }),
-                      std::invalid_argument);
-    BOOST_CHECK_THROW(likelihood_profile({ 1, 2 }, std::vector<double>(18), {}),
-                      std::invalid_argument);
+    const auto refused = [](std::vector<double> force,
+                            std::size_t numbers,
+                            std::vector<std::uint8_t> holds,
+                            std::vector<likelihood_profile::cell> cells) {
+        BOOST_CHECK_THROW(
+            likelihood_profile(
+                force, std::vector<float>(numbers), holds, std::move(cells)),
+            std::invalid_argument);
+    };
+    refused({ 1 }, 0, {}, one_cell);
+    refused(
+        std::vector<double>(33, 1.0), 33 * 9, std::vector<std::uint8_t>(32), one_cell);
+    refused({ 1, 2 }, 17, { 1 }, one_cell);
+    refused({ 1, 2 }, 18, {}, one_cell);
+    refused({ 1, 2 }, 18, { 1 }, {});
+    refused({ 1, 2 }, 18, { 1 }, { { 0, 1 }, { 0, 1 } });
+    refused({ 1, 2 }, 18, { 1 }, { { 1, 1 } });
+    refused({ 1, 2 }, 18, { 1 }, { { 0, 2 } });
+    refused({ 1, 2 }, 18, { 1 }, { { -1, 1 } });
 }

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "likelihood_profile.h"
 
+#include "hidden_force.h"
 #include "require.h"
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <string>
 
@@ -17,23 +19,41 @@ namespace {
 constexpr double negligible = 40.0;
 // A dip of the likelihood by so much parts two solutions.
 constexpr double barrier = 4.0;
-// Below this step of z the closed forms lose digits, and straight lines serve.
-constexpr double small_step = 0.1;
-// Force is hidden where a phase error of 1 deg, or of the reading's own size, costs this
-// much.
-constexpr double hidden_n = 0.5;
+// Up to this step of z a polynomial serves for the likelihood, to 1e-4 of it.
+constexpr double small_step = 1.0;
 constexpr double least_variance = 1e-12;
 
-// exp(-z^2 / 2) and its integral from 0, by Taylor steps from a table: an error below
+// exp(-z^2 / 2) at `count` places, to 1e-9 of itself; in a form that compilers vectorise.
+void densities(const double* z, std::size_t count, double* density)
+{
+    constexpr double to_binary = -0.5 * 1.4426950408889634; // log2(e)
+    constexpr double lowest = -1000.0;                      // exponent of 2
+    for (std::size_t k = 0; k < count; k++) {
+        const double exponent = std::max(to_binary * z[k] * z[k], lowest);
+        const auto halvings = static_cast<std::int32_t>(0.5 - exponent);
+        const double x = (exponent + halvings) * 0.6931471805599453; // ln 2
+        // Taylor: |x| < 0.35
+        double e = x * (1.0 / 40320) + 1.0 / 5040;
+        e = e * x + 1.0 / 720;
+        e = e * x + 1.0 / 120;
+        e = e * x + 1.0 / 24;
+        e = e * x + 1.0 / 6;
+        e = e * x + 0.5;
+        e = e * x + 1;
+        e = e * x + 1;
+        const auto bits = static_cast<std::uint64_t>(1023 - halvings) << 52;
+        double power;
+        std::memcpy(&power, &bits, sizeof power);
+        density[k] = e * power;
+    }
+}
+
+// The integral of exp(-z^2 / 2) from 0, by Taylor steps from a table: an error below
 // 1e-9.
-class normal
+class normal_integral
 {
 public:
-    struct values {
-        double density, cumulated;
-    };
-
-    normal()
+    normal_integral()
     {
         for (std::size_t i = 0; i < d_at.size(); i++) {
             const double z = static_cast<double>(i) / per_unit;
@@ -42,98 +62,79 @@ public:
         }
     }
 
-    values operator()(double z) const
+    double operator()(double z) const
     {
         const double x = std::min(std::abs(z), largest);
         const auto i = static_cast<std::size_t>(x * per_unit + 0.5);
-        const double a = static_cast<double>(i) / per_unit, h = x - a,
-                     density = d_at[i].density;
+        const double a = static_cast<double>(i) / per_unit, h = x - a;
         // derivatives of the density are Hermite polynomials times it
-        const double second = (a * a - 1) / 2, third = a * (3 - a * a) / 6,
-                     fourth = ((a * a - 6) * a * a + 3) / 24;
-        const double change = 1 + h * (-a + h * (second + h * (third + h * fourth)));
-        const double mean =
-            1 + h * (-a / 2 + h * (second / 3 + h * (third / 4 + h * fourth / 5)));
-        const double cumulated = d_at[i].cumulated + h * density * mean;
-        return { density * change, z < 0 ? -cumulated : cumulated };
+        const double second = (a * a - 1) / 6, third = a * (3 - a * a) / 24,
+                     fourth = ((a * a - 6) * a * a + 3) / 120;
+        const double mean = 1 + h * (-a / 2 + h * (second + h * (third + h * fourth)));
+        return std::copysign(d_at[i].integral + h * d_at[i].density * mean, z);
     }
 
 private:
+    struct values {
+        double density, integral;
+    };
+
     static constexpr double largest = 40.0;
     static constexpr int per_unit = 32;
     std::vector<values> d_at = std::vector<values>(40 * per_unit + 1);
 };
 
-struct node {
-    double z, place, width, scale;
-    double density, cumulated; // of the likelihood at z and from 0 to z
-
-    void evaluate()
-    {
-        static const normal table;
-        const auto found = table(z);
-        density = found.density;
-        cumulated = found.cumulated;
-    }
-};
-
-// Sums of the likelihood times powers of force and location.
-struct moments {
-    double mass = 0, force = 0, force_2 = 0, place = 0, place_2 = 0, product = 0;
-    double hidden = 0, outside = 0;
-
-    void operator+=(const moments& other)
-    {
-        mass += other.mass;
-        force += other.force;
-        force_2 += other.force_2;
-        place += other.place;
-        place_2 += other.place_2;
-        product += other.product;
-        hidden += other.hidden;
-        outside += other.outside;
-    }
-};
-
 // Integrals of t^0, t^1, t^2 times exp(-z^2 / 2), z from a to b while t goes from 0 to 1.
 struct integrals {
     double zeroth, first, second;
-
-    integrals(const node& a, const node& b)
-    {
-        const double step = b.z - a.z;
-        if (std::abs(step) < small_step) {
-            zeroth = (a.density + b.density) / 2;
-            first = a.density / 6 + b.density / 3;
-            second = a.density / 12 + b.density / 4;
-            return;
-        }
-        const double per_step = 1 / step;
-        zeroth = (b.cumulated - a.cumulated) * per_step;
-        // by parts
-        first = ((a.density - b.density) * per_step - a.z * zeroth) * per_step;
-        second = ((zeroth - b.density) * per_step - a.z * first) * per_step;
-    }
 };
 
-// Force and place go from (force, a.place) to (force + step, b.place).
-moments segment(const node& a, const node& b, double force, double step)
+// By the polynomial of fifth degree that has the right values, slopes and bends at both
+// ends; small steps.
+inline integrals of_polynomial(double a, double b, double at_a, double at_b)
 {
-    const integrals part(a, b);
-    const double scale = step * (a.scale + b.scale), rise = b.place - a.place;
-    const double zeroth = scale * part.zeroth, first = scale * part.first,
-                 second = scale * part.second;
-    moments sums;
-    sums.mass = zeroth;
-    sums.force = zeroth * force + first * step;
-    sums.force_2 =
-        zeroth * force * force + 2 * first * force * step + second * step * step;
-    sums.place = zeroth * a.place + first * rise;
-    sums.place_2 = zeroth * (a.place * a.place + 0.5 * (a.width + b.width)) +
-                   2 * first * a.place * rise + second * rise * rise;
-    sums.product = zeroth * force * a.place + first * (force * rise + step * a.place) +
-                   second * step * rise;
-    return sums;
+    const double step = b - a;
+    const double rise_a = -a * step * at_a, rise_b = -b * step * at_b;
+    const double bend_a = (a * a - 1) * step * step * at_a,
+                 bend_b = (b * b - 1) * step * step * at_b;
+    return {
+        (60 * (at_a + at_b) + 12 * (rise_a - rise_b) + bend_a + bend_b) * (1.0 / 120),
+        (120 * at_a + 300 * at_b + 32 * rise_a - 52 * rise_b + 3 * bend_a + 4 * bend_b) *
+            (1.0 / 840),
+        (100 * at_a + 460 * at_b + 30 * rise_a - 70 * rise_b + 3 * bend_a + 5 * bend_b) *
+            (1.0 / 1680)
+    };
+}
+
+// In closed form, given the integral of the density from a to b; large steps.
+integrals by_parts(double a, double b, double at_a, double at_b, double between)
+{
+    const double per_step = 1 / (b - a), zeroth = between * per_step;
+    const double first = ((at_a - at_b) * per_step - a * zeroth) * per_step;
+    return { zeroth, first, ((zeroth - at_b) * per_step - a * first) * per_step };
+}
+
+// Of the solution `mean`; about it, so that the standard deviation reaches the others.
+likelihood_profile::reading summary(const likelihood_profile::moments& all,
+                                    const likelihood_profile::moments& mean,
+                                    bool ambiguous,
+                                    double misfit)
+{
+    constexpr double least_mass = std::numeric_limits<double>::min();
+    const double mass = std::max(all.mass, least_mass),
+                 mean_by = std::max(mean.mass, least_mass);
+    const double f = mean.force / mean_by, l = mean.place / mean_by;
+    return {
+        f,
+        l,
+        std::max(all.force_2 / mass - 2 * f * all.force / mass + f * f, least_variance),
+        std::max(all.place_2 / mass - 2 * l * all.place / mass + l * l, least_variance),
+        all.product / mass - f * all.place / mass - l * all.force / mass + f * l,
+        misfit,
+        all.hidden / mass,
+        all.outside / mass,
+        ambiguous ? 1.0 : 0.0
+    };
 }
 
 // Least z^2 on a segment.
@@ -145,15 +146,20 @@ double least_square(double a, double b)
 } // namespace
 
 likelihood_profile::likelihood_profile(std::vector<double> force,
-                                       std::vector<double> rows,
-                                       std::vector<std::uint8_t> holds)
-    : d_force(std::move(force)), d_rows(std::move(rows)), d_holds(std::move(holds))
+                                       std::vector<float> rows,
+                                       const std::vector<std::uint8_t>& holds,
+                                       std::vector<cell> cells)
+    : d_force(std::move(force)),
+      d_rows(std::move(rows)),
+      d_closed(holds.size()),
+      d_cells(std::move(cells)),
+      d_grid(d_cells.size())
 {
     const std::string where = "likelihood_profile";
-    require(d_force.size() >= 2,
+    require(d_force.size() >= 2 && d_force.size() <= most_nodes,
             where,
             "force",
-            "must have at least 2 nodes",
+            "must have 2 to 32 nodes",
             d_force.size());
     const auto size = d_force.size() * columns;
     require(d_rows.size() % size == 0,
@@ -161,16 +167,150 @@ likelihood_profile::likelihood_profile(std::vector<double> force,
             "rows",
             "must have columns x nodes numbers each",
             d_rows.size());
-    require(d_holds.size() == this->rows() * (d_force.size() - 1),
+    require(holds.size() == this->rows() * (d_force.size() - 1),
             where,
             "holds",
             "must have a value for each segment of each row",
-            d_holds.size());
+            holds.size());
+    require(!d_cells.empty() && d_grid.total() == d_cells.size(),
+            where,
+            "cells",
+            "must be square",
+            d_cells.size());
+    for (const auto& c : d_cells)
+        require(c.first >= 0 && c.count >= 0 && c.count <= 2 &&
+                    static_cast<std::size_t>(c.first) + c.count <= this->rows(),
+                where,
+                "cells",
+                "must name up to two rows that there are",
+                c.first);
+    const float infinity = std::numeric_limits<float>::infinity();
+    std::transform(holds.begin(), holds.end(), d_closed.begin(), [&](std::uint8_t open) {
+        return open ? 0.0F : infinity;
+    });
+}
+
+void likelihood_profile::moments::operator+=(const moments& other)
+{
+    mass += other.mass;
+    force += other.force;
+    force_2 += other.force_2;
+    place += other.place;
+    place_2 += other.place_2;
+    product += other.product;
+    hidden += other.hidden;
+    outside += other.outside;
 }
 
 std::size_t likelihood_profile::rows() const
 {
     return d_rows.size() / (columns * d_force.size());
+}
+
+likelihood_profile::turns likelihood_profile::read_turns(double psi_1,
+                                                         double psi_2,
+                                                         double noise_1,
+                                                         double noise_2) const
+{
+    const auto place = d_grid.locate(psi_1, psi_2);
+    const auto [row, count] = d_cells[place.cell];
+    turns found{ count, {}, {} };
+    if (count > 0)
+        found.first = read(row, place.offset_1, place.offset_2, noise_1, noise_2);
+    if (count > 1)
+        found.second = read(row + 1, place.offset_1, place.offset_2, noise_1, noise_2);
+    return found;
+}
+
+likelihood_profile::curve likelihood_profile::draw(std::size_t row,
+                                                   double offset_1,
+                                                   double offset_2,
+                                                   double noise_1,
+                                                   double noise_2) const
+{
+    const auto count = d_force.size();
+    const float* const values = &d_rows[row * columns * count];
+    curve drawn;
+    for (std::size_t k = 0; k < count; k++) {
+        const double e1 = values[error_1 * count + k] + offset_1,
+                     e2 = values[error_2 * count + k] + offset_2;
+        const double s1 = values[slope_1 * count + k], s2 = values[slope_2 * count + k];
+        const double v1 = values[variance_1 * count + k] + noise_1,
+                     v2 = values[variance_2 * count + k] + noise_2;
+        const double total = s1 * s1 * v2 + s2 * s2 * v1 + least_variance;
+        const double scale = 1 / std::sqrt(total), square = scale * scale;
+        drawn.z[k] = (s2 * e1 - s1 * e2) * scale;
+        drawn.place[k] =
+            values[place * count + k] + (s1 * v2 * e1 + s2 * v1 * e2) * square;
+        drawn.width[k] = v1 * v2 * square;
+        drawn.scale[k] = scale;
+    }
+    const float* const closed = &d_closed[row * (count - 1)];
+    for (std::size_t k = 0; k + 1 < count; k++)
+        drawn.misfit[k] = least_square(drawn.z[k], drawn.z[k + 1]) + closed[k];
+    double best = drawn.misfit[0];
+    for (std::size_t k = 1; k + 1 < count; k++)
+        best = std::min(best, drawn.misfit[k]);
+    drawn.best = best;
+    return drawn;
+}
+
+likelihood_profile::weights
+likelihood_profile::weigh(const curve& drawn, std::size_t low, std::size_t high) const
+{
+    static const normal_integral cumulated;
+    const auto& z = drawn.z;
+    column_values density;
+    densities(&z[low], high + 1 - low, &density[low]);
+    weights found;
+    const auto take = [&](std::size_t k, const integrals& part) {
+        const double counts = drawn.misfit[k] < drawn.best + negligible;
+        const double scale = counts * (d_force[k + 1] - d_force[k]) *
+                             (drawn.scale[k] + drawn.scale[k + 1]);
+        found.left[k] = scale * (part.zeroth - part.first);
+        found.right[k] = scale * part.first;
+        found.bend[k] = scale * (part.first - part.second);
+    };
+    for (std::size_t k = low; k < high; k++)
+        take(k, of_polynomial(z[k], z[k + 1], density[k], density[k + 1]));
+    for (std::size_t k = low; k < high; k++)
+        if (std::abs(z[k + 1] - z[k]) > small_step)
+            take(k,
+                 by_parts(z[k],
+                          z[k + 1],
+                          density[k],
+                          density[k + 1],
+                          cumulated(z[k + 1]) - cumulated(z[k])));
+    return found;
+}
+
+likelihood_profile::moments likelihood_profile::sum(const float* values,
+                                                    const curve& drawn,
+                                                    const weights& by,
+                                                    std::size_t first,
+                                                    std::size_t last,
+                                                    double hidden_from) const
+{
+    const auto count = d_force.size();
+    const float *const free_n = values + free * count, *const in =
+                                                           values + inside * count;
+    const auto *const force = d_force.data(), *const place = drawn.place.data();
+    moments sums;
+    for (std::size_t k = first; k < last; k++) {
+        const double a = by.left[k], b = by.right[k], bend = by.bend[k], mass = a + b;
+        const double f_a = force[k], f_b = force[k + 1], step = f_b - f_a;
+        const double l_a = place[k], l_b = place[k + 1], rise = l_b - l_a;
+        sums.mass += mass;
+        sums.force += a * f_a + b * f_b;
+        sums.force_2 += a * f_a * f_a + b * f_b * f_b - bend * step * step;
+        sums.place += a * l_a + b * l_b;
+        sums.place_2 += a * (l_a * l_a + drawn.width[k]) +
+                        b * (l_b * l_b + drawn.width[k + 1]) - bend * rise * rise;
+        sums.product += a * f_a * l_a + b * f_b * l_b - bend * step * rise;
+        sums.hidden += free_n[k] > hidden_from ? mass : 0.0;
+        sums.outside += std::min(in[k], in[k + 1]) > 0 ? 0.0 : mass;
+    }
+    return sums;
 }
 
 likelihood_profile::reading likelihood_profile::read(std::size_t row,
@@ -179,85 +319,46 @@ likelihood_profile::reading likelihood_profile::read(std::size_t row,
                                                      double noise_1,
                                                      double noise_2) const
 {
+    const auto drawn = draw(row, offset_1, offset_2, noise_1, noise_2);
+    if (!std::isfinite(drawn.best))
+        return { NAN, NAN, NAN, NAN, NAN, drawn.best, 0, 0, 0 };
+
     const auto count = d_force.size();
-    const double* const values = &d_rows[row * columns * count];
-    const auto at = [&](column c, std::size_t k) { return values[c * count + k]; };
-    std::vector<node> nodes(count);
-    for (std::size_t k = 0; k < count; k++) {
-        const double e1 = at(error_1, k) + offset_1, e2 = at(error_2, k) + offset_2;
-        const double s1 = at(slope_1, k), s2 = at(slope_2, k);
-        const double v1 = at(variance_1, k) + noise_1, v2 = at(variance_2, k) + noise_2;
-        const double total = s1 * s1 * v2 + s2 * s2 * v1 + least_variance;
-        const double scale = 1 / std::sqrt(total);
-        nodes[k].z = (s2 * e1 - s1 * e2) * scale;
-        nodes[k].place = at(place, k) + (s1 * v2 * e1 + s2 * v1 * e2) * scale * scale;
-        nodes[k].width = v1 * v2 * scale * scale;
-        nodes[k].scale = scale;
-    }
-
-    const std::uint8_t* const holds = &d_holds[row * (count - 1)];
-    std::vector<double> misfit(count - 1, std::numeric_limits<double>::infinity());
-    for (std::size_t k = 0; k + 1 < count; k++)
-        if (holds[k])
-            misfit[k] = least_square(nodes[k].z, nodes[k + 1].z);
-    const double best = *std::min_element(misfit.begin(), misfit.end());
-    if (!std::isfinite(best))
-        return { NAN, NAN, NAN, NAN, NAN, best, 0, 0, 0 };
-
     // Runs of likely segments are solutions; what lies between belongs to the run before.
-    const double spread = std::sqrt(std::max({ noise_1, noise_2, 1.0 }));
-    moments all, run, chosen;
-    double chosen_mass = -1;
-    int runs = 0;
-    const auto close_run = [&] {
-        // the calibrated span decides between solutions that fit alike
-        const double inside_mass = run.mass - run.outside;
-        const double worth =
-            inside_mass > 1e-3 * run.mass ? inside_mass : 1e-9 * run.mass;
-        if (worth > chosen_mass) {
-            chosen = run;
-            chosen_mass = worth;
-        }
-    };
+    std::array<std::size_t, most_nodes> starts;
+    std::size_t runs = 0, low = count, high = 0; // of segments that count
     bool likely_before = false;
-    std::size_t evaluated = 0; // nodes from here on are not
     for (std::size_t k = 0; k + 1 < count; k++) {
-        const bool likely = misfit[k] < best + barrier;
-        if (likely && !likely_before && runs++) {
-            close_run();
-            run = {};
-        }
+        const bool likely = drawn.misfit[k] < drawn.best + barrier;
+        if (likely && !likely_before)
+            starts[runs++] = k;
         likely_before = likely;
-        if (!(misfit[k] < best + negligible))
-            continue;
-        for (evaluated = std::max(evaluated, k); evaluated < k + 2; evaluated++)
-            nodes[evaluated].evaluate();
-        auto sums =
-            segment(nodes[k], nodes[k + 1], d_force[k], d_force[k + 1] - d_force[k]);
-        sums.hidden = at(free, k) * spread > hidden_n ? sums.mass : 0.0;
-        sums.outside = at(inside, k) > 0 && at(inside, k + 1) > 0 ? 0.0 : sums.mass;
-        run += sums;
-        all += sums;
+        if (drawn.misfit[k] < drawn.best + negligible) {
+            low = std::min(low, k);
+            high = k + 1;
+        }
     }
-    close_run();
-
-    const double mass = std::max(all.mass, std::numeric_limits<double>::min());
-    const double chosen_by = std::max(chosen.mass, std::numeric_limits<double>::min());
-    const auto& mean = runs > 1 ? chosen : all;
-    const double mean_by = runs > 1 ? chosen_by : mass;
-    const double f = mean.force / mean_by, l = mean.place / mean_by;
-    // about the chosen solution, so that the standard deviation reaches the others
-    return {
-        f,
-        l,
-        std::max(all.force_2 / mass - 2 * f * all.force / mass + f * f, least_variance),
-        std::max(all.place_2 / mass - 2 * l * all.place / mass + l * l, least_variance),
-        all.product / mass - f * all.place / mass - l * all.force / mass + f * l,
-        best,
-        all.hidden / mass,
-        all.outside / mass,
-        runs > 1 ? 1.0 : 0.0
-    };
+    const auto by = weigh(drawn, low, high);
+    starts[0] = low;
+    starts[runs] = high;
+    const double hidden_from = hidden_n / std::sqrt(std::max({ noise_1, noise_2, 1.0 }));
+    const float* const values = &d_rows[row * columns * count];
+    moments all, chosen;
+    double chosen_worth = -1;
+    for (std::size_t run = 0; run < runs; run++) {
+        const auto sums =
+            sum(values, drawn, by, starts[run], starts[run + 1], hidden_from);
+        all += sums;
+        // the calibrated span decides between solutions that fit alike
+        const double inside_mass = sums.mass - sums.outside;
+        const double worth =
+            inside_mass > 1e-3 * sums.mass ? inside_mass : 1e-9 * sums.mass;
+        if (worth > chosen_worth) {
+            chosen = sums;
+            chosen_worth = worth;
+        }
+    }
+    return summary(all, chosen, runs > 1, drawn.best);
 }
 
 } // namespace gr::wiforce::kernel

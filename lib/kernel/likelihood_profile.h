@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include "phase_grid.h"
+
+#include <array>
+#include <cstddef>
 #include <cstdint>
 #include <vector>
 
@@ -39,16 +43,34 @@ public:
         double ambiguous; //!< 1 when another solution fits, with a barrier between
     };
 
+    static constexpr std::size_t most_nodes = 32;
+
+    //! Rows of a cell: two where a turn of phase brings another location near.
+    struct cell {
+        std::int32_t first, count;
+    };
+
+    //! What the rows of a cell say.
+    struct turns {
+        int count;
+        reading first, second;
+    };
+
     /*!
      * \param force nodes, rising, N
      * \param rows rows x columns x nodes
      * \param holds rows x (nodes - 1): whether z is a line on that segment
+     * \param cells of the plane of both phases
      */
     likelihood_profile(std::vector<double> force,
-                       std::vector<double> rows,
-                       std::vector<std::uint8_t> holds);
+                       std::vector<float> rows,
+                       const std::vector<std::uint8_t>& holds,
+                       std::vector<cell> cells);
 
     std::size_t rows() const;
+
+    //! Reads by every row of the phases' cell; phases in degrees, their noise in deg^2.
+    turns read_turns(double psi_1, double psi_2, double noise_1, double noise_2) const;
 
     //! Reads by one row; phases in degrees from the centre of its cell, their noise in
     //! deg^2.
@@ -58,9 +80,49 @@ public:
                  double noise_1,
                  double noise_2) const;
 
+    //! Sums of the likelihood times powers of force and location.
+    struct moments {
+        double mass = 0, force = 0, force_2 = 0, place = 0, place_2 = 0, product = 0;
+        double hidden = 0, outside = 0;
+
+        void operator+=(const moments& other);
+    };
+
 private:
-    std::vector<double> d_force, d_rows;
-    std::vector<std::uint8_t> d_holds;
+    using column_values = std::array<double, most_nodes>;
+
+    // The profile of one pair of phases, at the nodes and on the segments between.
+    struct curve {
+        column_values z, place, width, scale;
+        column_values misfit; // least z^2, infinite where z is no line
+        double best;          // least misfit
+    };
+
+    // Integrals of the likelihood, segment by segment: of what is a straight line from
+    // node to node, by the weights of its ends; of a product of two such, less `bend`
+    // times both rises.
+    struct weights {
+        column_values left, right, bend;
+    };
+
+    curve draw(std::size_t row,
+               double offset_1,
+               double offset_2,
+               double noise_1,
+               double noise_2) const;
+    weights weigh(const curve& drawn, std::size_t low, std::size_t high) const;
+    moments sum(const float* values,
+                const curve& drawn,
+                const weights& by,
+                std::size_t first,
+                std::size_t last,
+                double hidden_from) const;
+
+    std::vector<double> d_force;
+    std::vector<float> d_rows;   // half the memory to wait for
+    std::vector<float> d_closed; // 0 where a segment holds, else infinity
+    std::vector<cell> d_cells;
+    phase_grid d_grid;
 };
 
 } // namespace gr::wiforce::kernel

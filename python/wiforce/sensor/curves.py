@@ -170,15 +170,16 @@ class CurveModel(SensorModel):
         """Scatter of the calibration data about the curves, per port."""
         return self.carriers[self.carrier_index(frequency_hz)].noise_deg
 
-    def in_span(self, force_n, location_mm):
-        """Whether force and location lie within what was calibrated; broadcast, bool."""
-        location = np.asarray(location_mm, float)
-        low, high = self.location_span_mm
-        inside = (location >= low) & (location <= high)
-        for carrier in self.carriers:
-            span = [np.interp(location, carrier.location_mm, s) for s in carrier.force_span_n.T]
-            inside = inside & (force_n >= span[0]) & (force_n <= span[1])
-        return inside
+    @cached_property
+    def calibrated(self):
+        """See :attr:`SensorModel.calibrated`; what all carriers have in common."""
+        places = np.concatenate([self.location_span_mm, *(c.location_mm for c in self.carriers)])
+        places = np.unique(np.clip(places, *self.location_span_mm))
+        spans = [
+            [np.interp(places, c.location_mm, span) for span in c.force_span_n.T]
+            for c in self.carriers
+        ]
+        return places, np.max(spans, axis=0)[0], np.min(spans, axis=0)[1]
 
     def _untouched_deg(self, carrier):
         return np.asarray(self.carriers[carrier].untouched_deg, float)

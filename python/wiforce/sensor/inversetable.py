@@ -12,12 +12,8 @@ import numpy as np
 
 from ..angles import wrap_deg
 
-# Columns of a row: solution, inverse Jacobian, second derivatives (11, 12, 22) of each, variances
-# of the model, whether all of the cell lies within the calibrated span, and up to which standard
-# deviation of a phase the slopes at the solution say how wide the likelihood is.
-FORCE, LOCATION = 0, 1
-JACOBIAN, SECOND_FORCE, SECOND_LOCATION, VARIANCE, IN_SPAN, TRUSTED_DEG = 2, 6, 9, 12, 14, 15
-COLUMNS = 16
+# Columns of a row that are read again here.
+_FORCE, _JACOBIAN, _VARIANCE, _TRUSTED_DEG = 0, 2, 12, 15
 
 # Standard deviations for which that is tried.
 _TRIED_DEG = (0.3, 0.5, 0.8, 1.2, 2.0, 3.0, 5.0, 8.0)
@@ -45,30 +41,28 @@ class InverseTable:
         Of one carrier.
     in_span : callable
         ``in_span(force_n, location_mm)``: whether that was calibrated.
-    profiles : ProfileTable
-        Of the same map.
+    profile : likelihood_profile
+        Of the same map, see :func:`.profile.tabulate`.
 
     Attributes
     ----------
-    per_deg, cells : int
-        Cells per degree and in 360 degrees.
     rows : ndarray, shape (R, 16)
-        Ordered by cell.
-    first, count : ndarray of int32, shape (cells * cells,)
-        First row and number of rows of each cell; cells that need a search have count -1.
+        As ``row`` in ``lib/kernel/inverse_table.h``.
+    row_of : ndarray of int32, shape (cells * cells,)
+        The row of each cell that has exactly one solution, which a Taylor step finds; else -1.
     """
 
-    def __init__(self, forward, in_span, profiles):
+    def __init__(self, forward, in_span, profile):
         self._forward = forward
-        self.per_deg = 1 if _image_area(forward) > _LARGE_IMAGE_DEG2 else 2
-        self.cells = 360 * self.per_deg
+        self._per_deg = 1 if _image_area(forward) > _LARGE_IMAGE_DEG2 else 2
+        self._cells = 360 * self._per_deg
         cells, force, location, extent = self._draw()
         target = self._centres(cells)
         force, location, error = self._newton(force, location, target)
         slopes = forward.slopes(force, location)
         inverse = _inverse(slopes)
         second = _second_derivatives(inverse, forward.curvatures(force, location))
-        good = _trusted(error, inverse, second, extent, 0.5 / self.per_deg)
+        good = _trusted(error, inverse, second, extent, 0.5 / self._per_deg)
         rows = np.column_stack(
             [
                 force,
@@ -76,30 +70,27 @@ class InverseTable:
                 inverse.reshape(-1, 4),
                 second.reshape(-1, 6),
                 forward.variances(force, location),
-                _all_in_span(in_span, force, location, 0.6 / self.per_deg * inverse),
+                _all_in_span(in_span, force, location, 0.6 / self._per_deg * inverse),
                 np.zeros(len(force)),
             ]
         )
-        doubtful = np.unique(cells[~good])
-        kept = np.isfinite(rows).all(axis=1)
-        cells, self.rows = cells[kept], np.ascontiguousarray(rows[kept])
-        self.rows[:, TRUSTED_DEG] = self._trusted_deg(self._centres(cells), profiles)
-        self.first = np.zeros(self.cells**2, np.int32)
-        self.count = np.zeros(self.cells**2, np.int32)
-        present, first, count = np.unique(cells, return_index=True, return_counts=True)
-        self.first[present], self.count[present] = first, count
-        self.count[doubtful] = -1
+        _, owner, count = np.unique(cells, return_inverse=True, return_counts=True)
+        alone = good & np.isfinite(rows).all(axis=1) & (count[owner] == 1)
+        cells, self.rows = cells[alone], np.ascontiguousarray(rows[alone])
+        self.rows[:, _TRUSTED_DEG] = self._trusted_deg(self._centres(cells), profile)
+        self.row_of = np.full(self._cells**2, -1, np.int32)
+        self.row_of[cells] = np.arange(len(cells))
 
-    def _trusted_deg(self, phases, profiles):
+    def _trusted_deg(self, phases, profile):
         """Largest standard deviation up to which the slopes tell the likelihood, (R,):
 
         as wide as they say, without a tail where force is hidden, without another solution.
         """
-        force, inverse, own = self.rows[:, FORCE], self.rows[:, JACOBIAN:][:, :2], VARIANCE
+        force, inverse, own = self.rows[:, _FORCE], self.rows[:, _JACOBIAN:][:, :2], _VARIANCE
         trusted, still = np.zeros((2, len(force)))
         still += 1
         for std in _TRIED_DEG:
-            whole = profiles.read_cells(phases, np.full_like(phases, std**2))
+            whole = profile.read(phases, np.full_like(phases, std**2))
             variance = np.sum(inverse**2 * (std**2 + self.rows[:, own : own + 2]), axis=1)
             shift = np.abs(whole[:, 0] - force) / np.sqrt(variance)
             ratio = whole[:, 2] / variance
@@ -140,7 +131,7 @@ class InverseTable:
 
     def _fine_grid(self):
         """Axes on which neighbouring phases differ by less than a cell."""
-        steps = _FINE / self.per_deg
+        steps = _FINE / self._per_deg
         along_force = np.abs(np.diff(self._forward.phase_deg, axis=0)).max(axis=(1, 2))
         along_location = np.abs(np.diff(self._forward.phase_deg, axis=1)).max(axis=(0, 2))
         return (
@@ -163,12 +154,12 @@ class InverseTable:
 
     def _index(self, phases_deg):
         """Cell of each pair of phases (n, 2)."""
-        cell = np.floor(phases_deg * self.per_deg).astype(np.int64) % self.cells
-        return cell[:, 0] * self.cells + cell[:, 1]
+        cell = np.floor(phases_deg * self._per_deg).astype(np.int64) % self._cells
+        return cell[:, 0] * self._cells + cell[:, 1]
 
     def _centres(self, cells):
-        halves = np.stack([cells // self.cells, cells % self.cells], axis=-1) + 0.5
-        return halves / self.per_deg
+        halves = np.stack([cells // self._cells, cells % self._cells], axis=-1) + 0.5
+        return halves / self._per_deg
 
 
 def _image_area(forward):

@@ -69,11 +69,22 @@ class SensorModel:
     def _held(self):
         return " or ".join(f"{f / 1e6:g} MHz" for f in self.frequencies_hz)
 
+    @property
+    def calibrated(self):
+        """Locations (n,), rising, and the lowest and highest calibrated force at each; between
+
+        them the forces are straight lines.
+        """
+        low, high = (np.full(2, force) for force in self.force_span_n)
+        return np.array(self.location_span_mm, float), low, high
+
     def in_span(self, force_n, location_mm):
         """Whether force and location lie within what was calibrated; broadcast, bool."""
         force, location = np.asarray(force_n, float), np.asarray(location_mm, float)
-        (f_low, f_high), (l_low, l_high) = self.force_span_n, self.location_span_mm
-        return (force >= f_low) & (force <= f_high) & (location >= l_low) & (location <= l_high)
+        places, low, high = self.calibrated
+        inside = (location >= places[0]) & (location <= places[-1])
+        above = force >= np.interp(location, places, low)
+        return inside & above & (force <= np.interp(location, places, high))
 
     def model_std_deg(self, force_n, location_mm, frequency_hz=None):
         """One sigma of what the calibration left open in psi_1, psi_2; shape (..., 2)."""

@@ -25,11 +25,13 @@ _REACH_CELLS = 4
 _TURN_MM = 25.0
 # A phase error of more than this at a node is no error of that node but of another turn.
 _FAR_DEG = 60.0
+# Newtons per degree, beyond any that matters.
+_MOST_FREE = 1e6
 _AT_ONCE = 64
 
 
-class ProfileTable:
-    """Profiles of one carrier.
+def tabulate(forward, in_span, free_n_per_deg):
+    """The profiles of one carrier, for every pair of phases.
 
     Parameters
     ----------
@@ -39,106 +41,62 @@ class ProfileTable:
     free_n_per_deg : callable
         Newtons per degree of phase error at (force, location), 0 where force is not hidden.
 
-    Attributes
-    ----------
-    first, count : ndarray of int32
-        First row and number of rows of each cell; 0 rows where no reading fits.
+    Returns
+    -------
+    likelihood_profile
+        Its ``read(phases_deg, variance_deg2)``, both (n, 2), gives rows (n, 9): force, location,
+        their variances and covariance; misfit of the best solution in squared standard deviations;
+        parts of the likelihood where force is hidden, and outside the calibrated span; 1 where
+        another solution fits about as well, with a barrier between. NaN where another turn of
+        phase comes near, or none.
     """
+    nodes = np.geomspace(forward.force_n[0], forward.force_n[-1], _FORCES)
+    force, location = np.meshgrid(nodes, forward.location_mm, indexing="ij")
+    flat, shape = (force.ravel(), location.ravel()), (*force.shape, 2)
+    phase = forward.phases(*flat).reshape(shape)
+    grid = (
+        forward.location_mm,
+        phase,
+        forward.slopes(*flat)[..., 1].reshape(shape),
+        forward.variances(*flat).reshape(shape),
+        np.minimum(free_n_per_deg(force, location), _MOST_FREE),
+        in_span(force, location),
+    )
+    near = _cells_near(forward.phase_deg)
+    parts = [
+        _rows_of(near[start : start + _AT_ONCE], grid) for start in range(0, len(near), _AT_ONCE)
+    ]
+    owner = np.concatenate([part[0] for part in parts])
+    rows = np.moveaxis(np.concatenate([part[1] for part in parts], axis=1), 0, 1)
+    holds = np.concatenate([part[2] for part in parts])
+    cells = np.zeros((_CELLS**2, 2), np.int32)  # first row and number of rows of each
+    present, *first_and_count = np.unique(owner, return_index=True, return_counts=True)
+    cells[present] = np.stack(first_and_count, axis=-1)
+    return likelihood_profile(nodes, rows, holds, cells)
 
-    def __init__(self, forward, in_span, free_n_per_deg):
-        self._force = np.geomspace(forward.force_n[0], forward.force_n[-1], _FORCES)
-        self._location = forward.location_mm
-        force, location = np.meshgrid(self._force, self._location, indexing="ij")
-        flat, shape = (force.ravel(), location.ravel()), (*force.shape, 2)
-        phase = forward.phases(*flat).reshape(shape)
-        grid = (
-            phase,
-            forward.slopes(*flat)[..., 1].reshape(shape),
-            forward.variances(*flat).reshape(shape),
-            free_n_per_deg(force, location),
-            in_span(force, location),
-        )
-        cells = _cells_near(forward.phase_deg)
-        parts = [
-            self._rows_of(cells[start : start + _AT_ONCE], grid)
-            for start in range(0, len(cells), _AT_ONCE)
-        ]
-        owner = np.concatenate([part[0] for part in parts])
-        rows = np.moveaxis(np.concatenate([part[1] for part in parts], axis=1), 0, 1)
-        holds = np.concatenate([part[2] for part in parts])
-        self._profile = likelihood_profile(self._force, rows, holds)
-        present, first, count = np.unique(owner, return_index=True, return_counts=True)
-        self.first, self.count = np.zeros((2, _CELLS**2), np.int32)
-        self.first[present], self.count[present] = first, count
 
-    def _rows_of(self, cells, grid):
-        """Owners (R,), rows (columns, R, K) and which segments hold (R, K - 1) of some cells."""
-        phase, slope, variance, free, inside = grid
-        error = wrap_deg(_centres(cells)[:, None, None] - phase)
-        away = np.sum(error**2, axis=-1)
-        owner, taken = _turns(away.min(axis=1), self._location)
-        away = np.where(taken[:, None], away[owner], np.inf)
-        nearest = np.argmin(away, axis=2)
-        node = np.arange(_FORCES)
-        error = error[owner[:, None], node, nearest]
-        slope, variance = slope[node, nearest], variance[node, nearest]
-        move = np.sum(slope * error, axis=-1) / np.maximum(np.sum(slope**2, axis=-1), 1e-12)
-        step = self._location[1] - self._location[0]
-        held = np.abs(move) <= step
-        move = np.clip(move, -step, step)
-        error = error - slope * move[..., None]
-        columns = [self._location[nearest] + move, *np.moveaxis(error, -1, 0)]
-        columns += [*np.moveaxis(slope, -1, 0), *np.moveaxis(variance, -1, 0)]
-        columns += [free[node, nearest], inside[node, nearest]]
-        holds = held & np.all(np.abs(error) < _FAR_DEG, axis=-1)
-        jumps = np.abs(np.diff(columns[0], axis=1)) > 0.5 * _TURN_MM
-        return cells[owner], np.array(columns, float), holds[:, 1:] & holds[:, :-1] & ~jumps
-
-    def cells(self, phases_deg):
-        """Cell of each pair (n, 2), and where in it they lie, degrees from its centre."""
-        scaled = phases_deg / _CELL_DEG
-        cell = np.floor(scaled)
-        offset = (scaled - cell - 0.5) * _CELL_DEG
-        cell = np.mod(cell, _CELLS).astype(np.int64)
-        return cell[:, 0] * _CELLS + cell[:, 1], offset
-
-    def read(self, rows, offset_deg, variance_deg2):
-        """Readings by one row each.
-
-        Parameters
-        ----------
-        rows : ndarray of int, shape (n,)
-        offset_deg, variance_deg2 : ndarray, shape (n, 2)
-
-        Returns
-        -------
-        ndarray, shape (n, 9)
-            Force, location, their variances and covariance; misfit of the best solution in squared
-            standard deviations; parts of the likelihood where force is hidden, and outside the
-            calibrated span; 1 where another solution fits about as well, with a barrier between.
-        """
-        return self._profile.read(rows, offset_deg, variance_deg2)
-
-    def read_cells(self, phases_deg, variance_deg2):
-        """As :meth:`read`, of phases (n, 2) by their cell's row; NaN unless there is one."""
-        cell, offset = self.cells(phases_deg)
-        found = self.read(self.first[cell], offset, variance_deg2)
-        found[self.count[cell] != 1] = np.nan
-        return found
-
-    def read_one(self, psi_1, psi_2, variance_1, variance_2):
-        """One reading of numbers, without arrays: a tuple as the rows of :meth:`read`.
-
-        None where its cell has not exactly one row.
-        """
-        psi_1, psi_2 = psi_1 / _CELL_DEG, psi_2 / _CELL_DEG
-        cell_1, cell_2 = int(psi_1 // 1), int(psi_2 // 1)
-        cell = cell_1 % _CELLS * _CELLS + cell_2 % _CELLS
-        if self.count[cell] != 1:
-            return None
-        offset_1 = (psi_1 - cell_1 - 0.5) * _CELL_DEG
-        offset_2 = (psi_2 - cell_2 - 0.5) * _CELL_DEG
-        return self._profile.read_one(self.first[cell], offset_1, offset_2, variance_1, variance_2)
+def _rows_of(cells, grid):
+    """Owners (R,), rows (columns, R, K) and which segments hold (R, K - 1) of some cells."""
+    places, phase, slope, variance, free, inside = grid
+    error = wrap_deg(_centres(cells)[:, None, None] - phase)
+    away = np.sum(error**2, axis=-1)
+    owner, taken = _turns(away.min(axis=1), places)
+    away = np.where(taken[:, None], away[owner], np.inf)
+    nearest = np.argmin(away, axis=2)
+    node = np.arange(_FORCES)
+    error = error[owner[:, None], node, nearest]
+    slope, variance = slope[node, nearest], variance[node, nearest]
+    move = np.sum(slope * error, axis=-1) / np.maximum(np.sum(slope**2, axis=-1), 1e-12)
+    step = places[1] - places[0]
+    held = np.abs(move) <= step
+    move = np.clip(move, -step, step)
+    error = error - slope * move[..., None]
+    columns = [places[nearest] + move, *np.moveaxis(error, -1, 0)]
+    columns += [*np.moveaxis(slope, -1, 0), *np.moveaxis(variance, -1, 0)]
+    columns += [free[node, nearest], inside[node, nearest]]
+    holds = held & np.all(np.abs(error) < _FAR_DEG, axis=-1)
+    jumps = np.abs(np.diff(columns[0], axis=1)) > 0.5 * _TURN_MM
+    return cells[owner], np.array(columns, float), holds[:, 1:] & holds[:, :-1] & ~jumps
 
 
 def _cells_near(phase_deg):

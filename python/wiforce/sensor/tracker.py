@@ -278,8 +278,8 @@ class PressTracker:
         return _Bank(self._forward, np.linspace(low, high, _FINE_POINTS), *self._start)
 
     def flags_of(self, values, std):
-        """Flags of force, location and their variances (first four of ``values``)."""
-        force, place, variance, spread = (float(v) for v in values[:4])
+        """Flags of force, location and their covariance, ``values`` (6,)."""
+        force, place, variance, _, _, spread = values.tolist()
         found = (force, np.sqrt(variance), place, np.sqrt(spread))
         return self._inverter.flags_at(found, std, False, False)
 
@@ -337,7 +337,7 @@ def smooth_press(
 
 
 def _smoothed(history, bank, tracker, std):
-    """Rauch-Tung-Striebel per location, then the mixture over locations: values (n, 5), flags."""
+    """Rauch-Tung-Striebel per location, then the mixture over locations: values (n, 6), flags."""
     weight, location = bank.weights(), bank.curves.location_mm
     place = weight @ location
     spread = weight @ (location - place) ** 2 + np.min(np.diff(location)) ** 2 / 12
@@ -355,7 +355,7 @@ def _smoothed(history, bank, tracker, std):
         covariance[0, 0] += weight @ (variance + away**2)
         covariance[1, 1] += spread
         covariance[0, 1] += weight @ (away * (location - place))
-        rows.append([force, place, covariance[0, 0], covariance[1, 1], covariance[0, 1]])
+        rows.append([force, place, *covariance.ravel()])
     values = np.array(rows[::-1])
     flags = [tracker.flags_of(row, noise) for row, noise in zip(values, std, strict=True)]
     return values, flags
