@@ -6,9 +6,20 @@ two_readers_uhd.py addr=192.168.10.2 scene.yaml addr=192.168.10.3 other.yaml
 """
 
 import sys
+from functools import partial
+from threading import Lock
 
 from gnuradio import gr, wiforce
 from live_uhd import Usrp, run
+
+
+printing = Lock()
+
+
+def show(device, reading):
+    """Called in each reader's own thread; Python's print is not made for two at once."""
+    with printing:
+        print(device, reading)
 
 
 def main(*devices_and_scenes):
@@ -21,7 +32,7 @@ def main(*devices_and_scenes):
             wiforce.reader(
                 scene,
                 input_type="sc16",
-                on_reading=lambda reading, device=device: print(device, reading),
+                on_reading=partial(show, device),
             )
         )
         usrps[-1].connect(flowgraph, readers[-1])
