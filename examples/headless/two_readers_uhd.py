@@ -12,7 +12,6 @@ from threading import Lock
 from gnuradio import gr, wiforce
 from live_uhd import Usrp, run
 
-
 printing = Lock()
 
 
