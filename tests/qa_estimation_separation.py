@@ -3,7 +3,6 @@
 
 import numpy as np
 import pytest
-from gnuradio.wiforce.estimation.bound import phase_bound_deg
 from gnuradio.wiforce.estimation.separation import EndSeparator, TagClock
 from gnuradio.wiforce.estimation.weights import design_weights
 from plain import (
@@ -11,6 +10,7 @@ from plain import (
     WAVEFORM,
     T,
     averaged_switches,
+    bound_of,
     errors_deg,
     make_air,
     make_plan,
@@ -50,13 +50,6 @@ def separate(separator, air, groups, **how):
 
 def loss_db(errors, bound):
     return 10 * np.log10(np.mean((errors / bound) ** 2, axis=0))
-
-
-def bound_of(air, reference_groups=12, group_length=625, mask=None, clutter_hz=0.0):
-    clocks = [(clock.actual_hz, 2 * np.pi * clock.cycles(0.0)) for clock in air.clocks]
-    times = np.arange(group_length) * T
-    settings = {"reference_groups": reference_groups, "mask": mask, "clutter_hz": clutter_hz}
-    return phase_bound_deg(air.ends(True), air.noise, clocks, times, TA, **settings)
 
 
 def test_ends_are_the_least_squares_solution_with_counted_waveforms():

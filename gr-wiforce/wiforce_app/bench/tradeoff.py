@@ -2,6 +2,8 @@
 """``gr-wiforce bench tradeoff``: run time against error, for every scene and sensible setting."""
 
 import json
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import click
@@ -11,7 +13,6 @@ from ..progress import progress
 # No setting is to be this much faster and more accurate at once than what the plan chose.
 _MARGIN = 1.2
 _RUNS, _QUICK_RUNS = 3, 1
-_SETTINGS = 20  # about, per scene: for the progress bar
 
 
 @click.command()
@@ -34,7 +35,6 @@ def tradeoff(scenes, as_json, quick, folder, fresh, plot_path, page_path):
     Settings beside the plan's: group length, lines, clutter band, estimator (the paper's too),
     subcarriers, sample type, file or stream, order of the blocks, stock blocks. Processor time.
     """
-    from gnuradio import gr
     from gnuradio.wiforce.scene import shipped_scenes
 
     from ..evaluation.runs import keep_result, mark_of, result_of
@@ -43,31 +43,36 @@ def tradeoff(scenes, as_json, quick, folder, fresh, plot_path, page_path):
         from ..plots import check_picture
 
         check_picture(plot_path)
-    gr.logging().set_default_level(gr.log_levels.off)
     names = list(dict.fromkeys(scenes or shipped_scenes()))
     marks = {name: mark_of(name) for name in names}  # refuses bad scenes before anything is done
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     results = {name: None if fresh else result_of(folder, name, marks[name]) for name in names}
     missing = [name for name in names if results[name] is None]
-    with progress("measuring", len(missing) * _SETTINGS) as step:
+    with progress("measuring", len(missing)) as step:
         for name in missing:
-            from .tradeoff_points import measure_scene
-
-            found = measure_scene(name, folder, _QUICK_RUNS if quick else _RUNS, step)
-            keep_result(folder, name, marks[name], found)
-            results[name] = found
+            results[name] = _measured(name, folder, _QUICK_RUNS if quick else _RUNS)
+            keep_result(folder, name, marks[name], results[name])
+            step(1)
     results = [results[name] for name in names]
     if plot_path is not None:
         from .picture import plot_tradeoffs
 
         plot_tradeoffs(results, plot_path)
     if page_path is not None:
-        Path(page_path).write_text(_page(results, scenes, plot_path), encoding="utf-8")
+        Path(page_path).write_text(_page(results, scenes, plot_path, page_path), encoding="utf-8")
     if as_json:
         click.echo(json.dumps({"scenes": results}, indent=1))
     else:
         click.echo(f"{table(results)}\n\n{skip_table(results)}")
+
+
+def _measured(name, folder, runs):
+    """A scene's result, from a process of its own: memory and caches are as for any other."""
+    from .tradeoff_points import measure_scene
+
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+        return pool.submit(measure_scene, name, folder, runs).result()
 
 
 def front(points, error="phase_deg"):
@@ -180,10 +185,11 @@ step forced on; the readings stay the same (`tests/qa_scene_plan.py`).
 """.splitlines()
 
 
-def _page(results, scenes, plot_path):
+def _page(results, scenes, plot_path, page_path):
     command = " ".join(["gr-wiforce bench tradeoff", *scenes])
+    command += f" --plot {plot_path}" if plot_path else ""
     picture = [] if plot_path is None else [f"![Run time against error]({_beside(plot_path)})", ""]
-    head = ["# Run time against error", "", f"Made by `{command} --plot PNG --page MD`.", ""]
+    head = ["# Run time against error", "", f"Made by `{command} --page {page_path}`.", ""]
     skips = ["", "## What each skip saves", "", *_SKIPS, "", skip_table(results), ""]
     return "\n".join([*head, *_EXPLANATION, "", *picture, table(results), *skips])
 

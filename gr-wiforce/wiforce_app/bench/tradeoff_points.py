@@ -100,7 +100,7 @@ def _thinned(waveform, step):
     )
 
 
-def measure_scene(name, folder, runs, progress=lambda steps: None):
+def measure_scene(name, folder, runs):
     """Simulates a scene and reads it under all its settings.
 
     Parameters
@@ -110,8 +110,6 @@ def measure_scene(name, folder, runs, progress=lambda steps: None):
         For the capture while it is needed.
     runs : int
         The time of a setting is the least of so many runs.
-    progress : callable
-        Called with 1 after each setting.
 
     Returns
     -------
@@ -119,6 +117,9 @@ def measure_scene(name, folder, runs, progress=lambda steps: None):
         ``scene``, ``signal_s``, ``points``: a dict per setting, ``skips``: what each step that the
         plan leaves out would take; plain values.
     """
+    from gnuradio import gr
+
+    gr.logging().set_default_level(gr.log_levels.off)
     scene = load_scene(name)
     with tempfile.TemporaryDirectory(dir=folder, prefix=".tradeoff-") as place:
         place = Path(place)
@@ -130,10 +131,7 @@ def measure_scene(name, folder, runs, progress=lambda steps: None):
         recordings = [_both_types(open_capture(name)) for name in names]
         signal_s = recordings[0].samples / scene.radio.sample_rate_hz
         scene_run = _SceneRun(scene, recordings, place / "truth.csv", signal_s, runs)
-        points = []
-        for setting in settings_of(scene):
-            points.append(scene_run.measure(setting))
-            progress(1)
+        points = [scene_run.measure(setting) for setting in settings_of(scene)]
     return {
         "scene": str(name), "signal_s": signal_s, "points": points, "skips": _skips(scene),
     }  # fmt: skip

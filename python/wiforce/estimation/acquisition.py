@@ -12,7 +12,7 @@ from .likelihood import PhaseLikelihood, evaluate, turned_by
 
 _PHASES = 512
 # By how much (in log-likelihood) clock 2 must fit better elsewhere for its place to be believed.
-_DELAY_EVIDENCE = 12.0
+DELAY_EVIDENCE = 12.0
 # A delay of clock 2 beyond which the pulses, pi/2 and pi/4 wide and pi/2 apart, overlap.
 OVERLAP = np.pi / 8
 # A tag is there when its waveforms explain so much more than noise would, per dimension, ...
@@ -135,7 +135,7 @@ def _place_clock_2(likelihood, block):
     values = _profile(likelihood.coefficients(block, projections)).max(axis=1)
     coarse = delays[np.argmax(values)]
     # What a finer search could still gain is less than the curvature of line 8 over half a step.
-    if values.max() * 1.05 - at_nominal < _DELAY_EVIDENCE:
+    if values.max() * 1.05 - at_nominal < DELAY_EVIDENCE:
         return likelihood, phase
     step = delays[1] - delays[0]
     delay = minimize_scalar(
@@ -144,7 +144,7 @@ def _place_clock_2(likelihood, block):
         method="bounded",
         options={"xatol": 1e-5},
     ).x
-    if best(delay)[0] - at_nominal < _DELAY_EVIDENCE:
+    if best(delay)[0] - at_nominal < DELAY_EVIDENCE:
         return likelihood, phase
     phase = best(delay)[1]
     # A delay of half a period of clock 2 is none.

@@ -54,7 +54,7 @@ class ClockTracker:
         dt = time_s - self.time_s
         return self.phase + (self._nominal + self.rate) * dt, self.rate
 
-    def update(self, time_s, coefficients, noise_level):
+    def update(self, time_s, coefficients, noise_level, measured=None):
         """Advances to ``time_s`` and corrects by the group's likelihood.
 
         Parameters
@@ -64,6 +64,8 @@ class ClockTracker:
             Of J(theta).
         noise_level : float
             Mean noise variance by which they are scaled.
+        measured : (float, float), optional
+            Error of the predicted phase and its variance, instead of what the likelihood says.
 
         Returns
         -------
@@ -76,15 +78,25 @@ class ClockTracker:
             return False
         self._count = min(self._count + 1, _CURVATURE_MEMORY)
         self._usual += (noise_level * turned - self._usual) / self._count
-        kappa = max(-evaluate(self._usual)[2] / noise_level, 1e-9)
-        variance = (kappa + self._noise_variance) / kappa**2
-        slope = evaluate(turned)[1]
-        error = min(max(slope / kappa, -_LARGEST_STEP), _LARGEST_STEP)
+        error, variance = measured or self._measured(turned, noise_level)
+        error = min(max(error, -_LARGEST_STEP), _LARGEST_STEP)
         gain = self.covariance[:, 0] / (self.covariance[0, 0] + variance)
         self.phase += gain[0] * error
         self.rate += gain[1] * error
         self.covariance -= np.outer(gain, self.covariance[0])
         return True
+
+    def correct(self, errors, variances):
+        """Corrects phase and rate at the time of the fit by errors whose variances are known."""
+        if not np.all(np.isfinite(variances)):
+            return
+        self.phase += errors[0]
+        self.rate += errors[1]
+        self.covariance = np.diag(variances)
+
+    def _measured(self, turned, noise_level):
+        kappa = max(-evaluate(self._usual)[2] / noise_level, 1e-9)
+        return evaluate(turned)[1] / kappa, (kappa + self._noise_variance) / kappa**2
 
     def _advance(self, time_s):
         dt = time_s - self.time_s

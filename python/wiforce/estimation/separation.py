@@ -8,12 +8,14 @@ clock's offset and lines that tags share cost almost nothing.
 
 import math
 from collections import deque
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
 
-from .acquisition import acquire
+from .acquisition import DELAY_EVIDENCE, acquire
 from .clock import ClockTracker
+from .joint_clock import likelihood_bias, phase_errors, phase_information
 from .likelihood import PhaseLikelihood
 from .state import ClockState, GroupState
 from .tag_clock import harmonics, switch_averages
@@ -38,6 +40,10 @@ _LOUD = 10.0
 # that changes disturbs fewer.
 _STEP_GROUPS = 8
 _STEP = 1.33
+# Bias of a tag's likelihood, in radians, from which on clocks are tracked by the whole model.
+_LARGEST_BIAS = np.radians(0.1)
+_REFINEMENTS = 3
+_STEP_RAD = 1e-4
 # A mixing matrix that amplifies noise above this cannot separate its ends.
 _WORST_GAIN = 100.0
 
@@ -79,8 +85,16 @@ class _Tag:
 
     def waveforms(self, item):
         """s1 and s2 of every snapshot of a group."""
+        return self._waveforms(item, 0.0)
+
+    def slopes(self, item):
+        """Their derivatives by the clock's phase."""
+        later, sooner = (self._waveforms(item, turn) for turn in (_STEP_RAD, -_STEP_RAD))
+        return (later - sooner) / (2 * _STEP_RAD)
+
+    def _waveforms(self, item, turn):
         phase, rate = self.tracker.predict(item.center_s)
-        phases = phase + (self.rate + rate) * item.times_s
+        phases = phase + turn + (self.rate + rate) * item.times_s
         return switch_averages(phases, self.half_window * (1 + rate / self.rate), self.delay)
 
     def state(self, item):
@@ -117,6 +131,10 @@ class EndSeparator:
         self.bins = np.asarray(bins)
         self.group_period_s = table.group_length * table.snapshot_period_s
         self._tags = [_Tag(table, i, clock, averaging_s) for i, clock in enumerate(clocks)]
+        self._jointly = any(
+            likelihood_bias(table, tag.likelihood, tag.clock, averaging_s) > _LARGEST_BIAS
+            for tag in self._tags
+        )
         self.acquisition_groups = max(
             _ACQUIRE_GROUPS, int(np.ceil(_ACQUIRE_S / self.group_period_s))
         )
@@ -202,11 +220,58 @@ class EndSeparator:
         for _ in range(2 if len(self._tags) == 1 else 3):
             for tag in self._tags:
                 self._try(tag, usable)
-            residuals = np.array([self._solve(item)[2] for item in usable])
-            levels = residuals.mean(axis=1)
-            fitting = residuals[levels <= _UNUSUAL * np.median(levels)]
-            self._set_noise(fitting.mean(axis=0), usable)
+            self._take_residuals(usable)
+        if self._jointly and self._locked:
+            self._refine(usable)
+            for tag in self._locked:
+                if tag.delay and not tag.overlapping:
+                    self._doubt_delay(tag, usable)
         self._noise_groups = len(usable)
+
+    @property
+    def _locked(self):
+        return [tag for tag in self._tags if tag.tracker is not None]
+
+    def _refine(self, items):
+        """Fits all clocks to a block of groups by the whole model, from where they are."""
+        for _ in range(_REFINEMENTS):
+            self._step_clocks(items)
+            self._take_residuals(items)
+
+    def _take_residuals(self, items):
+        """What a block of groups leaves unexplained is noise, but for accidents."""
+        residuals = np.array([self._solve(item)[2] for item in items])
+        levels = residuals.mean(axis=1)
+        fitting = residuals[levels <= _UNUSUAL * np.median(levels)]
+        self._set_noise(fitting.mean(axis=0), items)
+
+    def _doubt_delay(self, tag, items):
+        """Takes clock 2 for nominal unless the whole model, too, speaks for its delay."""
+        delayed, noise = [copy(each.tracker) for each in self._locked], self._noise
+        tag.tracker.likelihood = tag.likelihood
+        self._refine(items)
+        freedom = len(items) * len(self.bins) * (len(self.table.tones) - self.ends)
+        evidence = freedom * (self._noise_level / np.mean(noise) - 1)
+        if evidence > DELAY_EVIDENCE:
+            for each, tracker in zip(self._locked, delayed, strict=True):
+                each.tracker = tracker
+            self._set_noise(noise, items)
+
+    def _step_clocks(self, items):
+        """A Gauss-Newton step of the phases and offsets of all clocks over a block of groups."""
+        count = len(self._locked)
+        gradient, information = np.zeros(2 * count), np.zeros((2 * count, 2 * count))
+        excess = np.zeros(2 * count)
+        for item in items:
+            told = self._phase_information(item, self._fit(item))
+            elapsed = np.array([1.0, item.center_s - self._locked[0].tracker.time_s])
+            gradient += np.kron(elapsed, told[0])
+            information += np.kron(np.outer(elapsed, elapsed), told[1])
+            excess += np.kron(elapsed**2, told[2])
+        errors, variances = phase_errors(gradient, information, excess)
+        for i, tag in enumerate(self._locked):
+            own = [i, count + i]
+            tag.tracker.correct(errors[own], variances[own])
 
     def _set_noise(self, noise, items):
         floor = _NOISE_FLOOR * max(item.level() for item in items)
@@ -268,7 +333,8 @@ class EndSeparator:
     def _follow(self, item):
         if self._noise is None:
             self._set_noise(item.power(), [item])
-        predicted = self._fit(item) if len(self._tags) > 1 else None
+        predicted = self._fit(item) if len(self._tags) > 1 or self._jointly else None
+        measured = self._measure_phases(item, predicted) if self._jointly else {}
         for tag in self._tags:
             if tag.tracker is not None and item.center_s - tag.last_seen_s > _BRIDGED_S:
                 tag.drop()
@@ -277,10 +343,29 @@ class EndSeparator:
                 continue
             covariance = self._covariance(tag, item, predicted)
             coefficients = tag.tracker.likelihood.coefficients(covariance)
-            if tag.tracker.update(item.center_s, coefficients, self._noise_level):
+            told = measured.get(tag)
+            if tag.tracker.update(item.center_s, coefficients, self._noise_level, told):
                 tag.last_seen_s = item.center_s
             elif item.center_s - tag.last_seen_s > _LOST_S:
                 tag.drop()
+
+    def _measure_phases(self, item, fit):
+        """(error, variance) of the phase predicted for each locked tag."""
+        if not self._locked:
+            return {}
+        found = phase_errors(*self._phase_information(item, fit))
+        return dict(zip(self._locked, zip(*found, strict=True), strict=True))
+
+    def _phase_information(self, item, fit):
+        slopes = self._mixed(item, [tag.slopes(item) for tag in self._locked])
+        return phase_information(
+            fit.white, fit.solver, item.whitener @ slopes, fit.ends, fit.left, self._inverse_noise
+        )
+
+    def _mixed(self, item, waveforms):
+        """What the group's weights make of waveforms; complex, shape (M, 2 tags)."""
+        mixed = item.mixer @ np.hstack(waveforms)
+        return mixed[: len(item.tones)] + 1j * mixed[len(item.tones) :]
 
     def _await(self, tag, item):
         """Tries to acquire a tag over the latest groups."""
@@ -293,19 +378,19 @@ class EndSeparator:
 
     def _fit(self, item):
         """Least squares over the locked tags at their clocks."""
-        locked = [tag for tag in self._tags if tag.tracker is not None]
+        locked = self._locked
         if not locked or not item.usable:
             none = np.zeros(0, int)
             return _Fit(none, np.zeros((len(item.tones), 0)), np.zeros((0, len(self.bins))), none)
-        waveforms = np.hstack([tag.waveforms(item) for tag in locked])
         rows = np.concatenate([np.arange(self.ends)[tag.rows] for tag in locked])
-        mixed = item.mixer @ waveforms
-        mixing = mixed[: len(item.tones)] + 1j * mixed[len(item.tones) :]
+        mixing = self._mixed(item, [tag.waveforms(item) for tag in locked])
         white = item.whitener @ mixing
         adjoint = white.conj().T
         inverse = _inverse(adjoint @ white)
-        ends = (inverse @ adjoint) @ item.white
-        return _Fit(rows, mixing, ends, inverse.diagonal().real, item.white - white @ ends)
+        solver = inverse @ adjoint
+        ends = solver @ item.white
+        left = item.white - white @ ends
+        return _Fit(rows, mixing, ends, inverse.diagonal().real, left, white, solver)
 
     def _solve(self, item):
         """Ends, their gain, and the noise left; unlocked ends are zero with infinite gain."""
@@ -379,13 +464,18 @@ class _Group:
 
 @dataclass(frozen=True)
 class _Fit:
-    """Tones = mixing @ ends + what is left, for the ends ``rows``."""
+    """Tones = mixing @ ends + what is left, for the ends ``rows``.
+
+    ``white`` is the whitened mixing, ``solver`` its pseudo-inverse, ``left`` is whitened too.
+    """
 
     rows: np.ndarray
     mixing: np.ndarray
     ends: np.ndarray
     gain: np.ndarray
     left: np.ndarray = None
+    white: np.ndarray = None
+    solver: np.ndarray = None
 
 
 def _not_loud(items):
