@@ -65,7 +65,7 @@ bool group_stream::close(kernel::fc32* out, std::uint64_t offset)
         if (d_group.missing() > 0) {
             d_outlet.publish_incomplete(incomplete_pdu());
             d_outlet.tag_output(offset, missing_key, d_group.missing());
-            d_incomplete_groups++;
+            d_incomplete_groups += 1;
         }
         if (d_saturated > 0)
             d_outlet.tag_output(offset, saturated_key, d_saturated);
@@ -74,7 +74,7 @@ bool group_stream::close(kernel::fc32* out, std::uint64_t offset)
         d_retuned = false;
         d_outlet.tag_output(offset, group_key, d_index);
         d_transform->finish(d_group, out);
-        d_groups++;
+        d_groups += 1;
     }
     d_group.clear();
     d_saturated = 0;

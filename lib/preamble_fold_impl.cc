@@ -316,7 +316,8 @@ int vector_fold<Sample>::take(const Sample* averaged, int frames, std::uint64_t 
     d_retuned = false;
     this->d_folder.fold(
         averaged, count, this->d_out + this->d_produced * kernel::FFT_LENGTH);
-    for (const int frame : this->d_folder.saturated(averaged, count))
+    this->d_folder.saturated(averaged, count, this->d_saturated);
+    for (const int frame : this->d_saturated)
         this->add_item_tag(0,
                            this->nitems_written(0) + this->d_produced + frame,
                            saturated_key,
@@ -352,7 +353,8 @@ int tone_fold<Sample>::take(const Sample* averaged, int frames, std::uint64_t sn
     const int count = std::min({ frames, BATCH, stream.room(snapshot) });
     this->d_folder.fold(averaged, count, stream.reserve(snapshot));
     stream.accept(count);
-    stream.note_saturated(this->d_folder.saturated(averaged, count).size());
+    this->d_folder.saturated(averaged, count, this->d_saturated);
+    stream.note_saturated(this->d_saturated.size());
     if (stream.is_full())
         this->d_produced += this->close_group(this->d_out, this->d_produced);
     return count;

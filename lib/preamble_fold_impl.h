@@ -40,8 +40,9 @@ protected:
 
     const kernel::preamble_folder d_folder;
     kernel::fc32* d_out = nullptr;
-    int d_room = 0;     // output items
-    int d_produced = 0; // of them
+    int d_room = 0;               // output items
+    int d_produced = 0;           // of them
+    std::vector<int> d_saturated; // of the frames last folded
 
 private:
     struct received_time {
@@ -83,9 +84,9 @@ private:
     std::deque<event> d_pending;     // ahead of d_position
     bool d_usable = true;            // samples at d_position
 
-    std::uint64_t d_snapshots = 0;
-    std::uint64_t d_samples_lost = 0;
-    std::uint64_t d_gaps = 0;
+    counter d_snapshots;
+    counter d_samples_lost;
+    counter d_gaps;
 };
 
 // A folded vector per frame; its index is tagged when the one before it is not its

@@ -99,7 +99,7 @@ void frame_walk::fold(const char* averaged, int frames, kernel::fc32* folded)
 {
     const auto* samples = reinterpret_cast<const Sample*>(averaged);
     d_folder.fold(samples, frames, folded);
-    d_saturated = d_folder.saturated(samples, frames);
+    d_folder.saturated(samples, frames, d_saturated);
 }
 
 int frame_walk::fold(int count, kernel::fc32* folded)
@@ -109,6 +109,7 @@ int frame_walk::fold(int count, kernel::fc32* folded)
     const std::size_t sample = d_integers ? sizeof(kernel::sc16) : sizeof(kernel::fc32);
     const std::uint64_t byte = run.file_byte + d_frame * d_folder.frame_length() * sample;
     const char* averaged = d_recording->at(byte);
+    d_saturated.reserve(frames); // a guarded read may be left anywhere: no memory in it
     const bool there = kernel::mapped_read::succeeds([&] {
         if (d_integers)
             fold<kernel::sc16>(averaged, frames, folded);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include "counter.h"
 #include "group_stream.h"
 #include "kernel/mapped_read.h"
 #include "kernel/recording.h"
@@ -43,9 +44,9 @@ private:
     bool d_integers;
     std::size_t d_run = 0;
     std::uint64_t d_frame = 0; // in the run
-    std::uint64_t d_folded = 0;
+    counter d_folded;
     std::vector<int> d_saturated;
-    std::uint64_t d_samples_cut = 0; // of whole frames that the file lost meanwhile
+    counter d_samples_cut; // of whole frames that the file lost meanwhile
 };
 
 // What both forms of the block tell of the recording.

@@ -96,15 +96,19 @@ BOOST_AUTO_TEST_CASE(full_scale_is_noticed_where_samples_are_averaged)
     const int frames = 5;
     const preamble_folder folder(720, 64, 4);
     std::vector<sc16> x(frames * 720, sc16(32751, -32751));
-    BOOST_TEST(folder.saturated(&x[64], frames).empty());
+    std::vector<int> found = { 7 };
+    folder.saturated(&x[64], frames, found);
+    BOOST_TEST(found.empty());
     x[63] = x[320] = sc16(32767, -32768); // beside the averaged part of frame 0
-    BOOST_TEST(folder.saturated(&x[64], frames).empty());
+    folder.saturated(&x[64], frames, found);
+    BOOST_TEST(found.empty());
     x[720 + 64] = sc16(0, 32752);
     x[3 * 720 + 319] = sc16(-32752, 0);
-    BOOST_TEST(folder.saturated(&x[64], frames) == std::vector<int>({ 1, 3 }),
-               boost::test_tools::per_element());
+    folder.saturated(&x[64], frames, found);
+    BOOST_TEST(found == std::vector<int>({ 1, 3 }), boost::test_tools::per_element());
     const std::vector<fc32> loud(720, fc32(2, 2));
-    BOOST_TEST(folder.saturated(&loud[64], 1).empty());
+    folder.saturated(&loud[64], 1, found);
+    BOOST_TEST(found.empty());
 }
 
 BOOST_DATA_TEST_CASE(a_layout_that_does_not_fit_is_refused, data::make(bad_layouts))

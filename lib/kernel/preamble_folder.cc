@@ -52,7 +52,9 @@ void preamble_folder::fold(const sc16* averaged, std::size_t frames, fc32* folde
                                 reinterpret_cast<float*>(folded));
 }
 
-std::vector<int> preamble_folder::saturated(const sc16* averaged, int frames) const
+void preamble_folder::saturated(const sc16* averaged,
+                                int frames,
+                                std::vector<int>& found) const
 {
     const auto reach = [&](int first, int count) {
         return fastest_kernels().reach(reinterpret_cast<const std::int16_t*>(averaged) +
@@ -63,12 +65,11 @@ std::vector<int> preamble_folder::saturated(const sc16* averaged, int frames) co
                                        d_repetitions,
                                        FULL_SCALE);
     };
-    std::vector<int> found;
+    found.clear();
     if (reach(0, frames))
         for (int frame = 0; frame < frames; frame++)
             if (reach(frame, 1))
                 found.push_back(frame);
-    return found;
 }
 
 } // namespace gr::wiforce::kernel

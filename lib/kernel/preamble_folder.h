@@ -33,10 +33,10 @@ public:
     void fold(const fc32* averaged, std::size_t frames, fc32* folded) const;
     void fold(const sc16* averaged, std::size_t frames, fc32* folded) const;
 
-    // Which of the frames hold averaged samples at a converter's full scale. Floats have
-    // none.
-    std::vector<int> saturated(const fc32*, int) const { return {}; }
-    std::vector<int> saturated(const sc16* averaged, int frames) const;
+    // Fills `found` with the frames that hold averaged samples at a converter's full
+    // scale; floats have none. Allocates nothing where `found` has room for all frames.
+    void saturated(const fc32*, int, std::vector<int>& found) const { found.clear(); }
+    void saturated(const sc16* averaged, int frames, std::vector<int>& found) const;
 
 private:
     const int d_frame_length;

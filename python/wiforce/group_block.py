@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What the Python blocks of the chain share: one item per phase group, its state as a tag."""
 
+import math
 from collections import deque
 
 import numpy as np
@@ -11,6 +12,7 @@ from . import names, state_tag
 
 _STATE = pmt.intern(names.STATE)
 _DONE = -1
+_PAGE_BYTES, _LEAST_GROUPS = 4096, 32
 
 
 class GroupBlock(gr.basic_block):
@@ -34,6 +36,8 @@ class GroupBlock(gr.basic_block):
         out_sig = [(np.complex64, outputs)] if outputs else None
         gr.basic_block.__init__(self, name, in_sig=[(np.complex64, inputs)], out_sig=out_sig)
         self.set_tag_propagation_policy(gr.TPP_DONT)
+        if outputs:
+            self.set_max_output_buffer(_buffered_groups(self.output_signature()))
         self._ready = deque()
         self.failure = None
         self._sends = bool(outputs)
@@ -78,6 +82,16 @@ class GroupBlock(gr.basic_block):
             self.add_item_tag(0, offset, _STATE, state_tag.to_pmt(state))
             produced += 1
         return produced
+
+
+def _buffered_groups(signature):
+    """Length of a short buffer of whole pages.
+
+    GNU Radio keeps the tags of as many items as a buffer holds, which would be minutes of groups.
+    """
+    size = signature.sizeof_stream_item(0)
+    in_pages = math.lcm(size, _PAGE_BYTES) // size
+    return in_pages * math.ceil(_LEAST_GROUPS / in_pages)
 
 
 def state_of(tags):

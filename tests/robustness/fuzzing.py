@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Kinds of input, the command that each is given to, and broken inputs in one process.
 
-    python3 fuzzing.py KIND COUNT FINDS
+    python3 fuzzing.py KIND COUNT SEED FINDS
 
 works in a folder that `prepare` has filled, prints what is wrong, a line each, and keeps what it
 finds in the folder FINDS. ``corpus/`` holds inputs that once broke a command, or that reach code
@@ -213,14 +213,14 @@ def peak_memory():
     return 1024 * int(next(line for line in status.splitlines() if "VmHWM" in line).split()[1])
 
 
-def run(name, count, finds):
+def run(name, count, seed, finds):
     """Gives a command its sound input, those of the corpus, and so many broken ones.
 
     What is broken is the sound input or one that reached code which none before had. Prints what
     is wrong, and keeps such inputs in the folder ``finds``: ``fault-...`` and, of those that
     reached further, ``KIND-...``.
     """
-    kind, rng, reached = kind_of(name), np.random.default_rng(11), Reached()
+    kind, rng, reached = kind_of(name), np.random.default_rng(seed), Reached()
     pool = [kind.original]
     known = [kind.original, *(path.read_bytes() for path in sorted(CORPUS.glob(f"{name}-*")))]
     for number in range(len(known) + count):
@@ -229,8 +229,8 @@ def run(name, count, finds):
         with reached:
             fault = check(kind, data)
         if fault:
-            (finds / f"fault-{name}-{number}").write_bytes(data)
-            print(f"{name} {number}: {' '.join(fault.split())}", flush=True)
+            (finds / f"fault-{name}-{seed}-{number}").write_bytes(data)
+            print(f"{name} {seed} {number}: {' '.join(fault.split())}", flush=True)
         elif reached.anything_new():
             pool.append(data)
             if fresh:
@@ -241,4 +241,4 @@ def run(name, count, finds):
 
 
 if __name__ == "__main__":
-    run(sys.argv[1], int(sys.argv[2]), Path(sys.argv[3]))
+    run(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]))
