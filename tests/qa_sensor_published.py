@@ -6,7 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gnuradio.wiforce._config import DATA_DIR
+from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.sensor import published, read_vna_csv
+from wiforce_app.evaluate import evaluate
 
 FOLDER = Path(DATA_DIR) / "data" / "paper"
 # The form that cross-validation on the VNA curves chooses; a test below holds that it does.
@@ -95,3 +97,13 @@ def test_the_bootstrap_interval_holds_the_median():
     low, high = published.bootstrap_median(errors)
     assert low < np.median(np.concatenate(errors)) < high
     assert (low, high) == published.bootstrap_median(errors)
+
+
+def test_a_place_that_cannot_be_written_is_refused_before_the_work(monkeypatch, tmp_path):
+    def scored(*arguments):
+        raise AssertionError("worked for nothing")
+
+    monkeypatch.setattr(published, "score_presses", scored)
+    for path in (tmp_path / "absent" / "scores.csv", tmp_path):
+        with pytest.raises(InputError, match=f"^{path}: "):
+            evaluate.main(["paper", "-o", str(path)], standalone_mode=False)

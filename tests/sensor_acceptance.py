@@ -21,7 +21,7 @@ FREQUENCIES_HZ = (900e6, 2400e6)
 def main(calibrations=20):
     laws = (*LAWS, OwnLaw("power", "kinked", 8.0))
     heads = "".join(f"{f'{location:g} mm':>14}" for location in PRESSED_MM)
-    print(f"{'law, carrier':34}{'median':>14}{heads}{'in 2 sigma F, l':>18}")
+    print(f"{'law, carrier':34}{'median':>14}{heads}{'in 2 sigma F, l':>32}")
     for law in laws:
         for frequency in FREQUENCIES_HZ:
             results = [_one(law, frequency, seed) for seed in range(calibrations)]
@@ -47,9 +47,14 @@ def _print(law, frequency, results):
     cells = [pair(lambda errors: np.concatenate(list(errors.values())))]
     cells += [pair(lambda errors, at=at: errors[at]) for at in PRESSED_MM]
     label = f"{law.reach}, {law.fade} over {law.fade_mm:g} mm, {frequency / 1e6:g} MHz"
-    inside = [np.mean([r.coverage(what) for r in results]) for what in ("force", "location")]
-    cover = f"{100 * inside[0]:.1f}, {100 * inside[1]:.1f} %"
-    print(f"{label:34}" + "".join(f"{cell:>14}" for cell in cells) + f"{cover:>18}")
+    cover = ", ".join(_coverage(results, what) for what in ("force", "location"))
+    print(f"{label:34}" + "".join(f"{cell:>14}" for cell in cells) + f"{cover:>32}")
+
+
+def _coverage(results, what):
+    """Mean over the calibrations and its standard error: one calibration's readings err alike."""
+    parts = [100 * result.coverage(what) for result in results]
+    return f"{np.mean(parts):.1f} +- {np.std(parts) / np.sqrt(len(parts)):.1f} %"
 
 
 if __name__ == "__main__":

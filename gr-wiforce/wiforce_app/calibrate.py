@@ -7,6 +7,8 @@ import click
 import numpy as np
 from gnuradio.wiforce.errors import InputError
 
+from .outputs import check_output
+
 _REPORTED_FORCES_N = (2.0, 4.0, 6.0, 8.0)
 _FORMS = ("auto", "auto-beyond", "cubic", "power", "spline")
 _STEPS = ("nearest", "given", "line")
@@ -65,8 +67,7 @@ def calibrate(table, output, frequency_hz, kind, name, refined, plot_path, **set
 
     if Path(output).suffix.lower() not in (".yaml", ".yml"):
         raise InputError(output, "sensor file must end in .yaml")
-    if not Path(output).absolute().parent.is_dir():
-        raise InputError(output, "folder does not exist")
+    check_output(output)
     if plot_path is not None:
         from .plots import check_picture
 

@@ -9,6 +9,7 @@ import numpy as np
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.sensor import published
 
+from .outputs import check_output
 from .progress import progress
 
 
@@ -54,6 +55,8 @@ def scenes(scenes, folder, jobs, fresh):
 @click.option("--all", "in_full", is_flag=True, help="Every location and trial of every model.")
 def paper(output, plot_path, in_full):
     """Score the models on the paper's published wireless trials."""
+    if output is not None:
+        check_output(output)
     if plot_path is not None:
         from .plots import check_picture
 

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Pictures of readings."""
 
-import os
 from pathlib import Path
 
 import numpy as np
 from gnuradio.wiforce.errors import InputError
+
+from .outputs import check_output
 
 _SUFFIXES = (".png", ".pdf", ".svg")
 
@@ -21,10 +22,7 @@ def check_picture(path):
     path = Path(path)
     if path.suffix.lower() not in _SUFFIXES:
         raise InputError(path, f"picture must end in {', '.join(_SUFFIXES)}")
-    if not path.parent.is_dir():
-        raise InputError(path, "folder does not exist")
-    if not os.access(path if path.exists() else path.parent, os.W_OK) or path.is_dir():
-        raise InputError(path, "cannot be written")
+    check_output(path)
 
 
 def figure(rows, title, height_in=2.1):

@@ -103,16 +103,9 @@ def calibrate(
         for frequency in _carriers(table)
     ]
     data = [_with_location_steps(d, location_steps, length_mm, permittivity) for d in data]
-    if location_steps == "line":
-        assumed.append(
-            f"movement with force as measured, location steps those of the line: at "
-            f"{_anchor(data[0]):.3g} N each end sees a short right at the press"
-        )
-    elif location_steps == "given":
-        assumed.append("phases of different locations as given, multiples of 360 deg included")
+    assumed += _assumed_steps(location_steps, data)
     validation = validate_forms(data)
-    if form in validation["best"]:
-        form = validation["best"][form]
+    form = validation["best"].get(form, form)
     forces = np.concatenate([curve.force_n for d in data for curve in d.all_curves()])
     knots = force_knots(form, forces)
     carriers = [_fit_carrier(d, form, knots, length_mm, permittivity) for d in data]
@@ -144,6 +137,17 @@ def calibrate(
         permittivity=float(permittivity),
         cross_validation=validation,
     )
+
+
+def _assumed_steps(location_steps, data):
+    if location_steps == "line":
+        return [
+            f"movement with force as measured, location steps those of the line: at "
+            f"{_anchor(data[0]):.3g} N each end sees a short right at the press"
+        ]
+    if location_steps == "given":
+        return ["phases of different locations as given, multiples of 360 deg included"]
+    return []
 
 
 def _check_settings(length_mm, form, onset_force_n, location_steps, permittivity):

@@ -42,7 +42,7 @@ LIMITS = (
 
 
 @dataclass(frozen=True)
-class Press:
+class WirelessPress:
     """One published wireless press: readings in order."""
 
     frequency_hz: float
@@ -53,7 +53,7 @@ class Press:
 
 
 @dataclass(frozen=True)
-class Score:
+class PressScore:
     """Errors of one model and method on one press; arrays of shape (n,).
 
     Attributes
@@ -63,7 +63,7 @@ class Score:
         With one wireless press per location, of the other trial.
     method : str
         Of :data:`METHODS`.
-    press : Press
+    press : WirelessPress
     force_n, force_std_n, location_mm, location_std_mm : ndarray
     flags : list of tuple of str
     """
@@ -71,7 +71,7 @@ class Score:
     form: str
     refined: bool
     method: str
-    press: Press
+    press: WirelessPress
     force_n: np.ndarray
     force_std_n: np.ndarray
     location_mm: np.ndarray
@@ -109,7 +109,7 @@ def read_presses(path):
             rule = f"must have both ports at the same forces ({location:g} mm, trial {trial})"
             raise InputError(path, rule)
         phases = np.column_stack([end.phase_deg for end in ends])
-        presses.append(Press(frequency, location, trial, force[0], phases))
+        presses.append(WirelessPress(frequency, location, trial, force[0], phases))
     return presses
 
 
@@ -129,7 +129,7 @@ def score_presses(vna_path, presses, progress=lambda steps: None, forms=FORMS):
     Parameters
     ----------
     vna_path : path
-    presses : sequence of Press
+    presses : sequence of WirelessPress
     progress : callable
         Called with 1 after each model.
     forms : sequence of str
@@ -137,7 +137,7 @@ def score_presses(vna_path, presses, progress=lambda steps: None, forms=FORMS):
 
     Returns
     -------
-    list of Score
+    list of PressScore
     """
     scores = []
     for frequency in FREQUENCIES_HZ:
@@ -188,7 +188,7 @@ def _score_model(model, std, presses, form, refined):
     for press in presses:
         for method in METHODS:
             values, flags = _read_press(model, std, press, method)
-            scores.append(Score(form, refined, method, press, *values, flags))
+            scores.append(PressScore(form, refined, method, press, *values, flags))
     return scores
 
 
