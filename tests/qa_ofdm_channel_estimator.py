@@ -5,6 +5,7 @@ import numpy as np
 import pmt
 import pytest
 from gnuradio import blocks, gr, wiforce
+from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.waveform import sounding_waveform
 
 
@@ -73,5 +74,5 @@ def test_tags_stay_with_their_items():
     ],
 )
 def test_bad_parameters_are_named(factors, rows, rotation, message):
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(InputError, match=message):
         wiforce.ofdm_channel_estimator(factors=factors, rows=rows, rotation=rotation)

@@ -5,6 +5,7 @@ import numpy as np
 import pmt
 import pytest
 from gnuradio import blocks, gr, wiforce
+from gnuradio.wiforce.errors import InputError
 
 
 def rx_time(offset, seconds):
@@ -206,7 +207,7 @@ def test_a_time_that_is_no_time_is_ignored():
     ],
 )
 def test_bad_parameters_are_named(parameters, message):
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(InputError, match=message):
         wiforce.preamble_fold(**parameters)
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(InputError, match=message):
         wiforce.preamble_fold.tones(np.ones((1, 4)), 4, **parameters)

@@ -5,6 +5,7 @@ import numpy as np
 import pmt
 import pytest
 from gnuradio import blocks, gr, wiforce
+from gnuradio.wiforce.errors import InputError
 
 FRAME = 720
 
@@ -171,5 +172,5 @@ def test_bad_parameters_are_named(tmp_path, monkeypatch, change, message):
     (tmp_path / "x").write_bytes(bytes(8000))
     (tmp_path / "empty").write_bytes(b"")
     good = {"path": "x", "datatype": "cf32_le", "segments": [(0, 0, 1000)], "frame_length": 720}
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(InputError, match=message):
         wiforce.recording_source(**{**good, **change})

@@ -68,13 +68,14 @@ class Watch:
             click.echo(err=True)
 
     def line(self):
-        """Status in one line: time, rate, gaps, level, clocks, sensors."""
+        """Status in one line: time, rate, gaps, groups, level, clocks, sensors."""
         session = self._session
         elapsed = max(self._now() - self._started_s, 1e-3)
         parts = [
             f"{session.time_s:.1f} s",
             f"{session.samples / elapsed / 1e6:.2f} Msps",
             f"{session.gaps} gaps",
+            session.reader.counts.short(),
             f"peak {_db(session.take_peak()):.0f} dBFS",
         ]
         states = session.probe.states
@@ -93,6 +94,7 @@ class Watch:
             "device_start_s": session.start_s,
             "gaps": session.gaps,
             "samples_lost": session.samples_lost,
+            "groups": session.reader.counts.asdict(),
             "frame_offset": session.alignment.offset,
             "clock_offset_ppm": [c.offset_ppm for c in states[-1].clocks] if states else [],
             "readings": {name: reading.row() for name, reading in self._last.items()},
@@ -101,7 +103,7 @@ class Watch:
     def summary(self):
         """What was read and lost, in one line."""
         session = self._session
-        text = f"{session.time_s:.3f} s"
+        text = f"{session.time_s:.3f} s, {session.reader.counts}"
         if session.gaps:
             text += f", {session.gaps} gaps, {session.samples_lost} samples lost"
         return text

@@ -112,10 +112,17 @@ class GroupCounts:
     def groups(self):
         return self.clear + self.flagged + self.dropped
 
+    def asdict(self):
+        return {key: getattr(self, key) for key in ("clear", "flagged", "dropped")}
+
+    def short(self):
+        """As ``str``, without the flags."""
+        kinds = ", ".join(f"{count} {kind}" for kind, count in self.asdict().items())
+        return f"{self.groups} groups: {kinds}"
+
     def __str__(self):
         named = ", ".join(f"{self.flags[flag]} {flag}" for flag in FLAGS if self.flags[flag])
-        flagged = f"{self.flagged} flagged" + (f" ({named})" if named else "")
-        return f"{self.groups} groups: {self.clear} clear, {flagged}, {self.dropped} dropped"
+        return self.short().replace(" flagged", f" flagged ({named})" if named else " flagged")
 
 
 class ReadingsWriter:

@@ -386,6 +386,7 @@ def test_a_signal_ends_it_with_all_readings_written(slow_scene, slow_device, num
     read_s = float(said.split()[2])
     rows = list(csv.DictReader(output.splitlines()))
     assert abs(len(rows) - read_s / SLOW_GROUP_S) <= 2
+    assert f"{len(rows)} groups: {sum(not row['flags'] for row in rows)} clear" in said
 
 
 def test_a_device_that_vanishes_is_told_and_what_was_read_is_kept(

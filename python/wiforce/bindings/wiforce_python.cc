@@ -240,8 +240,22 @@ static void bind_latency_blocks(py::module& m)
              "Seconds of time.monotonic() at which each item came.");
 }
 
+// A refused parameter is bad input, as the Python blocks raise it: errors.InputError.
+static void translate_refusal(std::exception_ptr thrown)
+{
+    try {
+        std::rethrow_exception(thrown);
+    } catch (const std::invalid_argument& refusal) {
+        const auto type =
+            py::module::import("gnuradio.wiforce.errors").attr("InputError");
+        const py::object error = type.attr("__new__")(type, refusal.what());
+        PyErr_SetObject(type.ptr(), error.ptr());
+    }
+}
+
 PYBIND11_MODULE(wiforce_python, m)
 {
+    py::register_local_exception_translator(translate_refusal);
     // The base classes' Python types.
     py::module::import("gnuradio.gr");
     bind_preamble_fold(m);
