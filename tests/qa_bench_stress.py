@@ -10,10 +10,9 @@ import subprocess
 import numpy as np
 import pytest
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.scene.clocks import assess_clocks
 from wiforce_app.bench import stress
 from wiforce_app.bench.cases import Case
-from wiforce_app.bench.stress_paths import WAVEFORM, Outcome, read_case
+from wiforce_app.bench.stress_paths import Outcome, read_case
 
 # Float32 of the samples decides, and the order of the blocks: these two paths hold every kernel.
 PATHS = ("stream-fc32", "channel first")
@@ -93,16 +92,11 @@ def test_clocks_whose_own_lines_leave_the_phase_open_are_refused_not_read_wrong(
 
 
 @pytest.mark.parametrize("second_hz", [1002.5, 1006.0, 1335.71, 1990.0])
-def test_clocks_nearly_alike_are_told_apart_or_the_plan_warns(second_hz):
+def test_clocks_nearly_alike_are_read_as_well_as_stated(second_hz):
     made = case(clocks_hz=(1000.0, second_hz), levels_db=(0.0, 0.0), gamma_db=30.0)
-    outcomes = [read_case(made, run=run) for run in range(2)]
-    assert all(outcome.not_finite == 0 for outcome in outcomes)
-    if assess_clocks(made.clocks_hz, WAVEFORM, 625).readable:
-        for outcome in outcomes:
-            ratio = np.abs(outcome.errors_deg) / (outcome.std_deg + 0.005)
-            assert np.max(ratio[outcome.std_deg < 3.0], initial=0.0) < 6.0
-    else:
-        assert second_hz in (1002.5, 1006.0)
+    for outcome in (read_case(made, run=run) for run in range(2)):
+        assert outcome.not_finite == 0 and outcome.confident_deg == 0
+        assert len(outcome.errors_deg) >= 3 and np.median(outcome.std_deg) < 0.05
 
 
 def test_confident_errors_are_those_that_nothing_tells_of():
@@ -119,12 +113,15 @@ def test_inversion_is_finite_and_no_unflagged_reading_lies():
     assert row.not_finite == 0 and row.worst <= row.limit and row.good
 
 
-def test_rows_as_json():
+def test_rows_as_json_and_as_a_page(tmp_path):
+    page = tmp_path / "stress.md"
     done = subprocess.run(
-        ["gr-wiforce", "bench", "stress", "--json", "--only", "clutter +60"],
+        ["gr-wiforce", "bench", "stress", "--json", "--only", "clutter +60", "--page", page],
         capture_output=True, text=True, timeout=110,
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (0, "")
     rows = json.loads(done.stdout)["rows"]
     assert [row["path"] for row in rows] == ["double", *stress._BLOCKS]
     assert all(row["good"] and row["limit"] == 0.02 and row["unit"] == "deg" for row in rows)
+    table = [line for line in page.read_text().splitlines() if line.startswith("| static")]
+    assert [line.split(" | ")[1] for line in table] == [row["path"] for row in rows]
