@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Names of the package: blocks, what their parameters are made with, and the rules on those."""
 
+import pickle
 import subprocess
 import sys
 
@@ -50,3 +51,8 @@ def test_rules_say_no_to_what_the_constructors_refuse(tmp_path):
     assert wiforce.is_tone_design(*good)
     for index, wrong in enumerate(([3000.0], 0, -720, 0.0, 1000.0, 3)):
         assert not wiforce.is_tone_design(*good[:index], wrong, *good[index + 1 :])
+
+
+def test_an_error_told_by_another_process_is_the_same():
+    told = pickle.loads(pickle.dumps(InputError("reference_s", "must be positive", -1)))
+    assert isinstance(told, InputError) and str(told) == "reference_s: must be positive, got -1"

@@ -19,6 +19,10 @@ class InputError(ValueError):
         given = f", got {_short(value[0])}" if value else ""
         super().__init__(f"{where}: {rule}{given}")
 
+    def __reduce__(self):
+        """Told by another process it is the same error."""
+        return _told_again, (type(self), str(self))
+
 
 class OutputError(OSError):
     """Output that cannot be written to its end: says in one line where, and why.
@@ -33,6 +37,12 @@ class OutputError(OSError):
 
     def __init__(self, where, rule):
         super().__init__(f"{where}: {rule}")
+
+
+def _told_again(kind, text):
+    error = kind.__new__(kind)
+    error.args = (text,)
+    return error
 
 
 def _short(value, limit=80):

@@ -17,7 +17,7 @@ from gnuradio.wiforce.readout import Readout
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.channel import AirChannel
 from gnuradio.wiforce.scene.expected import MEDIAN, phase_std_deg
-from gnuradio.wiforce.scene.plan import plan
+from gnuradio.wiforce.scene.plan import check_lines, plan
 from gnuradio.wiforce.scene.score import read_truth, score
 from gnuradio.wiforce.scene.simulator import second_antenna, simulate, write_truth
 from gnuradio.wiforce.scene.steps import steps
@@ -60,7 +60,11 @@ def settings_of(scene):
             )
         try:
             varied = dataclasses.replace(plan(other), **changes)
-            _ = varied.table  # lines that a group cannot tell apart are refused
+            if varied.estimator == "harmonic":
+                check_lines(
+                    varied.clocks, varied.waveform, varied.group_length, varied.clutter_hz,
+                    varied.harmonics,
+                )  # fmt: skip
         except InputError:
             return
         found.append(Setting(name, other, varied))

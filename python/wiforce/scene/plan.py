@@ -123,15 +123,15 @@ def _fewest_harmonics(clocks, waveform, group_length, clutter_hz):
     chosen = next(h for h, loss in losses.items() if loss.max() <= best + ACCEPTED_LOSS_DB)
     if chosen > HARMONICS[0]:
         try:
-            _check_lines(clocks, waveform, group_length, clutter_hz, chosen)
+            check_lines(clocks, waveform, group_length, clutter_hz, chosen)
         except InputError:
             chosen = HARMONICS[0]
-    _check_lines(clocks, waveform, group_length, clutter_hz, chosen)
+    check_lines(clocks, waveform, group_length, clutter_hz, chosen)
     return chosen, tuple(losses[chosen].tolist())
 
 
-def _check_lines(clocks, waveform, group_length, clutter_hz, harmonics):
-    """Raises InputError when lines nearly coincide: a group too short, or clocks too alike."""
+def check_lines(clocks, waveform, group_length, clutter_hz, harmonics):
+    """Raises InputError where lines nearly coincide: a group too short, or clocks too alike."""
     clocks_hz, period_s = tuple(clock.clock_hz for clock in clocks), waveform.snapshot_period_s
     table = _design(clocks_hz, group_length, period_s, clutter_hz, harmonics, False)
     for tag, clock_hz in enumerate(clocks_hz):
