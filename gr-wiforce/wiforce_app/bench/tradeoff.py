@@ -12,13 +12,13 @@ from ..progress import progress
 
 # No setting is to be this much faster and more accurate at once than what the plan chose.
 _MARGIN = 1.2
-_RUNS, _QUICK_RUNS = 3, 1
+_RUNS, _QUICK_RUNS = 2, 1
 
 
 @click.command()
 @click.argument("scenes", nargs=-1)
 @click.option("--json", "as_json", is_flag=True, help="Points as JSON instead of a table.")
-@click.option("--quick", is_flag=True, help="Each setting timed once instead of three times.")
+@click.option("--quick", is_flag=True, help="Each setting timed once instead of twice.")
 @click.option(
     "--folder",
     type=click.Path(file_okay=False),

@@ -135,7 +135,7 @@ def measure_scene(name, folder, runs):
         recordings = [_both_types(open_capture(name)) for name in names]
         signal_s = recordings[0].samples / scene.radio.sample_rate_hz
         scene_run = _SceneRun(scene, recordings, place / "truth.csv", signal_s, runs)
-        points = [scene_run.measure(setting) for setting in settings_of(scene)]
+        points = scene_run.measure(settings_of(scene))
     return {
         "scene": str(name), "signal_s": signal_s, "points": points, "skips": _skips(scene),
     }  # fmt: skip
@@ -173,6 +173,22 @@ def _truth(scene, path):
     return rows
 
 
+def _timed(work, *arguments):
+    """Processor time of a call, and what it gave."""
+    began = time.process_time()
+    given = work(*arguments)
+    return time.process_time() - began, given
+
+
+def _least(times, key, spent):
+    times[key] = min(spent, times.get(key, spent))
+
+
+def _group_work(setting):
+    """Settings of which this is the same do the same from tones to readings."""
+    return id(setting.plan), setting.order in _ROTATED
+
+
 class _SceneRun:
     """Measures settings on one capture; what settings share is computed once."""
 
@@ -182,16 +198,30 @@ class _SceneRun:
         self._models = [sensor.load_model(scene) for sensor in scene.sensors]
         self._known = {}
 
-    def measure(self, setting):
-        """A point: times per second of signal, and errors."""
-        spent = []
+    def measure(self, settings):
+        """A point per setting: times per second of signal, and errors.
+
+        Runs go round and round the settings, so that what slows the machine for a while slows all.
+        """
+        samples_s, groups_s, readings = {}, {}, {}
         for _ in range(self._runs):
-            flowgraph = _flowgraph(setting, self._recordings)
-            began = time.process_time()
-            flowgraph.run()
-            spent.append(time.process_time() - began)
-        groups_s, readings = self._read(setting, flowgraph.tones[0])
-        samples_s = min(spent)
+            for setting in settings:
+                flowgraph = _flowgraph(setting, self._recordings)
+                spent, _ = _timed(flowgraph.run)
+                _least(samples_s, setting.name, spent)
+                chain, readout = _python_part(setting, self._models)
+                spent, read = _timed(_readings, chain, readout, flowgraph.tones[0])
+                _least(groups_s, _group_work(setting), spent)
+                readings[setting.name] = read
+        return [
+            self._point(
+                setting, samples_s[setting.name], groups_s[_group_work(setting)],
+                readings[setting.name],
+            )
+            for setting in settings
+        ]  # fmt: skip
+
+    def _point(self, setting, samples_s, groups_s, readings):
         point = {
             "setting": setting.name,
             "cpu_s_per_s": (samples_s + groups_s) / self._signal_s,
@@ -202,21 +232,6 @@ class _SceneRun:
             "bound_deg": self._bound_deg(setting),
         }
         return point | _errors(setting, readings, self._truth(setting.scene))
-
-    def _read(self, setting, tones):
-        """Processor time from tones to readings, and the readings.
-
-        Settings that differ only in how the tones were made take the time of the first of them.
-        """
-        rotated = setting.order in _ROTATED
-        key = "groups", id(setting.plan), rotated
-        spent = []
-        for _ in range(1 if key in self._known else self._runs):
-            chain, readout = _python_part(setting, self._models, rotated)
-            began = time.process_time()
-            readings = _readings(chain, readout, tones)
-            spent.append(time.process_time() - began)
-        return self._once(key, lambda: min(spent)), readings
 
     def _truth(self, scene):
         key = "truth", scene.phase_group.snapshots
@@ -326,7 +341,7 @@ def _flowgraph(setting, recordings):
 # tones to readings: what the Python blocks of a reader compute
 
 
-def _python_part(setting, models, rotated):
+def _python_part(setting, models):
     """SnapshotChain and Readout of a setting, tables and all."""
     scene, settings = setting.scene, setting.plan
     sensors = zip(scene.sensors, models, strict=True)
@@ -335,7 +350,7 @@ def _python_part(setting, models, rotated):
         scene.radio.center_frequency_hz,
         settings.group_period_s,
     )
-    return SnapshotChain(settings, rotated), readout
+    return SnapshotChain(settings, setting.order in _ROTATED), readout
 
 
 def _readings(chain, readout, tones):
