@@ -253,27 +253,9 @@ def design_weights(
         When a clock is too fast, the clutter band reaches the first line, or the group is too
         short to tell the lines from the clutter.
     """
-    if not (group_length >= 1 and group_length == int(group_length)):
-        raise InputError("group_length", "must be a positive integer", group_length)
-    if not clutter_hz >= 0:
-        raise InputError("moving_clutter_hz", "must be 0 or more", clutter_hz)
-    nyquist = 0.5 / snapshot_period_s
-    resolution = 1 / (group_length * snapshot_period_s)
-    for clock_hz in clocks_hz:
-        if not 0 < 4 * clock_hz < nyquist:
-            rule = f"4 clock_hz must lie below half the snapshot rate ({nyquist:.1f} Hz)"
-            raise InputError("clock_hz", rule, clock_hz)
-        if clutter_hz + _CLUTTER_MARGIN * resolution >= clock_hz:
-            rule = f"clutter band and group resolution must leave clock_hz = {clock_hz:g} free"
-            raise InputError("moving_clutter_hz", rule, clutter_hz)
-    if harmonics < 4:
-        raise InputError("harmonics", "must be at least 4", harmonics)
+    _check_settings(clocks_hz, group_length, snapshot_period_s, clutter_hz, harmonics)
     tones = tag_lines(clocks_hz, snapshot_period_s, group_length, harmonics, clutter_hz)
-    alone = {tone.owners[0][0] for tone in tones if len(tone.owners) == 1}
-    for tag, clock_hz in enumerate(clocks_hz):
-        if tag not in alone:
-            rule = "must leave the tag a line on which no other line falls, nor an alias of its own"
-            raise InputError("clock_hz", rule, clock_hz)
+    _check_tones(tones, clocks_hz)
     n = np.arange(group_length) - (group_length - 1) / 2
     frequencies = np.array([tone.frequency_hz for tone in tones])
     lines = np.exp(2j * np.pi * snapshot_period_s * np.outer(n, frequencies))
@@ -293,3 +275,29 @@ def design_weights(
         rule = f"is too short to tell the lines from clutter of {clutter_hz:g} Hz"
         raise InputError("phase_group.snapshots", rule, group_length)
     return ToneTable(tones, weights, basis, snapshot_period_s)
+
+
+def _check_settings(clocks_hz, group_length, snapshot_period_s, clutter_hz, harmonics):
+    if not (group_length >= 1 and group_length == int(group_length)):
+        raise InputError("group_length", "must be a positive integer", group_length)
+    if not clutter_hz >= 0:
+        raise InputError("moving_clutter_hz", "must be 0 or more", clutter_hz)
+    nyquist = 0.5 / snapshot_period_s
+    resolution = 1 / (group_length * snapshot_period_s)
+    for clock_hz in clocks_hz:
+        if not 0 < 4 * clock_hz < nyquist:
+            rule = f"4 clock_hz must lie below half the snapshot rate ({nyquist:.1f} Hz)"
+            raise InputError("clock_hz", rule, clock_hz)
+        if clutter_hz + _CLUTTER_MARGIN * resolution >= clock_hz:
+            rule = f"clutter band and group resolution must leave clock_hz = {clock_hz:g} free"
+            raise InputError("moving_clutter_hz", rule, clutter_hz)
+    if harmonics < 4:
+        raise InputError("harmonics", "must be at least 4", harmonics)
+
+
+def _check_tones(tones, clocks_hz):
+    alone = {tone.owners[0][0] for tone in tones if len(tone.owners) == 1}
+    for tag, clock_hz in enumerate(clocks_hz):
+        if tag not in alone:
+            rule = "must leave the tag a line on which no other line falls, nor an alias of its own"
+            raise InputError("clock_hz", rule, clock_hz)

@@ -377,28 +377,20 @@ def propose_clocks(
     rate = 1 / waveform.snapshot_period_s
     lowest = clutter_hz + 10 * rate / group_length
     candidates = _round_numbers(lowest, rate / 2 / highest_line)
+    settings = waveform, group_length, pulses or double_rate_pulses(), tolerance_ppm, clutter_hz
     clocks = list(taken)
     for _ in range(count):
-        best = None
-        for candidate in candidates:
-            trial = [*clocks, candidate]
-            if any(_too_near(candidate, other, rate / group_length) for other in clocks):
-                continue
-            q = _worst_information(
-                trial, waveform, group_length, pulses or double_rate_pulses(),
-                tolerance_ppm, clutter_hz,
-            ).min()  # fmt: skip
-            if best is None or q > best[0]:
-                best = q, candidate
-        if best is None:
+        best = _best_candidate(candidates, clocks, rate / group_length, settings)
+        if best is None or not assess_clocks([*clocks, best], *settings).readable:
             break
-        report = assess_clocks(
-            [*clocks, best[1]], waveform, group_length, pulses, tolerance_ppm, clutter_hz
-        )
-        if not report.readable:
-            break
-        clocks.append(best[1])
+        clocks.append(best)
     return clocks[len(taken) :]
+
+
+def _best_candidate(candidates, clocks, resolution_hz, settings):
+    """The candidate that leaves the weakest end the most information; None without any."""
+    free = [c for c in candidates if not any(_too_near(c, f, resolution_hz) for f in clocks)]
+    return max(free, key=lambda c: _worst_information([*clocks, c], *settings).min(), default=None)
 
 
 def _too_near(one, other, resolution_hz):
