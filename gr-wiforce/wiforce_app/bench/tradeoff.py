@@ -169,8 +169,9 @@ def _row(result, point, on_front):
 _EXPLANATION = """\
 Each scene is simulated once and read under each setting: samples to tones by the C++ blocks (or
 stock ones), tones to readings by what the reader's Python blocks compute. Times are processor time
-for a second of signal at the scene's rate, in milliseconds, and its two parts. Errors are medians
-over steadily touched groups of all sensors; phase errors leave out what the calibration errs by in
+for a second of signal at the scene's rate, in milliseconds, and its two parts, the least of some
+runs: tens of per cent apart on a busy machine. Errors are medians over steadily touched groups of
+all sensors, of some tens of readings each: 20 % apart by chance; phase errors leave out what the calibration errs by in
 the untouched phases, and the bound (a median too) is that of the setting's own groups. *Front*: no
 other setting is both faster and more accurate in phase. The number of readings a second is the
 scene's to say, not the plan's: errors of longer groups are taken to the scene's group length.
