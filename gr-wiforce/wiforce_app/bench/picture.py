@@ -78,8 +78,11 @@ def plot_tradeoffs(results, path):
     for axis in panels[max(0, len(results) - columns) : len(results)]:
         axis.set_xlabel("processor time for a second (ms)", fontsize=8)
     canvas.supylabel("median error: phase (deg, filled), force (N, open)", fontsize=9)
-    lines, labels = panels[0].get_legend_handles_labels()
-    _legend_below(canvas, lines, labels, ncols=len(labels))
+    # No panel needs to hold them all: some scenes are not readable.
+    known = {}
+    for axis in panels:
+        known |= dict(zip(*reversed(axis.get_legend_handles_labels()), strict=True))
+    _legend_below(canvas, list(known.values()), list(known), ncols=len(known))
     canvas.savefig(path, dpi=80)
 
 

@@ -171,10 +171,11 @@ Each scene is simulated once and read under each setting: samples to tones by th
 stock ones), tones to readings by what the reader's Python blocks compute. Times are processor time
 for a second of signal at the scene's rate, in milliseconds, and its two parts, the least of some
 runs: tens of per cent apart on a busy machine. Errors are medians over steadily touched groups of
-all sensors, of some tens of readings each: 20 % apart by chance; phase errors leave out what the calibration errs by in
-the untouched phases, and the bound (a median too) is that of the setting's own groups. *Front*: no
-other setting is both faster and more accurate in phase. The number of readings a second is the
-scene's to say, not the plan's: errors of longer groups are taken to the scene's group length.
+all sensors, of some tens of readings each: 20 % apart by chance. Phase errors leave out what the
+calibration errs by in the untouched phases, and the bound (a median too) is that of the setting's
+own groups. *Front*: no other setting is both faster and more accurate in phase. The number of
+readings a second is the scene's to say, not the plan's: errors of longer groups are taken to the
+scene's group length.
 `stock blocks` are GNU Radio's own in place of ours, buffers tuned; `block by block` folds and makes
 tones in a block each; `channel first` is the textbook order; `paper` adds up steps from group to
 group at lines 1 and 4, its clock not tracked.
