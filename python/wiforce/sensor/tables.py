@@ -183,7 +183,8 @@ def _touchstone_phases(path, frequency_hz, where):
         named = io.StringIO(text.decode("latin-1"))
         named.name = path.name  # its suffix tells the number of ports
         network = skrf.Network()
-        network.read_touchstone(named)  # given a name, Network would try to unpickle the file
+        with np.errstate(all="ignore"):  # what is not finite is refused below
+            network.read_touchstone(named)  # by name, Network would try to unpickle the file
         low, high = network.f[0], network.f[-1]
     except Exception as error:
         # scikit-rf raises whatever its parser stumbles over
@@ -198,6 +199,8 @@ def _touchstone_phases(path, frequency_hz, where):
         reflection = network.s[:, index, index]
         angle = np.unwrap(np.angle(reflection))
         phases.append(float(np.rad2deg(np.interp(frequency_hz, network.f, angle))))
+    if not np.all(np.isfinite(phases)):
+        raise InputError(f"{where}: file", "must hold finite numbers", path.name)
     return phases
 
 
