@@ -183,7 +183,7 @@ group at lines 1 and 4, its clock not tracked.
 
 _SKIPS = """\
 Milliseconds of processor per second of signal that the reader's blocks would take more with the
-step forced on; the readings stay the same (`tests/qa_scene_plan.py`).
+step forced on; the readings stay the same (`tests/qa_reader.py`).
 """.splitlines()
 
 
