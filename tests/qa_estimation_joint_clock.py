@@ -9,7 +9,7 @@ from gnuradio.wiforce.estimation.joint_clock import (
     phase_information,
 )
 from gnuradio.wiforce.estimation.likelihood import PhaseLikelihood
-from gnuradio.wiforce.estimation.separation import TagClock
+from gnuradio.wiforce.estimation.tracked_tag import TagClock
 from plain import TA, bound_of, errors_deg, make_air, make_plan, random_tag, run_chain
 
 

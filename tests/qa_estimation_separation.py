@@ -3,7 +3,8 @@
 
 import numpy as np
 import pytest
-from gnuradio.wiforce.estimation.separation import EndSeparator, TagClock
+from gnuradio.wiforce.estimation.separation import EndSeparator
+from gnuradio.wiforce.estimation.tracked_tag import TagClock
 from gnuradio.wiforce.estimation.weights import design_weights
 from plain import (
     TA,

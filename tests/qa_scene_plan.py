@@ -8,7 +8,7 @@ import subprocess
 import numpy as np
 import pytest
 from gnuradio.wiforce.estimation.loss import line_loss_db
-from gnuradio.wiforce.estimation.separation import TagClock
+from gnuradio.wiforce.estimation.tracked_tag import TagClock
 from gnuradio.wiforce.estimation.weights import design_weights
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.advice import improve, warnings

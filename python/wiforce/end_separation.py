@@ -9,7 +9,7 @@ import pmt
 from . import names
 from .errors import InputError
 from .estimation.estimators import estimator_named
-from .estimation.separation import TagClock
+from .estimation.tracked_tag import TagClock
 from .group_block import GroupBlock
 from .tones import tone_table
 from .waveform import sounding_waveform

@@ -10,7 +10,7 @@ import numpy as np
 from gnuradio.wiforce.angles import wrap_deg
 from gnuradio.wiforce.estimation.bound import phase_bound_deg
 from gnuradio.wiforce.estimation.off_state import corrected_phase_deg
-from gnuradio.wiforce.estimation.separation import TagClock
+from gnuradio.wiforce.estimation.tracked_tag import TagClock
 from gnuradio.wiforce.scene.plan import Plan
 from gnuradio.wiforce.waveform import sounding_waveform
 

@@ -25,7 +25,7 @@ def likelihood_bias(table, likelihood, clock, averaging_s):
     ----------
     table : ToneTable
     likelihood : PhaseLikelihood
-    clock : separation.TagClock
+    clock : tracked_tag.TagClock
     averaging_s : float
 
     Returns

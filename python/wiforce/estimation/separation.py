@@ -9,16 +9,15 @@ clock's offset and lines that tags share cost almost nothing.
 import math
 from collections import deque
 from copy import copy
-from dataclasses import dataclass
 
 import numpy as np
 
 from .acquisition import DELAY_EVIDENCE, acquire
-from .clock import ClockTracker
+from .group_fit import GroupFit, GroupTones, inverse_of, power_of, without_loud
 from .joint_clock import likelihood_bias, phase_errors, phase_information
-from .likelihood import PhaseLikelihood
-from .state import ClockState, GroupState
-from .tag_clock import harmonics, switch_averages
+from .state import GroupState
+from .tag_clock import harmonics
+from .tracked_tag import TrackedTag
 
 # Acquisition: at least so many groups and so much time.
 _ACQUIRE_GROUPS = 8
@@ -33,9 +32,6 @@ _NOISE_FLOOR = 1e-14
 # Residual of a group over the usual noise: below it is chance; above, noise has not become so.
 _NOTABLE = 1.15
 _UNUSUAL = 3.0
-# A group this much louder than most is left out of an acquisition. A press changes a tag's energy
-# by a factor of 6 at most.
-_LOUD = 10.0
 # Groups whose median residual tells that the noise has changed, and from which factor on. A press
 # that changes disturbs fewer.
 _STEP_GROUPS = 8
@@ -43,67 +39,8 @@ _STEP = 1.33
 # Bias of a tag's likelihood, in radians, from which on clocks are tracked by the whole model.
 _LARGEST_BIAS = np.radians(0.1)
 _REFINEMENTS = 3
-_STEP_RAD = 1e-4
 # A mixing matrix that amplifies noise above this cannot separate its ends.
 _WORST_GAIN = 100.0
-
-
-@dataclass(frozen=True)
-class TagClock:
-    """Nominal clock of one tag: fs and how far off it may be."""
-
-    clock_hz: float
-    tolerance_ppm: float = 100.0
-
-
-class _Tag:
-    """Everything that the separator keeps about one tag."""
-
-    def __init__(self, table, index, clock, averaging_s):
-        self.clock = clock
-        self.rows = slice(2 * index, 2 * index + 2)
-        self.rate = 2 * np.pi * clock.clock_hz
-        self.half_window = self.rate * averaging_s / 2
-        self.likelihood = PhaseLikelihood(table, index, clock.clock_hz * averaging_s)
-        self.overlapping = False
-        self.tracker = None
-        self.last_seen_s = None
-        self.waiting = []
-
-    def start(self, fit, times_s, subcarriers, noise_level):
-        self.tracker = ClockTracker(fit, times_s, self.rate, subcarriers, noise_level)
-        self.overlapping = fit.overlapping
-        self.last_seen_s = times_s[-1]
-
-    def drop(self):
-        self.tracker = None
-        self.waiting = []
-
-    @property
-    def delay(self):
-        return self.tracker.likelihood.clock2_delay
-
-    def waveforms(self, item):
-        """s1 and s2 of every snapshot of a group."""
-        return self._waveforms(item, 0.0)
-
-    def slopes(self, item):
-        """Their derivatives by the clock's phase."""
-        later, sooner = (self._waveforms(item, turn) for turn in (_STEP_RAD, -_STEP_RAD))
-        return (later - sooner) / (2 * _STEP_RAD)
-
-    def _waveforms(self, item, turn):
-        phase, rate = self.tracker.predict(item.center_s)
-        phases = phase + turn + (self.rate + rate) * item.times_s
-        return switch_averages(phases, self.half_window * (1 + rate / self.rate), self.delay)
-
-    def state(self, item):
-        seen = self.tracker is not None and self.last_seen_s >= item.center_s - 1e-9
-        if not (seen and item.usable):
-            return ClockState(False)
-        phase, rate = self.tracker.predict(item.center_s)
-        ppm = float(1e6 * rate / self.rate)
-        return ClockState(True, float(phase % (2 * np.pi)), ppm, self.delay, self.overlapping)
 
 
 class EndSeparator:
@@ -130,7 +67,7 @@ class EndSeparator:
         self._mixer = self._make_mixer(table)
         self.bins = np.asarray(bins)
         self.group_period_s = table.group_length * table.snapshot_period_s
-        self._tags = [_Tag(table, i, clock, averaging_s) for i, clock in enumerate(clocks)]
+        self._tags = [TrackedTag(table, i, clock, averaging_s) for i, clock in enumerate(clocks)]
         self._jointly = any(
             likelihood_bias(table, tag.likelihood, tag.clock, averaging_s) > _LARGEST_BIAS
             for tag in self._tags
@@ -205,7 +142,9 @@ class EndSeparator:
         whitener = weights.whitener
         white = whitener @ tones if usable else None
         center_s = (group + 0.5) * self.group_period_s
-        return _Group(group, center_s, tones, whitener, white, mixer, times, missing, loss, usable)
+        return GroupTones(
+            group, center_s, tones, whitener, white, mixer, times, missing, loss, usable
+        )
 
     def _start(self, usable):
         """Acquires every tag over the groups held back.
@@ -213,7 +152,7 @@ class EndSeparator:
         More than once: the noise, and what other tags put into a tag's lines, are known only
         after a first time.
         """
-        usable = _not_loud(usable)
+        usable = without_loud(usable)
         if len(usable) < 2:
             return
         self._set_noise(np.mean([item.power() for item in usable], axis=0), usable)
@@ -373,7 +312,7 @@ class EndSeparator:
         del tag.waiting[: -self.acquisition_groups]
         if len(tag.waiting) < self.acquisition_groups:
             return
-        if self._try(tag, _not_loud(tag.waiting)):
+        if self._try(tag, without_loud(tag.waiting)):
             tag.waiting = []
 
     def _fit(self, item):
@@ -381,16 +320,18 @@ class EndSeparator:
         locked = self._locked
         if not locked or not item.usable:
             none = np.zeros(0, int)
-            return _Fit(none, np.zeros((len(item.tones), 0)), np.zeros((0, len(self.bins))), none)
+            return GroupFit(
+                none, np.zeros((len(item.tones), 0)), np.zeros((0, len(self.bins))), none
+            )
         rows = np.concatenate([np.arange(self.ends)[tag.rows] for tag in locked])
         mixing = self._mixed(item, [tag.waveforms(item) for tag in locked])
         white = item.whitener @ mixing
         adjoint = white.conj().T
-        inverse = _inverse(adjoint @ white)
+        inverse = inverse_of(adjoint @ white)
         solver = inverse @ adjoint
         ends = solver @ item.white
         left = item.white - white @ ends
-        return _Fit(rows, mixing, ends, inverse.diagonal().real, left, white, solver)
+        return GroupFit(rows, mixing, ends, inverse.diagonal().real, left, white, solver)
 
     def _solve(self, item):
         """Ends, their gain, and the noise left; unlocked ends are zero with infinite gain."""
@@ -406,7 +347,7 @@ class EndSeparator:
         usable = fit.gain * self.table.group_length < _WORST_GAIN
         gain[fit.rows] = np.where(usable, fit.gain, np.inf)
         freedom = max(len(fit.left) - len(fit.rows), 1)
-        return ends, gain, _power(fit.left).sum(axis=0) / freedom
+        return ends, gain, power_of(fit.left).sum(axis=0) / freedom
 
     def _learn_noise(self, residual, misfit, item):
         self._misfits.append(misfit)
@@ -436,73 +377,3 @@ class EndSeparator:
             ratio = self._reference_gain * power / self._noise_level
             snr[i] = 10 * math.log10(max(ratio, 1e-12))
         return snr
-
-
-@dataclass(frozen=True)
-class _Group:
-    """A group as it came, with the weights behind it; ``loss`` is N over snapshots present."""
-
-    group: int
-    center_s: float
-    tones: np.ndarray
-    whitener: np.ndarray
-    white: np.ndarray
-    mixer: np.ndarray
-    times_s: np.ndarray
-    missing: int
-    loss: float
-    usable: bool
-
-    def level(self):
-        """Mean of ``power`` over the subcarriers."""
-        return np.vdot(self.white, self.white).real / self.white.size
-
-    def power(self):
-        """Mean power per tone and subcarrier in units of the noise in H; shape (K,)."""
-        return _power(self.white).mean(axis=0)
-
-
-@dataclass(frozen=True)
-class _Fit:
-    """Tones = mixing @ ends + what is left, for the ends ``rows``.
-
-    ``white`` is the whitened mixing, ``solver`` its pseudo-inverse, ``left`` is whitened too.
-    """
-
-    rows: np.ndarray
-    mixing: np.ndarray
-    ends: np.ndarray
-    gain: np.ndarray
-    left: np.ndarray = None
-    white: np.ndarray = None
-    solver: np.ndarray = None
-
-
-def _not_loud(items):
-    """Groups without those of some accident, which would drown all the others."""
-    if not items:
-        return items
-    levels = np.array([item.level() for item in items])
-    return [items[i] for i in np.flatnonzero(levels <= _LOUD * np.median(levels))]
-
-
-def _power(values):
-    return values.real**2 + values.imag**2
-
-
-def _inverse(gram):
-    """Inverse of a small positive definite matrix, by elimination.
-
-    LAPACK's start-up costs more than all the rest of a group where its threads are not held back.
-    """
-    size = len(gram)
-    work = np.hstack([gram, np.eye(size)])
-    smallest = 1e-12 * gram.diagonal().real.max()
-    for i in range(size):
-        if work[i, i].real <= smallest:
-            return np.linalg.pinv(gram, rcond=1e-9, hermitian=True)
-        work[i] /= work[i, i]
-        factors = work[:, i].copy()
-        factors[i] = 0.0
-        work -= factors[:, None] * work[i]
-    return work[:, size:]

@@ -8,7 +8,7 @@ from ..errors import InputError
 from ..estimation.estimators import estimator_named
 from ..estimation.likelihood import PhaseLikelihood
 from ..estimation.loss import line_loss_db
-from ..estimation.separation import TagClock
+from ..estimation.tracked_tag import TagClock
 from ..estimation.weights import design_weights, tag_lines
 from ..waveform import Waveform
 
