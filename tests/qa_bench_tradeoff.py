@@ -6,7 +6,7 @@ import subprocess
 
 import pytest
 from gnuradio.wiforce.scene import load_scene
-from wiforce_app.bench.tradeoff import beat_the_plan, front, rated_error
+from wiforce_app.bench.front import beat_the_plan, front, rated_error
 from wiforce_app.bench.tradeoff_points import settings_of
 
 SCENE = """\
@@ -65,6 +65,7 @@ def test_every_kind_of_setting_is_tried():
     assert any(name.startswith("lines to +-") for name in names)
 
 
+@pytest.mark.timeout(400)
 def test_a_scene_is_measured_once_and_all_settings_read_it(tmp_path):
     (tmp_path / "short.yaml").write_text(SCENE)
     command = "gr-wiforce bench tradeoff short.yaml --quick --json --plot p.png --page p.md"

@@ -4,6 +4,7 @@
 import numpy as np
 
 from .cases import ESTIMATORS
+from .front import front
 
 
 def plot_losses(rows, wanted, path):
@@ -87,8 +88,6 @@ def plot_tradeoffs(results, path):
 
 
 def _plot_tradeoff(axis, points):
-    from .tradeoff import front
-
     marks = {"plan": ("*", "C3", 13), "paper": ("s", "C1", 6), "stock blocks": ("D", "C4", 6)}
     for point in points:
         mark, color, size = marks.get(point["setting"], ("o", "C0", 4))
