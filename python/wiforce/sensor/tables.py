@@ -4,6 +4,7 @@
 import csv
 import io
 import math
+import warnings
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
@@ -183,7 +184,9 @@ def _touchstone_phases(path, frequency_hz, where):
         named = io.StringIO(text.decode("latin-1"))
         named.name = path.name  # its suffix tells the number of ports
         network = skrf.Network()
-        with np.errstate(all="ignore"):  # what is not finite is refused below
+        # What is not finite, or not in order, is refused below.
+        with np.errstate(all="ignore"), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
             network.read_touchstone(named)  # by name, Network would try to unpickle the file
         low, high = network.f[0], network.f[-1]
     except Exception as error:
@@ -191,6 +194,8 @@ def _touchstone_phases(path, frequency_hz, where):
         raise InputError(f"{where}: file", "is not a Touchstone file", str(path)) from error
     if network.nports != 2:
         raise InputError(f"{where}: file", "must have two ports", network.nports)
+    if not np.all(np.diff(network.f) > 0):
+        raise InputError(f"{where}: file", "must hold frequencies that rise", path.name)
     if not low <= frequency_hz <= high:
         rule = f"{path.name} must span the carrier {frequency_hz / 1e6:g} MHz"
         raise InputError(f"{where}: file", rule, f"{low / 1e6:g}..{high / 1e6:g} MHz")
