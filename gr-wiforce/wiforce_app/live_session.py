@@ -18,6 +18,7 @@ _START_LOOK_S = 0.02
 _BUFFER_SAMPLES = 1 << 18
 _RECEIVE_SAMPLES = 1 << 16  # 5 ms: handling every packet by itself would cost two cores
 _RECEIVE_TIMEOUT_S = 0.1
+_LAST_READINGS_S = 2.0  # for what has been received to be read
 _KEPT_STATES = 64
 
 
@@ -128,6 +129,8 @@ class LiveSession:
     def stop(self):
         """End in good order; every reading that the samples hold has been given after this."""
         try:
+            self.meter.end()
+            self.reader.inversion.ended.wait(_LAST_READINGS_S)
             self._flowgraph.stop()
             self._flowgraph.wait()
         finally:

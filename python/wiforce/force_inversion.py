@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Block: phase changes of the ends to readings of force and location."""
 
+from threading import Event
+
 import numpy as np
 import pmt
 
@@ -43,6 +45,8 @@ class force_inversion(GroupBlock):
     ----------
     on_ratios : callable or None
         When set, called with GroupState and R (2S,) of every group before it is read.
+    ended : threading.Event
+        Set when the stream has ended and its last group is read.
 
     Raises
     ------
@@ -78,6 +82,7 @@ class force_inversion(GroupBlock):
         self.readout = Readout(sensors, center_frequency, group_period, tracked, ratios)
         self._on_reading = on_reading
         self.on_ratios = None
+        self.ended = Event()
         GroupBlock.__init__(self, "force_inversion", 2 * len(models), 0)
         self.message_port_register_out(pmt.intern(names.READINGS))
         self.message_port_register_in(pmt.intern(names.TARE))
@@ -106,12 +111,17 @@ class force_inversion(GroupBlock):
         """Gives the last group's readings, which waited for their neighbour."""
         self._publish(self.readout.flush())
 
+    def start(self):
+        self.ended.clear()
+        return True
+
     def stop(self):
         try:
             self.finish()
         except Exception as error:
             # Raised through the scheduler it would abort the process.
             self.failure = self.failure or error
+        self.ended.set()
         return True
 
     def _publish(self, readings):
