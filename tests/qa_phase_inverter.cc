@@ -238,3 +238,31 @@ BOOST_AUTO_TEST_CASE(tables_that_do_not_fit_together_are_refused)
     BOOST_CHECK_THROW(calibrated_span({ 1 }, { 1 }, { 1 }), std::invalid_argument);
     BOOST_CHECK_THROW(calibrated_span({ 1, 2 }, { 1 }, { 1, 2 }), std::invalid_argument);
 }
+
+BOOST_AUTO_TEST_CASE(many_readings_on_all_processors_are_those_of_one_after_the_other)
+{
+    constexpr std::size_t count = 9001; // in parts of different size
+    const auto inverter = made();
+    std::vector<double> psi, std;
+    for (std::size_t i = 0; i < count; i++) {
+        psi.insert(psi.end(), { std::fmod(0.37 * i, 130.0), std::fmod(0.61 * i, 65.0) });
+        std.insert(std.end(), { 0.5, 0.4 });
+    }
+    std::vector<phase_inverter::reading> all(count);
+    std::vector<std::uint8_t> flags(count);
+    inverter.read_all(psi.data(), std.data(), count, all.data(), flags.data());
+    std::size_t known = 0;
+    for (std::size_t i = 0; i < count; i++) {
+        phase_inverter::reading one{};
+        const auto flag = inverter.read(psi[2 * i], psi[2 * i + 1], 0.5, 0.4, one);
+        BOOST_REQUIRE_EQUAL(flags[i], flag);
+        if (flag == phase_inverter::unknown)
+            continue;
+        known++;
+        BOOST_REQUIRE_EQUAL(all[i].force, one.force);
+        BOOST_REQUIRE_EQUAL(all[i].location, one.location);
+        for (int k = 0; k < 4; k++)
+            BOOST_REQUIRE_EQUAL(all[i].covariance[k], one.covariance[k]);
+    }
+    BOOST_TEST(known > 100U);
+}

@@ -23,8 +23,19 @@ constexpr double barrier = 4.0;
 constexpr double small_step = 1.0;
 constexpr double least_variance = 1e-12;
 
+// Built for several instruction sets, chosen when the library is loaded; sanitizers
+// cannot be asked that early.
+#if defined(WIFORCE_X86) && defined(__gnu_linux__) && !defined(__SANITIZE_THREAD__) &&   \
+    !defined(__SANITIZE_ADDRESS__)
+#define WIFORCE_CLONES __attribute__((target_clones("avx512f", "avx2", "default")))
+#else
+#define WIFORCE_CLONES
+#endif
+// Part of a function that is built so.
+#define WIFORCE_INLINE [[gnu::always_inline]] inline
+
 // exp(-z^2 / 2) at `count` places, to 1e-9 of itself; in a form that compilers vectorise.
-void densities(const double* z, std::size_t count, double* density)
+WIFORCE_INLINE void densities(const double* z, std::size_t count, double* density)
 {
     constexpr double to_binary = -0.5 * 1.4426950408889634; // log2(e)
     constexpr double lowest = -1000.0;                      // exponent of 2
@@ -222,11 +233,11 @@ likelihood_profile::turns likelihood_profile::read_turns(double psi_1,
     return found;
 }
 
-likelihood_profile::curve likelihood_profile::draw(std::size_t row,
-                                                   double offset_1,
-                                                   double offset_2,
-                                                   double noise_1,
-                                                   double noise_2) const
+WIFORCE_INLINE likelihood_profile::curve likelihood_profile::draw(std::size_t row,
+                                                                  double offset_1,
+                                                                  double offset_2,
+                                                                  double noise_1,
+                                                                  double noise_2) const
 {
     const auto count = d_force.size();
     const float* const values = &d_rows[row * columns * count];
@@ -255,7 +266,7 @@ likelihood_profile::curve likelihood_profile::draw(std::size_t row,
     return drawn;
 }
 
-likelihood_profile::weights
+WIFORCE_INLINE likelihood_profile::weights
 likelihood_profile::weigh(const curve& drawn, std::size_t low, std::size_t high) const
 {
     static const normal_integral cumulated;
@@ -284,12 +295,13 @@ likelihood_profile::weigh(const curve& drawn, std::size_t low, std::size_t high)
     return found;
 }
 
-likelihood_profile::moments likelihood_profile::sum(const float* values,
-                                                    const curve& drawn,
-                                                    const weights& by,
-                                                    std::size_t first,
-                                                    std::size_t last,
-                                                    double hidden_from) const
+WIFORCE_INLINE likelihood_profile::moments
+likelihood_profile::sum(const float* values,
+                        const curve& drawn,
+                        const weights& by,
+                        std::size_t first,
+                        std::size_t last,
+                        double hidden_from) const
 {
     const auto count = d_force.size();
     const float *const free_n = values + free * count, *const in =
@@ -308,11 +320,12 @@ likelihood_profile::moments likelihood_profile::sum(const float* values,
                         b * (l_b * l_b + drawn.width[k + 1]) - bend * rise * rise;
         sums.product += a * f_a * l_a + b * f_b * l_b - bend * step * rise;
         sums.hidden += free_n[k] > hidden_from ? mass : 0.0;
-        sums.outside += std::min(in[k], in[k + 1]) > 0 ? 0.0 : mass;
+        sums.outside += mass * (1 - in[k] * in[k + 1]);
     }
     return sums;
 }
 
+WIFORCE_CLONES
 likelihood_profile::reading likelihood_profile::read(std::size_t row,
                                                      double offset_1,
                                                      double offset_2,

@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "phase_inverter.h"
 
+#include <algorithm>
 #include <cmath>
+#include <thread>
+#include <vector>
 
 namespace gr::wiforce::kernel {
 
@@ -16,6 +19,9 @@ constexpr double mostly = 0.2;
 constexpr double rim = 0.02;
 // Up to this misfit (squared standard deviations) the integrals keep their digits.
 constexpr double integrable = 25.0;
+
+// Readings that are worth starting a thread for (50 us).
+constexpr std::size_t thread_share = 2000;
 
 // Two turns of phase that explain a reading.
 likelihood_profile::reading either(const likelihood_profile::reading& one,
@@ -79,6 +85,28 @@ std::uint8_t phase_inverter::read(
                                                found->location_variance))
         flags |= extrapolated;
     return flags;
+}
+
+void phase_inverter::read_all(const double* psi,
+                              const double* std,
+                              std::size_t count,
+                              reading* out,
+                              std::uint8_t* flags) const
+{
+    const auto read_some = [=](std::size_t first, std::size_t last) {
+        for (std::size_t i = first; i < last; i++)
+            flags[i] =
+                read(psi[2 * i], psi[2 * i + 1], std[2 * i], std[2 * i + 1], out[i]);
+    };
+    const std::size_t processors = std::max(std::thread::hardware_concurrency(), 1U);
+    const std::size_t parts =
+        std::clamp(count / thread_share, std::size_t{ 1 }, processors);
+    std::vector<std::thread> others;
+    for (std::size_t part = 1; part < parts; part++)
+        others.emplace_back(read_some, part * count / parts, (part + 1) * count / parts);
+    read_some(0, count / parts);
+    for (auto& other : others)
+        other.join();
 }
 
 std::uint8_t phase_inverter::profiled(

@@ -5,6 +5,7 @@
 #include "inverse_table.h"
 #include "likelihood_profile.h"
 
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 
@@ -44,6 +45,13 @@ public:
     //! Phases and their standard deviations in degrees; gives the reading's flags.
     std::uint8_t
     read(double psi_1, double psi_2, double std_1, double std_2, reading& out) const;
+
+    //! Reads `count` pairs of phases and of standard deviations; many, on all processors.
+    void read_all(const double* psi,
+                  const double* std,
+                  std::size_t count,
+                  reading* out,
+                  std::uint8_t* flags) const;
 
 private:
     bool in_domain(double force, double location) const;

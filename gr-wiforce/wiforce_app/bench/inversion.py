@@ -22,9 +22,9 @@ _GRID_FORCES, _GRID_MM = 600, 0.04
 def inversion(as_json, names, seed):
     """Time per reading, in a batch and one by one, for presses all over each sensor's span.
 
-    Processor time, medians. Beside it, how far the same readings lie from the mean of the
-    likelihood over a fine grid of force and location (which knows no tables), in standard
-    deviations, and how many are flagged.
+    Medians; a batch is shared by all processors. Beside it, how far the same readings lie from
+    the mean of the likelihood over a fine grid of force and location (which knows no tables), in
+    standard deviations, and how many are flagged.
     """
     from gnuradio.wiforce.sensor import load_sensor, shipped_sensors
 
@@ -49,9 +49,9 @@ def _measure(model, carrier, noise_deg, seed):
     phases = model.phases_deg(force, location, carrier)
     phases += noise_deg * rng.standard_normal(phases.shape)
     inverter = model.inverter(carrier)
-    began = time.process_time()
+    began = time.perf_counter()
     inverter.prepare()
-    prepared = time.process_time() - began
+    prepared = time.perf_counter() - began
     batch = [_seconds(inverter.invert, phases, noise_deg) for _ in range(_RUNS)]
     singles = phases[:_SINGLE, None]
     single = [_seconds(inverter.invert, pair, noise_deg) for pair in singles]
@@ -94,9 +94,9 @@ def _brute_force(model, carrier, phases, noise_deg):
 
 
 def _seconds(function, *arguments):
-    began = time.process_time()
+    began = time.perf_counter()
     function(*arguments)
-    return time.process_time() - began
+    return time.perf_counter() - began
 
 
 def _table(rows):

@@ -80,19 +80,20 @@ static py::tuple invert(const phase_inverter& inverter,
 {
     static_assert(sizeof(phase_inverter::reading) == 6 * sizeof(double));
     const auto count = pairs_in(phases_deg, std_deg);
-    const double* const psi = phases_deg.data();
-    const double* const std = std_deg.data();
     py::array_t<double> values({ count, py::ssize_t{ 6 } });
     py::array_t<std::uint8_t> flags(count);
+    const double* const psi = phases_deg.data();
+    const double* const std = std_deg.data();
     auto* out = reinterpret_cast<phase_inverter::reading*>(values.mutable_data());
     std::uint8_t* const out_flags = flags.mutable_data();
+    {
+        py::gil_scoped_release others_may_run;
+        inverter.read_all(psi, std, count, out, out_flags);
+    }
     py::list unknown;
-    for (py::ssize_t i = 0; i < count; i++) {
-        out_flags[i] =
-            inverter.read(psi[2 * i], psi[2 * i + 1], std[2 * i], std[2 * i + 1], out[i]);
+    for (py::ssize_t i = 0; i < count; i++)
         if (out_flags[i] == phase_inverter::unknown)
             unknown.append(i);
-    }
     return py::make_tuple(values, flags, unknown);
 }
 
