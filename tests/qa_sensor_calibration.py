@@ -17,10 +17,10 @@ from gnuradio.wiforce.sensor import (
     refine,
     table_kind,
 )
-from gnuradio.wiforce.sensor.calibration import best_form
 from gnuradio.wiforce.sensor.curves import FORMS, PowerBasis, SplineBasis
 from gnuradio.wiforce.sensor.fit import CurveFitter, force_knots, noise_and_misfit
 from gnuradio.wiforce.sensor.location import learn_interpolation
+from gnuradio.wiforce.sensor.validation import best_form
 from sensor_laws import LAWS, OwnLaw, read_law, untouched_deg, vna_rows, wrap
 
 FORCES = np.linspace(2, 8, 25)

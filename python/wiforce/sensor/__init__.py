@@ -6,6 +6,7 @@ from .doubts import doubts
 from .file import load_sensor, sensor_from_dict, sensor_to_dict, shipped_sensors, write_sensor
 from .model import LineModel, SensorModel
 from .refine import refine
+from .smoother import smooth_press
 from .tables import (
     CalibrationTable,
     measure_vna,
@@ -15,7 +16,7 @@ from .tables import (
     table_kind,
     write_vna_csv,
 )
-from .tracker import PressTracker, smooth_press
+from .tracker import PressTracker
 
 __all__ = [
     "CalibrationTable",

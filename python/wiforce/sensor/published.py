@@ -15,8 +15,9 @@ from ..errors import InputError
 from .calibration import calibrate
 from .curves import FORMS
 from .refine import refine
+from .smoother import smooth_press
 from .tables import CalibrationTable, read_vna_csv
-from .tracker import PressTracker, smooth_press
+from .tracker import PressTracker
 
 FREQUENCIES_HZ = (900e6, 2400e6)
 TRIALS = ("1", "2")

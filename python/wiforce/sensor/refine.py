@@ -17,11 +17,11 @@ from ..carrier import same_carrier
 from ..errors import InputError
 from . import curves
 from .checks import check_table
+from .filter_bank import NOISE_FREEDOM
 
 # How far bench and air may differ, per location: a constant, and what changes over the span as
 # touch-down does.
 _OFFSET_STD_DEG, _SHAPE_STD_DEG = 10.0, 10.0
-_NOISE_FREEDOM = 4.0
 _LEAST_NOISE_DEG = 0.05
 _ROUNDS = 20
 
@@ -145,7 +145,7 @@ def _update_port(model, index, port, taps, freedom):
         # what the fit takes from the residuals goes back into the noise
         kept = max(1.0 - np.trace(design @ gain) / max(len(residual), 1), 0.1)
         square = (residual / noise) ** 2
-        weight = (_NOISE_FREEDOM + 1) / (_NOISE_FREEDOM + square)
+        weight = (NOISE_FREEDOM + 1) / (NOISE_FREEDOM + square)
         noise = max(float(np.sqrt(np.mean(weight * residual**2) / kept)), _LEAST_NOISE_DEG)
     covariance = prior - gain @ design @ prior
     blocks = covariance.reshape(count, size, count, size)
