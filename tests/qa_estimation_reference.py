@@ -100,8 +100,20 @@ def test_tag_that_is_off_at_the_start_is_referenced_when_it_comes():
             results.append(average.process(*item))
     references = [bool(state.in_reference.all()) for state, _ in results]
     assert references == [False] * 7 + [True] * 3 + [False] * 2
+    assert [bool(state.late_reference.all()) for state, _ in results] == [False] * 7 + [True] * 5
     assert all(np.all(np.isinf(state.std_deg)) and np.all(r == 0) for state, r in results[:7])
     assert results[-1][1] == pytest.approx([1, 1], abs=1e-6)
+
+
+def test_a_tare_ends_the_doubt_about_a_late_reference():
+    difference, late = ConjugateDifference(2, BINS, 2), []
+    for g in range(8):
+        gain = [1e-6, np.inf if g < 3 else 1e-6]
+        if g == 6:
+            difference.tare()
+        for state, _ in difference.process(a_state(g, np.ones(K), gain), padded(np.ones((2, K)))):
+            late.append(state.late_reference.tolist())
+    assert late == [[False, False]] * 3 + [[False, True]] * 3 + [[False, False]] * 2
 
 
 def test_tare_counts_from_the_groups_that_follow():

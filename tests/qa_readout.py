@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """From the ratios R of a group to readings: flags, gaps, tare, and what is left empty."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from gnuradio.wiforce.angles import wrap_deg
@@ -26,7 +28,8 @@ def a_state(group, std_deg=0.05, missing=0, reference=False, sensors=1, **clock)
     return GroupState(
         group, missing, (ClockState(**({"locked": True} | clock)),) * sensors, np.ones(4),
         np.full(ends, 1e-3), np.arange(7.0, 7.0 + ends),
-        in_reference=np.full(ends, reference), reshaped=np.zeros(ends, bool), std_deg=std,
+        in_reference=np.full(ends, reference), late_reference=np.zeros(ends, bool),
+        reshaped=np.zeros(ends, bool), std_deg=std,
     )  # fmt: skip
 
 
@@ -184,6 +187,12 @@ def test_a_press_within_the_reference_flags_every_reading_until_a_tare():
     readout.tare()
     fresh = [(a_state(30 + g, reference=g < 8), np.ones(2, complex)) for g in range(12)]
     assert not any("inconsistent" in r.flags for r in readings_of(readout, fresh))
+
+
+def test_a_reference_that_was_taken_late_flags_every_reading_that_rests_on_it():
+    items = [(replace(s, late_reference=np.full(2, s.group < 9)), r) for s, r in press(5, 8, 14)]
+    flagged = ["inconsistent" in r.flags for r in readings_of(make_readout(), items)]
+    assert flagged == [True] * 9 + [False] * 5
 
 
 def test_a_tag_that_moves_while_touched_is_flagged_until_release():

@@ -69,9 +69,9 @@ class _SensorReadout:
         if self._retuned or np.any(state.reshaped[ends]):
             flags.append("moved")
         there = clock.locked and bool(np.all(np.isfinite(std))) and bool(np.all(np.abs(ratios) > 0))
-        if clock.overlapping:
+        if clock.overlapping or np.any(state.late_reference[ends]):
             flags.append("inconsistent")
-            there = False
+        there = there and not clock.overlapping
         fields = {"time_s": time_s, "sensor": self.name, "flags": flags}
         if not there:
             if not flags:
@@ -80,7 +80,7 @@ class _SensorReadout:
         decision = self._touch.update(time_s, np.degrees(np.angle(ratios)), std, in_reference)
         if decision.moved and "moved" not in flags:
             flags.append("moved")
-        if decision.disturbed:
+        if decision.disturbed and "inconsistent" not in flags:
             flags.append("inconsistent")
         level = ratios * np.exp(-1j * np.radians(decision.drift_deg))
         phases, slope = corrected_phase_deg(level, self._untouched, self._off)

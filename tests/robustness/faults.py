@@ -11,8 +11,8 @@ RATE = 12.5e6
 FRAME = 720
 GROUP = 625 * FRAME
 DURATION_S = 1.44
-# No fault before: a reader without clocks (0.4 s) and a reference can read nothing.
-REFERENCE = 12 * GROUP
+# By then a reader has clocks (0.4 s) and a reference, and has read something.
+STARTED = 12 * GROUP
 PRESS = {
     "sensor": "arm",
     "start_s": 0.6,
@@ -50,9 +50,12 @@ class Stream:
         Stretches of time, in s, whose readings must carry a flag.
     said : list of str
         What was done to it.
+    earliest : int
+        No fault before this sample.
     """
 
     codes: np.ndarray
+    earliest: int = 0
     tags: list = field(default_factory=list)
     shift_s: float = 0.0
     spoilt: list = field(default_factory=list)
@@ -231,9 +234,9 @@ FAULTS = (
 )  # fmt: skip
 
 
-def faulty(codes, rng, faults):
-    """The stream of ``codes`` after these faults, the first of which come latest."""
-    stream = Stream(codes.copy())
+def faulty(codes, rng, faults, earliest=0):
+    """The stream of ``codes`` after these faults, none before the sample ``earliest``."""
+    stream = Stream(codes.copy(), earliest)
     for fault in faults:
         fault(stream, rng)
         stream.said.append(fault.__name__)
@@ -242,8 +245,7 @@ def faulty(codes, rng, faults):
 
 
 def _place(stream, rng):
-    """Some sample behind the reference."""
-    return int(rng.integers(REFERENCE, len(stream.codes) - GROUP))
+    return int(rng.integers(stream.earliest, len(stream.codes) - GROUP))
 
 
 def _stretch(stream, rng):

@@ -32,9 +32,9 @@ def codes_in(path):
     return np.fromfile(path, "<i2").reshape(-1, 2)
 
 
-def check(codes, seed, chosen):
+def check(codes, seed, chosen, earliest=0):
     """Reads the stream after these faults; returns readings and what is wrong with them."""
-    stream = faults.faulty(codes, np.random.default_rng(seed), chosen)
+    stream = faults.faulty(codes, np.random.default_rng(seed), chosen, earliest)
     readings, reader = faults.read(stream)
     told = f"seed {seed}: {', '.join(stream.said)}"
     assert reader.failure is None, told
@@ -63,7 +63,7 @@ def test_without_a_fault_all_is_read(path):
 
 @pytest.mark.parametrize("fault", faults.FAULTS, ids=lambda fault: fault.__name__)
 def test_what_one_fault_spoils_is_flagged(path, fault):
-    readings, wrong = check(codes_in(path), 1, [fault])
+    readings, wrong = check(codes_in(path), 1, [fault], faults.STARTED)
     assert not wrong
     # What came before the fault is read.
     assert sum(not r.flags for r in readings) >= 8

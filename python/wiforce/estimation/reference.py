@@ -30,8 +30,10 @@ class ConjugateDifference:
     bins : ndarray of int
         Occupied FFT bins.
     reference_groups : int
-        Length of the untouched reference, at least 1. Groups that are absent or given up are not
-        made good by later ones, in which the sensor may be touched.
+        Length of the untouched reference from group 0 on, at least 1. Groups that are absent or
+        given up are not made good by later ones, in which the sensor may be touched. An end of
+        which there is none takes the first groups in which it comes, and they are marked late:
+        nothing in them tells an untouched sensor from one that is pressed steadily.
     against : str
         ``untouched`` or ``previous``.
 
@@ -53,11 +55,13 @@ class ConjugateDifference:
         self._holding = not self.previous_mode
         self._held = []
         self.tare()
+        self._stop = np.full(ends, reference_groups)
 
     def tare(self):
         """Takes the untouched reference anew from the groups that follow."""
         self._sum = np.zeros((self._ends, len(self.bins)), complex)
         self._precision = np.zeros(self._ends)
+        self._late = np.zeros(self._ends, bool)
         self._stop = None
 
     def process(self, state, vectors):
@@ -88,19 +92,24 @@ class ConjugateDifference:
         return [self._difference(*item, reference, gain) for item in held]
 
     def _learn(self, state, values):
-        there = np.isfinite(state.gain)
-        if self._stop is None:
-            self._stop = np.full(self._ends, state.group + self.reference_groups)
-        # An end that was not there in its time takes the groups in which it comes.
-        late = there & (self._precision == 0) & (state.group >= self._stop)
-        self._stop = np.where(late, state.group + self.reference_groups, self._stop)
+        there = self._arrived(state)
         learning = there & (state.group < self._stop)
         self._sum[learning] += values[learning] / state.gain[learning, None]
         self._precision[learning] += 1 / state.gain[learning]
         return learning
 
-    def _against_previous(self, state, values):
+    def _arrived(self, state):
+        """Ends that are there; those that come after the time of their reference get another."""
         there = np.isfinite(state.gain)
+        if self._stop is None:
+            self._stop = np.full(self._ends, state.group + self.reference_groups)
+        late = there & (self._precision == 0) & (state.group >= self._stop)
+        self._late |= late
+        self._stop = np.where(late, state.group + self.reference_groups, self._stop)
+        return there
+
+    def _against_previous(self, state, values):
+        there = self._arrived(state)
         first = self._precision == 0
         reference = np.where(first[:, None], values, self._sum)
         gain = np.where(first, state.gain, 1 / np.where(first, 1, self._precision))
@@ -121,6 +130,7 @@ class ConjugateDifference:
         state = replace(
             state,
             in_reference=in_reference,
+            late_reference=self._late.copy(),
             reshaped=self._reshaped(state, values, vectors, power, weights),
             reference_power=power,
             reference_gain=reference_gain,

@@ -41,6 +41,9 @@ class GroupState:
         |c1[1] V_i|^2 against the noise in H, mean over subcarriers.
     in_reference : ndarray of bool, shape (2S,)
         Whether the group is part of the untouched reference.
+    late_reference : ndarray of bool, shape (2S,)
+        Whether the end was absent while the sensor was promised untouched, and its reference is
+        what came first.
     reshaped : ndarray of bool, shape (2S,)
         Whether the end's channel has another course over the subcarriers than its reference.
     reference_power : ndarray, shape (2S,)
@@ -60,6 +63,7 @@ class GroupState:
     saturated: bool = False
     retuned: bool = False
     in_reference: np.ndarray = field(default=None, repr=False)
+    late_reference: np.ndarray = field(default=None, repr=False)
     reshaped: np.ndarray = field(default=None, repr=False)
     reference_power: np.ndarray = field(default=None, repr=False)
     reference_gain: np.ndarray = field(default=None, repr=False)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..angles import wrap_deg
+from ..readings import WEAK_PHASE_DEG
 
 # Spread of phases that counts as the same state however good the SNR, in degrees.
 _STATE_SPREAD_DEG = 1.5
@@ -105,6 +106,9 @@ class TouchDetector:
             self._disturbed |= bool(apart and self._common(change, spread) > _COMMON**2)
         else:
             self._touch, moved = self._decide(change, spread)
+        if np.max(std_deg) > WEAK_PHASE_DEG:
+            # Noise or an accident: it may be read, but the tare learns nothing from it.
+            return TouchDecision(self._touch, moved, self._drift.copy(), self._disturbed)
         if moved and self._moving:
             self._shift(change)
         if self._touch:
