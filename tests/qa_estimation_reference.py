@@ -113,7 +113,7 @@ def test_a_tare_ends_the_doubt_about_a_late_reference():
             difference.tare()
         for state, _ in difference.process(a_state(g, np.ones(K), gain), padded(np.ones((2, K)))):
             late.append(state.late_reference.tolist())
-    assert late == [[False, False]] * 3 + [[False, True]] * 3 + [[False, False]] * 2
+    assert late == [[False, True]] * 6 + [[False, False]] * 2
 
 
 def test_tare_counts_from_the_groups_that_follow():
