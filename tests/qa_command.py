@@ -68,6 +68,11 @@ def test_version_is_the_builds():
         (["simulate", "a", "b", "--datatype", "ci8"], "'ci8' is not one of"),
         (["simulate", "none.yaml", "x"], "none.yaml: cannot be read"),
         (["simulate", "no\nne.yaml", "x"], "no ne.yaml: cannot be read"),
+        (["emulate", "--speed", "nan"], "'nan' is not a finite number"),
+        (["live", "--scene", "demo", "--args", "x", "--zmq", "\u00b2"], "--zmq: must be a port"),
+        (["bench", "speed", "--only", "x"], "no row is called 'x'"),
+        (["bench", "speed", "--megabytes", "99999999999"], "must leave both recordings room"),
+        (["bench", "stress", "--page", "no/page.md"], "folder does not exist"),
     ],
 )
 def test_bad_usage_gives_one_line_and_status_2(arguments, told):
@@ -106,6 +111,11 @@ def test_a_reader_that_closes_the_pipe_early_sees_no_traceback():
     )
     os.close(writing)
     assert (done.returncode, done.stderr) == (1, "")
+
+
+def test_a_closed_standard_output_is_an_error_and_its_number_is_given_to_no_file():
+    done = run("list", preexec_fn=lambda: os.close(1))
+    assert (done.returncode, done.stderr) == (1, "gr-wiforce: Bad file descriptor\n")
 
 
 def test_progress_is_silent_in_a_pipe_and_drawn_on_a_terminal():

@@ -210,8 +210,10 @@ def test_settings_that_cannot_be_are_refused(own_table):
     for setting, value in (
         ("form", "septic"),
         ("length_mm", 0.0),
+        ("length_mm", 1e300),
         ("permittivity", 0.5),
         ("onset_force_n", -1.0),
+        ("onset_force_n", 1e300),
         ("location_steps", "sideways"),
     ):
         with pytest.raises(InputError, match=setting):

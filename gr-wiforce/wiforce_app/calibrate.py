@@ -8,6 +8,7 @@ import numpy as np
 from gnuradio.wiforce.errors import InputError
 
 from .outputs import check_output
+from .ranges import CARRIER_HZ
 
 _REPORTED_FORCES_N = (2.0, 4.0, 6.0, 8.0)
 _FORMS = ("auto", "auto-beyond", "cubic", "power", "spline")
@@ -17,7 +18,7 @@ _STEPS = ("nearest", "given", "line")
 @click.command()
 @click.argument("table", type=click.Path())
 @click.option("-o", "--output", required=True, type=click.Path(), help="SENSOR.yaml to write.")
-@click.option("--frequency-hz", type=float, help="Carrier, where the file does not say.")
+@click.option("--frequency-hz", type=CARRIER_HZ, help="Carrier, where the file does not say.")
 @click.option(
     "--kind",
     type=click.Choice(["vna", "touchstone", "taps"]),

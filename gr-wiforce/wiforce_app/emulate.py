@@ -8,6 +8,7 @@ from contextlib import closing
 import click
 from gnuradio.wiforce.errors import InputError
 
+from .ranges import FiniteRange
 from .usrp.air import Cable, Counter
 from .usrp.console import Console, LineControl, ZmqControl
 from .usrp.engine import Device
@@ -41,7 +42,7 @@ _DEFAULT_DELAY_US = 5.12
 )
 @click.option(
     "--delay-us",
-    type=click.FloatRange(0, 1000),
+    type=FiniteRange(0, 1000),
     default=_DEFAULT_DELAY_US,
     show_default=True,
     help="Delay of the device itself, from transmit to receive.",
@@ -56,7 +57,7 @@ _DEFAULT_DELAY_US = 5.12
 )
 @click.option(
     "--speed",
-    type=click.FloatRange(0.001, 1000),
+    type=FiniteRange(0.001, 1000),
     default=1.0,
     show_default=True,
     help="Device seconds per second, at most.",

@@ -11,6 +11,8 @@ from gnuradio.wiforce.readings import WEAK_FORCE_N, WEAK_PHASE_DEG, Reading, ope
 from gnuradio.wiforce.sensor.inversion import DEFAULT_STD_DEG
 from gnuradio.wiforce.textfile import read_csv
 
+from .ranges import CARRIER_HZ
+
 _NEEDED = ("phase1_deg", "phase2_deg")
 _LARGEST = 1e12  # of any number: phases of more have no digits left for degrees
 
@@ -19,7 +21,7 @@ _LARGEST = 1e12  # of any number: phases of more have no digits left for degrees
 @click.argument("phases", type=click.Path())
 @click.option("--sensor", "model", required=True, help="Shipped sensor or SENSOR.yaml.")
 @click.option("-o", "--output", type=click.Path(), help="OUT.csv or OUT.jsonl; CSV on stdout.")
-@click.option("--frequency-hz", type=float, help="Carrier, for a sensor that holds several.")
+@click.option("--frequency-hz", type=CARRIER_HZ, help="Carrier, for a sensor that holds several.")
 @click.option(
     "--std-deg", type=float, help="Standard deviation of the phases; 1 deg when not given."
 )

@@ -9,6 +9,7 @@ import click
 from gnuradio.wiforce.readings import open_writer
 from gnuradio.wiforce.scene import load_scene
 
+from .ranges import FiniteRange
 from .zmq_sockets import ReadingsPublisher, Replies, answer_words, endpoint_of
 
 _LOOK_S = 0.1
@@ -29,7 +30,7 @@ def radio_options(command):
             click.option("--reference", help="Clock source: internal, external, ..."),
             click.option(
                 "--amplitude",
-                type=click.FloatRange(0, 1, min_open=True),
+                type=FiniteRange(0, 1, min_open=True),
                 default=0.5,
                 show_default=True,
                 help="Of what is transmitted: root of the mean preamble power over full scale.",
@@ -51,7 +52,7 @@ def radio_options(command):
     help="Take requests (tare, status, stop) by ZMQ: PORT or tcp://.",
 )
 @click.option("--tracked", is_flag=True, help="Follow each press over time.")
-@click.option("--duration", type=click.FloatRange(0, min_open=True), help="Seconds; else until ^C.")
+@click.option("--duration", type=FiniteRange(0, min_open=True), help="Seconds; else until ^C.")
 def live(scene_path, args, output, record, zmq_endpoint, control, tracked, duration, **radio):
     """Transmit, receive and read with a UHD device, until interrupted.
 

@@ -126,6 +126,34 @@ def main(argv=None):
         return _fail(FAILED, f"{type(error).__name__}: {error}")
 
 
+def run():
+    """The command as a process, whatever that process was started with; its exit status."""
+    _open_standard_streams()
+    # GNU Radio's FFT keeps a file in the home folder, and fails where it cannot. Without a home it
+    # takes the folder for temporary files.
+    if not os.access(os.environ.get("HOME", "/"), os.W_OK):
+        os.environ.pop("HOME", None)
+    return main()
+
+
+def _open_standard_streams():
+    """Takes the place of closed ones, so that no file gets their numbers.
+
+    What is written to a closed standard output fails as on any system; what is said on a closed
+    standard error goes nowhere.
+    """
+    for name, number, flags in (
+        ("stdin", 0, os.O_RDONLY),
+        ("stdout", 1, os.O_RDONLY),
+        ("stderr", 2, os.O_WRONLY),
+    ):
+        if getattr(sys, name) is None:
+            os.open(os.devnull, flags)
+            setattr(sys, name, open(number, "w" if number else "r", closefd=False))
+    # A name that the terminal's encoding has not is no reason to end.
+    sys.stdout.reconfigure(errors="backslashreplace")
+
+
 def _with_command(error):
     name = error.ctx.info_name if error.ctx is not None else PROGRAM
     message = error.format_message()
@@ -148,4 +176,4 @@ def _silence_stdout():
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run())

@@ -2,6 +2,7 @@
 """ZMQ sockets: readings out, requests in, on loopback unless told otherwise."""
 
 import json
+import re
 
 from gnuradio.wiforce.errors import InputError
 
@@ -16,9 +17,13 @@ def endpoint_of(text, option):
     address, _, port = text.rpartition(":")
     if not address:
         address = "tcp://127.0.0.1"
-    if not address.startswith("tcp://") or not port.isdigit() or not 0 < int(port) < 65536:
+    if not address.startswith("tcp://") or not _is_port(port):
         raise InputError(option, "must be a port or tcp://ADDRESS:PORT", text)
     return f"{address}:{port}"
+
+
+def _is_port(text):
+    return re.fullmatch("[0-9]{1,5}", text) is not None and 0 < int(text) < 65536
 
 
 class _Endpoint:

@@ -48,6 +48,18 @@ def test_standard_output_on_a_full_disk_is_told_in_one_line(sandbox):
     assert "No space left" in complaint(done, 1)
 
 
+def test_without_a_home_and_with_every_standard_stream_closed_the_file_is_the_same(
+    sandbox, readings
+):
+    def bare():
+        os.environ["HOME"] = "/nowhere"
+        os.closerange(0, 3)
+
+    output = sandbox.folder / "bare.csv"
+    assert sandbox.run("read", "press", *READ, "-o", output, before=bare).returncode == 0
+    assert output.read_text() == "".join(readings)
+
+
 def test_a_full_disk_leaves_nothing_of_a_simulation(sandbox):
     done = sandbox.run("simulate", "scene.yaml", "none", before=room_for(100_000))
     assert "none: cannot be written (File too large)" in complaint(done, 1)

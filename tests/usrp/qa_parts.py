@@ -537,7 +537,10 @@ def test_faults_come_at_their_time_in_order():
     assert [fault.kind for fault in queue.due(clock, 1000)] == ["swap"]
 
 
-@pytest.mark.parametrize("text", ["", "1", "x swap", "1 swap 3", "nan lose 1", "1 clock arm fast"])
+@pytest.mark.parametrize(
+    "text",
+    ["", "1", "x swap", "-1 swap", "1 swap 3", "nan lose 1", "1 clock arm fast", "1 clock arm nan"],
+)
 def test_faults_that_make_no_sense_are_refused(text):
     with pytest.raises(InputError, match="--fault"):
         parse_fault(text)

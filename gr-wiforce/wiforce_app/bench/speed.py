@@ -3,12 +3,14 @@
 
 import json
 import os
+import shutil
 import tempfile
 
 import click
 import numpy as np
 
 from ..progress import progress
+from ..ranges import FiniteRange
 
 # Row, tones, share of the recording that it reads.
 _CHAINS = (
@@ -41,7 +43,7 @@ _SC16_BYTES, _FC32_BYTES = 4, 8
 @click.option("--folder", type=click.Path(exists=True, file_okay=False), help="For the recording.")
 @click.option("--only", multiple=True, help="Rows to run; stock and ceilings always run.")
 @click.option("--cpu-time", is_flag=True, help="Pinned rows by processor time: on a busy machine.")
-@click.option("--latency-seconds", default=4.0, type=click.FloatRange(0.2), help="Per packet size.")
+@click.option("--latency-seconds", default=4.0, type=FiniteRange(0.2), help="Per packet size.")
 def speed(as_json, runs, megabytes, folder, only, cpu_time, latency_seconds):
     """Samples per second of each chain, beside stock blocks; latency at the pace of a radio.
 
@@ -52,9 +54,11 @@ def speed(as_json, runs, megabytes, folder, only, cpu_time, latency_seconds):
     from .throughput.latency import measure_latency
     from .throughput.recording import tone_weights, write_recording
 
+    lines = _lines(only)
     with tempfile.TemporaryDirectory(prefix="wiforce-speed-", dir=folder) as place:
-        recording = write_recording(place, megabytes * 10**6 // _FC32_BYTES)
-        lines = _lines(only)
+        samples = megabytes * 10**6 // _FC32_BYTES
+        _check_room(place, samples * (_FC32_BYTES + _SC16_BYTES), megabytes)
+        recording = write_recording(place, samples)
         rows = []
         for pinned in (True, False):
             rows += _measure(lines, recording, runs, pinned, cpu_time and pinned)
@@ -64,12 +68,23 @@ def speed(as_json, runs, megabytes, folder, only, cpu_time, latency_seconds):
     click.echo(json.dumps(result, indent=1) if as_json else _table(result))
 
 
+def _check_room(folder, size, megabytes):
+    left = shutil.disk_usage(folder).free
+    if size > left:
+        rule = f"must leave both recordings room on the disk, which has {left // 10**6} MB left"
+        raise click.BadParameter(f"{rule}, got {megabytes}", param_hint="--megabytes")
+
+
 def _lines(only):
     from .throughput.recording import tone_weights
     from .throughput.workers import Row
 
     lines = [Row(name, name, tone_weights(tones), share) for name, tones, share in _CHAINS]
     lines += [Row(name, "file-sc16", _planned(scene)) for name, scene in _SCENES.items()]
+    known = {line.name for line in lines}
+    for name in only:
+        if name not in known:
+            raise click.BadParameter(f"no row is called {name!r}", param_hint="--only")
     compared = ("stock-tuned", "stock-default", "ceiling-file-source", "ceiling-read")
     return [r for r in lines if not only or r.name in only or r.name in compared]
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 import numpy as np
 
+from ..outputs import check_output
 from ..progress import progress
 from .cases import Case
 
@@ -72,6 +73,8 @@ def stress(as_json, search, only, seed, page_path):
     """
     from gnuradio import gr
 
+    if page_path is not None:
+        check_output(page_path)
     gr.logging().set_default_level(gr.log_levels.off)
     tasks = [task for task in tasks_of(search, seed) if only in task[0]]
     if not tasks:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 
+from ..outputs import check_output
 from ..progress import progress
 from .front import beat_the_plan, front
 
@@ -42,6 +43,8 @@ def tradeoff(scenes, as_json, quick, folder, fresh, plot_path, page_path):
         from ..plots import check_picture
 
         check_picture(plot_path)
+    if page_path is not None:
+        check_output(page_path)
     names = list(dict.fromkeys(scenes or shipped_scenes()))
     marks = {name: mark_of(name) for name in names}  # refuses bad scenes before anything is done
     folder = Path(folder)

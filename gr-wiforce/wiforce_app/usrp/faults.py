@@ -19,6 +19,7 @@ _KINDS = {
     "on": (("sensor", str),),
 }
 
+_MOST_PPM = 1000  # as in a scene
 SENSOR_KINDS = tuple(kind for kind, args in _KINDS.items() if ("sensor", str) in args)
 GRAMMAR = "; ".join(" ".join((kind, *(name for name, _ in args))) for kind, args in _KINDS.items())
 
@@ -66,7 +67,9 @@ def parse_fault(text, where="--fault"):
     try:
         ticks = round(float(time) * TICK_RATE)
     except (ValueError, OverflowError):
-        raise InputError(where, "must begin with a time in seconds", text) from None
+        ticks = -1
+    if ticks < 0:
+        raise InputError(where, "must begin with a time in seconds", text)
     if kind not in _KINDS:
         raise InputError(where, f"must be one of: {GRAMMAR}", text)
     return Fault(ticks, time.startswith("+"), kind, _convert(kind, arguments, text, where))
@@ -87,6 +90,8 @@ def _convert(kind, arguments, text, where):
         choices = name.strip("[]").split("|")
         if convert is str and name != "sensor" and value not in choices:
             raise InputError(where, f"must read TIME {usage}", text)
+        if name == "ppm" and not abs(value) <= _MOST_PPM:
+            raise InputError(where, f"ppm must be at most {_MOST_PPM:g} in TIME {usage}", text)
         if convert is not str and name != "ppm" and not 0 < value < 1e9:
             raise InputError(where, f"{name} must be positive in TIME {usage}", text)
         converted.append(value)

@@ -11,6 +11,7 @@ from .calibration_data import anchor_force, carrier_data, carriers_of, with_loca
 from .carrier_fit import fit_carrier
 from .checks import check_table
 from .fit import force_knots
+from .model import MAX_FORCE_N, MAX_LENGTH_MM, MAX_PERMITTIVITY
 from .validation import leave_locations_out, validate_forms
 
 LOCATION_STEPS = ("nearest", "given", "line")
@@ -122,11 +123,16 @@ def _assumed_steps(location_steps, data):
 
 
 def _check_settings(length_mm, form, onset_force_n, location_steps, permittivity):
-    for name, value in (("length_mm", length_mm), ("onset_force_n", onset_force_n)):
-        if value is not None and not (np.isfinite(value) and value > 0):
-            raise InputError(name, "must be positive", value)
-    if not (np.isfinite(permittivity) and permittivity >= 1):
-        raise InputError("permittivity", "must be at least 1", permittivity)
+    limits = (
+        ("length_mm", length_mm, MAX_LENGTH_MM),
+        ("onset_force_n", onset_force_n, MAX_FORCE_N),
+    )
+    for name, value, high in limits:
+        if value is not None and not 0 < value <= high:
+            raise InputError(name, f"must be positive and at most {high:g}", value)
+    if not 1 <= permittivity <= MAX_PERMITTIVITY:
+        rule = f"must be at least 1 and at most {MAX_PERMITTIVITY:g}"
+        raise InputError("permittivity", rule, permittivity)
     if form not in FORM_CHOICES:
         raise InputError("form", f"must be one of {', '.join(FORM_CHOICES)}", form)
     if location_steps not in LOCATION_STEPS:

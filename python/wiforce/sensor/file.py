@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..yamlfile import Section, as_number, read_yaml
 from . import curves, line
 from .location import SHAPES
-from .model import LineModel
+from .model import MAX_FORCE_N, MAX_LENGTH_MM, MAX_PERMITTIVITY, LineModel
 
 KINDS = ("line", "curves")
 MAX_CARRIERS = 16
@@ -70,12 +70,12 @@ def sensor_from_dict(content, where="sensor"):
     """The model that a sensor file's content describes; see :func:`load_sensor`."""
     section = Section(content, str(where))
     kind = section.choice("kind", KINDS)
-    length = section.number("length_mm", above=0, high=10_000)
+    length = section.number("length_mm", above=0, high=MAX_LENGTH_MM)
     common = {
         "name": section.text("name"),
         "length_mm": length,
-        "onset_force_n": section.number("onset_force_n", above=0),
-        "force_span_n": _span(section, "force_span_n", high=1e6),
+        "onset_force_n": section.number("onset_force_n", above=0, high=MAX_FORCE_N),
+        "force_span_n": _span(section, "force_span_n", high=MAX_FORCE_N),
         "location_span_mm": _span(section, "location_span_mm", high=length),
         "provenance": _provenance(section.section("provenance")),
     }
@@ -122,7 +122,7 @@ def _read_line(section, common):
         **common,
         frequencies_hz=tuple(map(float, frequencies)),
         contact=law,
-        permittivity=section.number("permittivity", low=1),
+        permittivity=section.number("permittivity", low=1, high=MAX_PERMITTIVITY),
         port_offset_deg=tuple(map(float, _numbers(section, "port_offset_deg", (2,)))),
     )
 
@@ -149,7 +149,7 @@ def _read_curves(section, common):
         form=form,
         knots_n=knots,
         carriers=carriers,
-        permittivity=section.number("permittivity", low=1),
+        permittivity=section.number("permittivity", low=1, high=MAX_PERMITTIVITY),
         cross_validation=validation,
     )
 

@@ -13,6 +13,10 @@ from . import line
 # A carrier given within this fraction of a calibrated one is taken for it: 0.1 % changes 2 beta L
 # of an 80 mm line by 0.2 deg at 900 MHz.
 CARRIER_TOLERANCE = 1e-3
+# No sensor is beyond these; their squares are still numbers.
+MAX_LENGTH_MM = 10_000
+MAX_FORCE_N = 1e6
+MAX_PERMITTIVITY = 1000
 
 
 @dataclass(frozen=True)
