@@ -98,7 +98,8 @@ preamble_fold_impl<Sample>::preamble_fold_impl(const kernel::preamble_folder& fo
                                                std::uint64_t frame_offset)
     : d_folder(folder),
       d_sample_rate(sample_rate),
-      d_first_window(frame_offset + folder.first_averaged())
+      d_first_window(frame_offset + folder.first_averaged()),
+      d_watch(folder.frame_length(), frame_offset)
 {
     // The scheduler gives the block before this one a buffer of twice what relative_rate
     // says is needed for one output. With its default of 8192 samples it would spend its
@@ -139,18 +140,9 @@ double preamble_fold_impl<Sample>::lead(const received_time& time,
 template <class Sample>
 void preamble_fold_impl<Sample>::note_time(const received_time& time)
 {
-    const double lost = d_last_time ? lead(time, *d_last_time) : 0;
-    const auto add_loss = [&](double samples) {
-        d_pending.push_back({ time.item,
-                              static_cast<std::uint64_t>(samples),
-                              d_rate_is_ours && d_carrier_is_ours });
-    };
-    if (lost < 0 && lost == -d_last_lost) {
-        // The time before was the slip. Only the place on the frame grid can be mended.
-        const double stride = d_folder.frame_length();
-        add_loss(std::fmod(stride - std::fmod(d_last_lost, stride), stride));
-        d_last_lost = 0;
-    } else if (lost < 0 || lost > LONGEST_GAP_S * d_sample_rate) {
+    // Those that the frames' place has told are on the count already.
+    const double lost = d_last_time ? lead(time, *d_last_time) - d_lost_untold : 0;
+    if (lost < 0 || lost > LONGEST_GAP_S * d_sample_rate) {
         if (!d_doubtful_time || lead(time, *d_doubtful_time) != 0) {
             d_logger->warn("rx_time is off by {:g} samples: ignored", lost);
             d_doubtful_time = time;
@@ -158,11 +150,11 @@ void preamble_fold_impl<Sample>::note_time(const received_time& time)
         }
         d_logger->warn("rx_time goes on elsewhere: taken as a new time reference");
     } else if (lost >= 1) {
-        add_loss(lost);
-        d_last_lost = lost;
+        d_event = event{ time.item, static_cast<std::uint64_t>(lost), d_usable };
     }
     d_doubtful_time.reset();
     d_last_time = time;
+    d_lost_untold = 0;
 }
 
 template <class Sample>
@@ -171,7 +163,6 @@ void preamble_fold_impl<Sample>::note_setting(const gr::tag_t& tag)
     if (!pmt::is_real(tag.value) && !pmt::is_integer(tag.value))
         return;
     const double value = pmt::to_double(tag.value);
-    const bool was_ours = d_rate_is_ours && d_carrier_is_ours;
     if (pmt::eq(tag.key, rx_rate_key)) {
         d_rate_is_ours = std::abs(value - d_sample_rate) <= 1e-6 * d_sample_rate;
     } else {
@@ -179,17 +170,17 @@ void preamble_fold_impl<Sample>::note_setting(const gr::tag_t& tag)
         d_carrier_is_ours = std::abs(value - *d_carrier) <= 1;
     }
     const bool is_ours = d_rate_is_ours && d_carrier_is_ours;
-    if (is_ours == was_ours)
+    if (is_ours == d_usable)
         return;
     if (!is_ours)
         d_logger->warn("{} changes to {:g}: nothing is read until it is set back",
                        pmt::symbol_to_string(tag.key),
                        value);
-    d_pending.push_back({ tag.offset, 0, is_ours });
+    d_event = event{ tag.offset, 0, is_ours };
 }
 
 template <class Sample>
-void preamble_fold_impl<Sample>::find_events(int available)
+void preamble_fold_impl<Sample>::collect_tags(int available)
 {
     const std::uint64_t begin = std::max(d_tags_read_to, this->nitems_read(0));
     const std::uint64_t end = this->nitems_read(0) + available;
@@ -199,7 +190,16 @@ void preamble_fold_impl<Sample>::find_events(int available)
     this->get_tags_in_range(tags, 0, begin, end);
     d_tags_read_to = end;
     std::stable_sort(tags.begin(), tags.end(), gr::tag_t::offset_compare);
-    for (const auto& tag : tags) {
+    d_tags.insert(d_tags.end(), tags.begin(), tags.end());
+}
+
+// The next thing that changes before an item of the input, if any.
+template <class Sample>
+void preamble_fold_impl<Sample>::find_event(std::uint64_t before)
+{
+    for (; !d_event && !d_tags.empty() && d_tags.front().offset < before;
+         d_tags.pop_front()) {
+        const gr::tag_t& tag = d_tags.front();
         if (pmt::eq(tag.key, rx_rate_key) || pmt::eq(tag.key, rx_freq_key))
             note_setting(tag);
         else if (pmt::eq(tag.key, rx_time_key) && is_time(tag.value))
@@ -215,13 +215,28 @@ void preamble_fold_impl<Sample>::find_events(int available)
 template <class Sample>
 void preamble_fold_impl<Sample>::take_event(const event& event)
 {
-    d_position += event.lost;
     if (event.usable && !d_usable)
         mark_retuned();
     d_usable = event.usable;
+    d_position += event.lost;
     d_samples_lost += event.lost;
     d_gaps += event.lost > 0;
     catch_up();
+    d_watch.restart(d_position);
+}
+
+// Samples were lost or repeated of which no tag told, or a tag told wrong: how many is
+// known but for whole frames.
+template <class Sample>
+void preamble_fold_impl<Sample>::follow_frames(std::uint64_t item)
+{
+    const int shift = d_watch.decide();
+    if (shift == 0)
+        return;
+    d_logger->warn("frames come {:d} samples late: followed", shift);
+    const std::uint64_t lost = d_folder.frame_length() - shift;
+    d_lost_untold += lost;
+    take_event({ item, lost, d_usable });
 }
 
 // Moves on to the first frame of the grid that is still whole.
@@ -247,17 +262,26 @@ int preamble_fold_impl<Sample>::general_work(int noutput_items,
     const std::uint64_t available = ninput_items[0];
     const std::uint64_t stride = d_folder.frame_length();
     const std::uint64_t window = d_folder.averaged_length();
-    find_events(ninput_items[0]);
+    const std::uint64_t first = this->nitems_read(0);
+    collect_tags(ninput_items[0]);
 
     std::uint64_t consumed = 0;
     const auto advance = [&](std::uint64_t samples) {
+        if (d_usable)
+            d_watch.take(in + consumed, samples, d_position);
         consumed += samples;
         d_position += samples;
     };
     while (true) {
-        const std::uint64_t event_at =
-            d_pending.empty() ? available : d_pending.front().item - this->nitems_read(0);
-        const std::uint64_t end = std::min(available, event_at);
+        std::uint64_t end = available;
+        const bool decides =
+            d_usable && d_watch.decision() - d_position <= end - consumed;
+        if (decides)
+            end = consumed + (d_watch.decision() - d_position);
+        find_event(first + end);
+        const bool changes = d_event.has_value();
+        if (changes)
+            end = d_event->item - first;
 
         if (!d_usable) {
             advance(end - consumed);
@@ -278,11 +302,15 @@ int preamble_fold_impl<Sample>::general_work(int noutput_items,
             d_snapshots += frames;
             continue;
         }
-        if (d_pending.empty() || event_at > available)
+        if (!changes && !decides)
             break;
         advance(end - consumed); // what is left of a frame that it cuts
-        take_event(d_pending.front());
-        d_pending.pop_front();
+        if (changes) {
+            take_event(*d_event);
+            d_event.reset();
+        } else {
+            follow_frames(first + consumed);
+        }
     }
     this->consume_each(consumed);
     return d_produced;

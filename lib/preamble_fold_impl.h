@@ -2,6 +2,7 @@
 #pragma once
 
 #include "group_stream.h"
+#include "kernel/frame_watch.h"
 #include "kernel/preamble_folder.h"
 #include <gnuradio/wiforce/preamble_fold.h>
 
@@ -10,8 +11,9 @@
 
 namespace gr::wiforce {
 
-// Walks the frame grid over gaps. What becomes of its frames is the derived block's part.
-// Sample is kernel::fc32 or kernel::sc16.
+// Walks the frame grid over gaps, told by rx_time or found by the frames' place. What
+// becomes of its frames is the derived block's part. Sample is kernel::fc32 or
+// kernel::sc16.
 template <class Sample>
 class preamble_fold_impl : public preamble_fold
 {
@@ -57,11 +59,13 @@ private:
         bool usable;        // whether rate and carrier are ours from here on
     };
 
-    void find_events(int available);
+    void collect_tags(int available);
+    void find_event(std::uint64_t before);
     void note_time(const received_time& time);
     void note_setting(const gr::tag_t& tag);
     double lead(const received_time& time, const received_time& since) const;
     void take_event(const event& event);
+    void follow_frames(std::uint64_t item);
     void catch_up();
     std::uint64_t window_start() const; // of the next frame, on the grid
 
@@ -76,13 +80,15 @@ private:
     std::uint64_t d_tags_read_to = 0; // input offset up to which tags were read
     std::optional<received_time> d_last_time;
     std::optional<received_time>
-        d_doubtful_time; // fits no sample count; the next decides
-    double d_last_lost = 0;
+        d_doubtful_time;             // fits no sample count; the next decides
+    std::uint64_t d_lost_untold = 0; // since d_last_time
     bool d_rate_is_ours = true;
     bool d_carrier_is_ours = true;
     std::optional<double> d_carrier; // the first one told
-    std::deque<event> d_pending;     // ahead of d_position
     bool d_usable = true;            // samples at d_position
+    std::deque<gr::tag_t> d_tags;    // not looked at yet
+    std::optional<event> d_event;    // the next one
+    kernel::frame_watch d_watch;
 
     counter d_snapshots;
     counter d_samples_lost;

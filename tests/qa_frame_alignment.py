@@ -116,6 +116,26 @@ def test_a_recording_holds_the_samples_and_marks_the_gaps(tmp_path):
     assert fields["core:hw"] == "a device" and fields["core:datatype"] == "cf32_le"
 
 
+def test_times_that_come_twice_or_late_mark_no_gap(tmp_path):
+    samples, true = stream(0, 30), [(n, 1.0 + n / RATE) for n in (0, 5000, 15_000)]
+    slips = [(8000, 1.0 + 5000 / RATE), (9000, 7200.0), (10_000, 0.5)]
+    lost = (18_000, 1.0 + 18_070 / RATE)
+    tags = [rx_time(*tag) for tag in (*true, *slips, lost)]
+    record(tmp_path / "run", samples, tags)
+    places = [(s.file_sample, s.global_index) for s in open_capture(tmp_path / "run").segments]
+    assert places == [(0, 0), (18_000, 18_070)]
+    _, times, block = align(samples, tags)
+    assert block.start_time[1] == pytest.approx((720 - MARGIN) / RATE, abs=1e-12)
+
+
+def test_a_clock_that_was_set_anew_is_believed_when_the_next_time_agrees(tmp_path):
+    tags = [rx_time(0, 1000.0), rx_time(5000, 1.0), rx_time(9000, 1.0 + 4000 / RATE)]
+    tags.append(rx_time(12_000, 1.0 + 7100 / RATE))
+    record(tmp_path / "run", stream(0, 30), tags)
+    places = [(s.file_sample, s.global_index) for s in open_capture(tmp_path / "run").segments]
+    assert places == [(0, 0), (12_000, 12_100)]
+
+
 def test_nothing_is_overwritten(tmp_path):
     (tmp_path / "run.sigmf-meta").write_text("precious")
     with pytest.raises(InputError, match="exists already"):

@@ -120,6 +120,30 @@ def test_lost_samples_cost_their_snapshots_and_no_others(losses, chunk):
     assert fold.samples_lost() == sum(count for _, count in losses)
 
 
+@pytest.mark.parametrize("chunk", [None, 100])
+@pytest.mark.parametrize("told_late", [False, True])
+def test_frames_are_found_again_after_a_loss_that_no_tag_told(told_late, chunk):
+    length, lost, at = 96, 5 * 96 + 30, 300 * 96 + 20
+    frame = noise(length, 5) * (np.arange(length) < 64)
+    sent = np.tile(frame, 1400) + 0.1 * noise(1400 * length, 6)
+    samples = np.delete(sent, slice(at, at + lost))
+    tags = [rx_time(0, 2.5)]
+    if told_late:
+        tags.append(rx_time(1000 * length, 2.5 + (1000 * length + lost) / 12.5e6))
+    folded, indices, fold = run_fold(
+        samples, tags, chunk, frame_length=length, first_averaged=0, repetitions=1
+    )
+    there = np.abs(folded - frame[:64]).max(axis=1) < 1
+    # Lost frames are on the count only where a tag tells of them, sooner or later.
+    assert fold.samples_lost() == (lost if told_late else lost % length)
+    assert fold.gaps() == 1 + told_late
+    assert there[:300].all() and not there[300:500].any()
+    back = 300 + np.argmax(there[300:])
+    assert back < 600 and there[back:].all()
+    assert indices[back] == back + 1  # one frame was cut
+    assert 0 not in np.diff(list(indices.values()))
+
+
 @pytest.mark.parametrize("item_type", ["fc32", "sc16"])
 @pytest.mark.parametrize("chunk", [None, 364])
 def test_tones_in_one_thread_are_those_of_two_blocks_to_the_bit(chunk, item_type):

@@ -29,8 +29,10 @@ namespace gr::wiforce {
  * carry the tag `saturated`. Input tags are not passed on:
  * 1/frame_length of their offsets means nothing once samples were lost.
  *
- * The block finds no frames by itself: reader and transmitter share their clock and
- * start.
+ * The block does not find the first frame: \p frame_offset says where it is. When frames
+ * come elsewhere later, because samples were lost or repeated of which no tag told, it
+ * follows them: two averages over 32 frames must agree on the shift. That is counted as a
+ * gap of less than a frame.
  */
 class WIFORCE_API preamble_fold : virtual public gr::block
 {

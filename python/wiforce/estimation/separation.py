@@ -352,23 +352,26 @@ class EndSeparator:
     def _learn_noise(self, residual, misfit, item):
         self._misfits.append(misfit)
         self._latest.append(item)
-        usual = sorted(self._misfits)[len(self._misfits) // 2]
-        if len(self._misfits) == _STEP_GROUPS and usual > _UNUSUAL:
-            # Noise that has risen, or a clock that is held at a wrong phase: found anew.
+        full = len(self._misfits) == _STEP_GROUPS
+        if full and min(self._misfits) > _UNUSUAL:
+            # Noise that has risen, or a clock that is held at a wrong phase: found anew, from
+            # groups none of which was as before.
             self._misfits.clear()
             self._start(list(self._latest))
             for tag in self._tags:
                 tag.waiting = [] if tag.tracker else list(self._latest)
             return
-        if len(self._misfits) == _STEP_GROUPS and not 1 / _STEP < usual < _STEP:
+        if misfit > _UNUSUAL:
+            return
+        usual = sorted(self._misfits)[len(self._misfits) // 2]
+        if full and not 1 / _STEP < usual < _STEP and usual <= _UNUSUAL:
             # Its level has changed; its course over the subcarriers is still the best known.
             self._misfits.clear()
             self._noise_groups = min(self._noise_groups, _STEP_GROUPS)
             self._set_noise(usual * self._noise, [item])
             return
         self._noise_groups = min(self._noise_groups + 1, self._noise_memory)
-        fitting = residual / max(1.0, misfit / _UNUSUAL)
-        self._set_noise(self._noise + (fitting - self._noise) / self._noise_groups, [item])
+        self._set_noise(self._noise + (residual - self._noise) / self._noise_groups, [item])
 
     def _snr_db(self, ends, gain):
         snr = np.full(len(ends), np.nan)

@@ -1,0 +1,136 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "frame_watch.h"
+
+#include "require.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace gr::wiforce::kernel {
+
+namespace {
+
+// Part of the energy that stays in its place though something moves or is added ...
+constexpr float IN_PLACE = 0.5f;
+// ... and that must be alike to count as the same.
+constexpr float SAME = 0.8f;
+
+// |<a, b>|^2 of unit vectors, b delayed by `shift` samples.
+float match(const std::vector<fc32>& a, const std::vector<fc32>& b, std::size_t shift)
+{
+    float real = 0, imag = 0;
+    const auto add = [&](const fc32* x, const fc32* y, std::size_t count) {
+        for (std::size_t i = 0; i < count; i++) {
+            real += x[i].real() * y[i].real() + x[i].imag() * y[i].imag();
+            imag += x[i].imag() * y[i].real() - x[i].real() * y[i].imag();
+        }
+    };
+    add(a.data() + shift, b.data(), a.size() - shift);
+    add(a.data(), b.data() + a.size() - shift, shift);
+    return real * real + imag * imag;
+}
+
+} // namespace
+
+frame_watch::frame_watch(int frame_length, std::uint64_t origin)
+    : d_length(frame_length), d_origin(origin), d_begin(origin)
+{
+    require(
+        frame_length >= 1, "frame_watch", "frame_length", "must be >= 1", frame_length);
+    d_sum.assign(2 * d_length, 0.0f);
+}
+
+template <class Sample>
+void frame_watch::take(const Sample* samples, std::uint64_t count, std::uint64_t position)
+{
+    const std::uint64_t end = position + count;
+    const auto* parts = reinterpret_cast<const typename Sample::value_type*>(samples);
+    for (std::uint64_t at = std::max(position, d_begin); at < end;) {
+        const std::uint64_t place = (at - d_begin) % d_length;
+        const std::uint64_t run = std::min(d_length - place, end - at);
+        const auto* in = parts + 2 * (at - position);
+        float* sum = d_sum.data() + 2 * place;
+        for (std::uint64_t i = 0; i < 2 * run; i++)
+            sum[i] += in[i];
+        at += run;
+    }
+}
+
+template void frame_watch::take(const fc32*, std::uint64_t, std::uint64_t);
+template void frame_watch::take(const sc16*, std::uint64_t, std::uint64_t);
+
+// Of unit energy, without a constant, which is no part of a frame; empty when nothing is
+// there.
+frame_watch::profile frame_watch::average() const
+{
+    profile now(d_length);
+    fc32 mean = 0;
+    for (std::uint64_t i = 0; i < d_length; i++) {
+        now[i] = { d_sum[2 * i], d_sum[2 * i + 1] };
+        mean += now[i] / float(d_length);
+    }
+    float energy = 0;
+    for (fc32& value : now) {
+        value -= mean;
+        energy += std::norm(value);
+    }
+    if (!std::isnormal(energy))
+        return {};
+    const float scale = 1 / std::sqrt(energy);
+    for (fc32& value : now)
+        value *= scale;
+    return now;
+}
+
+int frame_watch::decide()
+{
+    const profile now = average();
+    const int shift = now.empty() ? 0 : judge(now);
+    const bool settled = d_latest.empty();
+    std::fill(d_sum.begin(), d_sum.end(), 0.0f);
+    d_begin += (settled ? PERIOD : AVERAGED) * d_length;
+    return shift;
+}
+
+int frame_watch::judge(const profile& now)
+{
+    if (d_usual.empty() || match(now, d_usual, 0) > IN_PLACE) {
+        d_usual = now;
+        d_latest.clear();
+        return 0;
+    }
+    const bool steady = !d_latest.empty() && match(now, d_latest, 0) > SAME;
+    d_latest = now;
+    if (!steady)
+        return 0;
+    const int shift = find_shift(now);
+    // Otherwise it is another channel, and frames are believed to be where they were.
+    if (shift == 0)
+        d_usual = now;
+    d_latest.clear();
+    return shift;
+}
+
+// 0 when there is none.
+int frame_watch::find_shift(const profile& now) const
+{
+    float best = SAME;
+    int shift = 0;
+    for (std::uint64_t i = 1; i < d_length; i++) {
+        const float value = match(now, d_usual, i);
+        if (value > best) {
+            best = value;
+            shift = i;
+        }
+    }
+    return shift;
+}
+
+void frame_watch::restart(std::uint64_t position)
+{
+    const std::uint64_t past = position > d_origin ? position - d_origin : 0;
+    d_begin = d_origin + (past + d_length - 1) / d_length * d_length;
+    std::fill(d_sum.begin(), d_sum.end(), 0.0f);
+}
+
+} // namespace gr::wiforce::kernel

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include "types.h"
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+namespace gr::wiforce::kernel {
+
+/*
+ * Watches that the frames of a stream stay on their grid.
+ *
+ * Now and then some whole frames, guard included, are averaged and compared with the
+ * average before: what stands still must come at the same sample. When it does not, the
+ * average before is looked for at every cyclic shift. A shift counts when two averages in
+ * a row agree on it and nearly all of the energy does.
+ */
+class frame_watch
+{
+public:
+    // The grid begins at position `origin`. Throws std::invalid_argument unless
+    // frame_length >= 1.
+    frame_watch(int frame_length, std::uint64_t origin);
+
+    // Position at which decide() is to be called; the first sample of a frame.
+    std::uint64_t decision() const { return d_begin + AVERAGED * d_length; }
+
+    // Samples as they come, none beyond decision().
+    template <class Sample>
+    void take(const Sample* samples, std::uint64_t count, std::uint64_t position);
+
+    // Samples by which the frames come later than the grid says, 0 <= shift <
+    // frame_length.
+    int decide();
+
+    // Goes on at a position of the grid where the stream was interrupted.
+    void restart(std::uint64_t position);
+
+private:
+    static constexpr std::uint64_t AVERAGED = 32; // frames
+    static constexpr std::uint64_t PERIOD = 512;  // of them
+
+    using profile = std::vector<fc32>;
+
+    profile average() const;
+    int find_shift(const profile& now) const;
+    int judge(const profile& now);
+
+    const std::uint64_t d_length;
+    const std::uint64_t d_origin;
+    std::uint64_t d_begin;    // of the frames that are averaged
+    std::vector<float> d_sum; // real and imaginary parts of a frame
+    profile d_usual;          // as it should be; empty at first
+    profile d_latest;         // the last one that was not so
+};
+
+} // namespace gr::wiforce::kernel

@@ -1,0 +1,136 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "kernel/frame_watch.h"
+
+#include <boost/test/data/monomorphic.hpp>
+#include <boost/test/data/test_case.hpp>
+#include <boost/test/unit_test.hpp>
+
+#include <limits>
+#include <random>
+#include <vector>
+
+namespace data = boost::unit_test::data;
+using namespace gr::wiforce::kernel;
+
+namespace {
+
+constexpr int LENGTH = 90;
+
+// A stream of frames, of which samples can be lost.
+class air
+{
+public:
+    explicit air(float noise) : d_noise(noise), d_frame(LENGTH)
+    {
+        for (int i = 0; i < LENGTH / 2; i++)
+            d_frame[i] = { d_normal(d_random), d_normal(d_random) };
+    }
+
+    fc32 next()
+    {
+        const fc32 noise(d_normal(d_random), d_normal(d_random));
+        return d_frame[d_place++ % LENGTH] + d_noise * noise + constant;
+    }
+
+    void lose(int samples) { d_place += samples; }
+    void change_channel()
+    {
+        for (fc32& value : d_frame)
+            value =
+                std::norm(value) > 0 ? fc32(d_normal(d_random), d_normal(d_random)) : 0;
+    }
+
+    fc32 constant = 0;
+
+private:
+    const float d_noise;
+    std::mt19937 d_random{ 3 };
+    std::normal_distribution<float> d_normal;
+    std::vector<fc32> d_frame;
+    std::uint64_t d_place = 0;
+};
+
+// Follows the stream for so many decisions; returns the shifts found on the way.
+std::vector<int>
+follow(frame_watch& watch, air& stream, std::uint64_t& position, int decisions)
+{
+    std::vector<int> found;
+    while (decisions-- > 0) {
+        for (; position < watch.decision(); position++) {
+            const fc32 sample = stream.next();
+            watch.take(&sample, 1, position);
+        }
+        const int shift = watch.decide();
+        if (shift != 0) {
+            found.push_back(shift);
+            position += LENGTH - shift;
+            watch.restart(position);
+        }
+    }
+    return found;
+}
+
+} // namespace
+
+BOOST_DATA_TEST_CASE(frames_that_stay_are_left_alone, data::make({ 0.0f, 0.5f, 20.0f }))
+{
+    air stream(sample);
+    frame_watch watch(LENGTH, 0);
+    std::uint64_t position = 0;
+    BOOST_TEST(follow(watch, stream, position, 30).empty());
+}
+
+BOOST_DATA_TEST_CASE(lost_samples_are_found_but_for_whole_frames,
+                     data::make({ 1, 7, 45, 89, 90, 137 }))
+{
+    air stream(1.0f);
+    frame_watch watch(LENGTH, 0);
+    std::uint64_t position = 0;
+    follow(watch, stream, position, 2);
+    stream.lose(sample);
+    std::vector<int> expected;
+    if (sample % LENGTH != 0)
+        expected.push_back(LENGTH - sample % LENGTH);
+    BOOST_TEST(follow(watch, stream, position, 6) == expected,
+               boost::test_tools::per_element());
+    stream.lose(5); // and again
+    BOOST_TEST(follow(watch, stream, position, 6) == std::vector<int>{ LENGTH - 5 },
+               boost::test_tools::per_element());
+}
+
+BOOST_AUTO_TEST_CASE(a_constant_hides_no_loss_and_makes_none)
+{
+    air stream(0.3f);
+    frame_watch watch(LENGTH, 0);
+    std::uint64_t position = 0;
+    follow(watch, stream, position, 2);
+    stream.constant = { 30, -40 };
+    BOOST_TEST(follow(watch, stream, position, 6).empty());
+    stream.lose(11);
+    BOOST_TEST(follow(watch, stream, position, 6) == std::vector<int>{ LENGTH - 11 },
+               boost::test_tools::per_element());
+}
+
+BOOST_AUTO_TEST_CASE(another_channel_is_no_shift)
+{
+    air stream(0.3f);
+    frame_watch watch(LENGTH, 0);
+    std::uint64_t position = 0;
+    follow(watch, stream, position, 2);
+    stream.change_channel();
+    BOOST_TEST(follow(watch, stream, position, 6).empty());
+    stream.lose(11);
+    BOOST_TEST(follow(watch, stream, position, 6) == std::vector<int>{ LENGTH - 11 },
+               boost::test_tools::per_element());
+}
+
+BOOST_AUTO_TEST_CASE(
+    samples_before_the_grid_and_values_that_are_no_numbers_count_for_nothing)
+{
+    const fc32 none(std::numeric_limits<float>::quiet_NaN(), 0);
+    frame_watch watch(LENGTH, 13);
+    BOOST_TEST(watch.decision() % LENGTH == 13);
+    for (std::uint64_t i = 0; i < watch.decision(); i++)
+        watch.take(&none, 1, i);
+    BOOST_TEST(watch.decide() == 0);
+}
