@@ -9,6 +9,7 @@ from ..carrier import same_carrier
 from ..errors import InputError
 from . import curves, line
 from .checks import check_places, continuous_phase, split_untouched
+from .model import LEAST_FREQUENCY_HZ
 
 _FORCES_COMPARED = 9
 
@@ -41,9 +42,10 @@ def carriers_of(table):
     """Carriers of a table, rising; values within 0.1 % of each other are one."""
     carriers = []
     for frequency in np.unique(table.frequency_hz):
-        if frequency <= 0:
+        if frequency < LEAST_FREQUENCY_HZ:
             index = int(np.argmax(table.frequency_hz == frequency))
-            raise InputError(f"{table.at(index)}: freq_mhz", "must be positive", frequency / 1e6)
+            rule = f"must be positive, at least {LEAST_FREQUENCY_HZ / 1e6:g}"
+            raise InputError(f"{table.at(index)}: freq_mhz", rule, frequency / 1e6)
         if not carriers or frequency > carriers[-1] * 1.001:
             carriers.append(float(frequency))
     return carriers

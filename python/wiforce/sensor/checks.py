@@ -6,6 +6,7 @@ import numpy as np
 from ..angles import wrap_deg
 from ..errors import InputError
 from . import line
+from .model import LEAST
 
 LEAST_FORCES = 5
 
@@ -29,7 +30,7 @@ def check_table(table, length_mm):
     touched = ~table.untouched
     if not np.any(touched):
         raise InputError(table.source, "has no row with a force")
-    for index in np.flatnonzero(touched & (table.force_n <= 0)):
+    for index in np.flatnonzero(touched & (table.force_n < LEAST)):
         rule = "must be positive, as the others are"
         raise InputError(f"{table.at(index)}: force_n", rule, float(table.force_n[index]))
     outside = touched & ~((table.location_mm > 0) & (table.location_mm < length_mm))

@@ -13,10 +13,18 @@ from ..errors import InputError
 from ..yamlfile import Section, as_number, read_yaml
 from . import curves, line
 from .location import SHAPES
-from .model import MAX_FORCE_N, MAX_LENGTH_MM, MAX_PERMITTIVITY, LineModel
+from .model import (
+    LEAST,
+    LEAST_FREQUENCY_HZ,
+    MAX_FORCE_N,
+    MAX_LENGTH_MM,
+    MAX_PERMITTIVITY,
+    LineModel,
+)
 
 KINDS = ("line", "curves")
 MAX_CARRIERS = 16
+_LARGEST = 1e12  # of any number
 
 
 def shipped_sensors():
@@ -74,7 +82,7 @@ def sensor_from_dict(content, where="sensor"):
     common = {
         "name": section.text("name"),
         "length_mm": length,
-        "onset_force_n": section.number("onset_force_n", above=0, high=MAX_FORCE_N),
+        "onset_force_n": section.number("onset_force_n", low=LEAST, high=MAX_FORCE_N),
         "force_span_n": _span(section, "force_span_n", high=MAX_FORCE_N),
         "location_span_mm": _span(section, "location_span_mm", high=length),
         "provenance": _provenance(section.section("provenance")),
@@ -109,15 +117,16 @@ def _read_line(section, common):
     contact = section.section("contact")
     law = line.ContactLaw(
         onset_force_n=common["onset_force_n"],
-        decay_length_mm=contact.number("decay_length_mm", above=0),
+        decay_length_mm=contact.number("decay_length_mm", low=LEAST, high=_LARGEST),
         asymmetry=contact.number("asymmetry", low=0, high=0.99),
-        fade_mm=contact.number("fade_mm", above=0),
+        fade_mm=contact.number("fade_mm", low=LEAST, high=_LARGEST),
         width_mm=contact.number("width_mm", 0.0, low=0, high=common["length_mm"]),
     )
     contact.finish()
     frequencies = _numbers(section, "frequencies_hz", (None,))
-    if not np.all(frequencies > 0):
-        raise section.error("frequencies_hz", "must be positive", frequencies.tolist())
+    if not np.all(frequencies >= LEAST_FREQUENCY_HZ):
+        rule = f"must be at least {LEAST_FREQUENCY_HZ:g}"
+        raise section.error("frequencies_hz", rule, frequencies.tolist())
     return LineModel(
         **common,
         frequencies_hz=tuple(map(float, frequencies)),
@@ -132,8 +141,8 @@ def _read_curves(section, common):
     knots = None
     if form != "power":
         knots = _numbers(section, "knots_n", (None,))
-        if len(knots) < 2 or knots[0] <= 0 or np.any(np.diff(knots) <= 0):
-            rule = "must be at least two rising positive forces"
+        if len(knots) < 2 or np.any(np.diff(knots, prepend=0) < LEAST):
+            rule = f"must be at least two rising positive forces, {LEAST:g} apart"
             raise section.error("knots_n", rule, knots.tolist())
     basis_size = curves.force_basis(form, knots).size
     carriers = tuple(
@@ -156,16 +165,16 @@ def _read_curves(section, common):
 
 def _read_carrier(section, basis_size, length_mm):
     location = _numbers(section, "location_mm", (None,))
-    if len(location) < 2 or np.any(np.diff(location) <= 0):
-        rule = "must be at least two rising locations"
+    if len(location) < 2 or np.any(np.diff(location) < LEAST):
+        rule = f"must be at least two rising locations, {LEAST:g} apart"
         raise section.error("location_mm", rule, location.tolist())
     if location[0] < 0 or location[-1] > length_mm:
         rule = f"must lie from 0 to {length_mm:g}"
         raise section.error("location_mm", rule, location.tolist())
     count = len(location)
     interpolation = _numbers(section, "interpolation", (None, 6))
-    if np.any(interpolation[:, [1, 3, 4]] <= 0) or np.any(interpolation[:, 5] < 0):
-        rule = "must have positive fades, scales and probabilities"
+    if np.any(interpolation[:, [1, 3, 4]] < LEAST) or np.any(interpolation[:, 5] < 0):
+        rule = f"must have fades, scales and probabilities of at least {LEAST:g}"
         raise section.error("interpolation", rule)
     if not np.all(np.isin(interpolation[:, 0], SHAPES)):
         rule = "must have shapes (first column) 0 to 4"
@@ -177,7 +186,7 @@ def _read_carrier(section, basis_size, length_mm):
     if not _are_covariances(covariance):
         raise section.error("covariance_deg2", "must hold symmetric, non-negative matrices")
     carrier = curves.Carrier(
-        frequency_hz=section.number("frequency_hz", above=0),
+        frequency_hz=section.number("frequency_hz", low=LEAST_FREQUENCY_HZ, high=_LARGEST),
         untouched_deg=tuple(map(float, _numbers(section, "untouched_deg", (2,)))),
         location_mm=location,
         force_span_n=_numbers(section, "force_span_n", (count, 2)),
@@ -200,16 +209,20 @@ def _are_covariances(matrices):
 
 
 def _numbers(section, key, shape):
-    """An array of finite numbers; None in ``shape`` stands for any length above 0."""
+    """An array of numbers up to _LARGEST; None in ``shape`` stands for any length above 0."""
     value = section.raw(key)
     wanted = " x ".join("n" if size is None else str(size) for size in shape)
     rule = f"must be a list of {wanted} numbers"
     if value is None:
         raise section.error(key, f"is missing, {rule}")
     try:
-        return np.array(_nested(value, shape), float)
+        numbers = np.array(_nested(value, shape), float)
     except ValueError:
         raise section.error(key, rule, value) from None
+    largest = np.abs(numbers).max()
+    if largest > _LARGEST:
+        raise section.error(key, f"must hold no number above {_LARGEST:g}", largest)
+    return numbers
 
 
 def _nested(value, shape):

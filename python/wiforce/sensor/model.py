@@ -13,7 +13,8 @@ from . import line
 # A carrier given within this fraction of a calibrated one is taken for it: 0.1 % changes 2 beta L
 # of an 80 mm line by 0.2 deg at 900 MHz.
 CARRIER_TOLERANCE = 1e-3
-# No sensor is beyond these; their squares are still numbers.
+# No sensor is beyond these, in N, mm and Hz: squares of their ratios are still numbers.
+LEAST, LEAST_FREQUENCY_HZ = 1e-6, 1.0
 MAX_LENGTH_MM = 10_000
 MAX_FORCE_N = 1e6
 MAX_PERMITTIVITY = 1000
