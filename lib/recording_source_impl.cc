@@ -3,6 +3,7 @@
 
 #include "kernel/require.h"
 #include <gnuradio/io_signature.h>
+#include <gnuradio/logger.h>
 #include <gnuradio/wiforce/names.h>
 
 #include <algorithm>
@@ -43,6 +44,7 @@ frame_walk walk_over(const std::string& path,
                                                           folder,
                                                           frame_offset),
                       folder,
+                      frame_offset,
                       integers);
 }
 
@@ -84,14 +86,24 @@ recording_source::tones(const std::string& path,
 
 frame_walk::frame_walk(std::unique_ptr<kernel::recording> recording,
                        const kernel::preamble_folder& folder,
+                       std::uint64_t frame_offset,
                        bool integers)
-    : d_recording(std::move(recording)), d_folder(folder), d_integers(integers)
+    : d_recording(std::move(recording)),
+      d_folder(folder),
+      d_frame_offset(frame_offset),
+      d_integers(integers),
+      d_watch(folder.frame_length(), frame_offset)
 {
 }
 
 std::uint64_t frame_walk::snapshot() const
 {
     return d_recording->runs()[d_run].snapshot + d_frame;
+}
+
+std::uint64_t frame_walk::next_frame() const
+{
+    return d_frame_offset + snapshot() * d_folder.frame_length();
 }
 
 template <class Sample>
@@ -102,35 +114,78 @@ void frame_walk::fold(const char* averaged, int frames, kernel::fc32* folded)
     d_folder.saturated(samples, frames, d_saturated);
 }
 
+// Whether the file still held what read() took, up to end_byte; if not, the walk ends.
+template <class Read>
+bool frame_walk::guarded(const Read& read, std::uint64_t end_byte)
+{
+    if (kernel::mapped_read::succeeds(read) && d_recording->reaches(end_byte))
+        return true;
+    end_here();
+    d_saturated.clear();
+    return false;
+}
+
 int frame_walk::fold(int count, kernel::fc32* folded)
 {
     const auto& run = d_recording->runs()[d_run];
-    const int frames = std::min<std::uint64_t>(count, run.frames - d_frame);
+    const std::uint64_t stride = d_folder.frame_length();
+    if (d_frame == 0)
+        d_watch.restart(run.begin);
+    const int frames =
+        std::min<std::uint64_t>({ std::uint64_t(count),
+                                  run.frames - d_frame,
+                                  (d_watch.decision() - next_frame()) / stride });
     const std::size_t sample = d_integers ? sizeof(kernel::sc16) : sizeof(kernel::fc32);
-    const std::uint64_t byte = run.file_byte + d_frame * d_folder.frame_length() * sample;
+    const std::uint64_t byte = run.file_byte + d_frame * stride * sample;
+    const std::uint64_t samples = (frames - 1) * stride + d_folder.averaged_length();
     const char* averaged = d_recording->at(byte);
     d_saturated.reserve(frames); // a guarded read may be left anywhere: no memory in it
-    const bool there = kernel::mapped_read::succeeds([&] {
+    const auto read = [&] {
         if (d_integers)
             fold<kernel::sc16>(averaged, frames, folded);
         else
             fold<kernel::fc32>(averaged, frames, folded);
-    });
-    const std::uint64_t stride = d_folder.frame_length();
-    const std::uint64_t samples = (frames - 1) * stride + d_folder.averaged_length();
-    if (!there || !d_recording->reaches(byte + samples * sample)) {
-        end_here();
-        d_saturated.clear();
+    };
+    if (!guarded(read, byte + samples * sample))
         return 0;
-    }
     d_recording->release_before(byte);
     d_folded += frames;
     d_frame += frames;
-    if (d_frame == run.frames) {
+    if (next_frame() == d_watch.decision() && next_frame() <= run.end && !follow_frames())
+        return frames;
+    if (d_frame == d_recording->runs()[d_run].frames) {
         d_run++;
         d_frame = 0;
     }
     return frames;
+}
+
+// As preamble_fold does. False when the file was cut short.
+bool frame_walk::follow_frames()
+{
+    const auto& run = d_recording->runs()[d_run];
+    const std::uint64_t count = d_watch.averaged_samples();
+    const std::uint64_t position = next_frame(), first = position - count;
+    const std::size_t sample = d_integers ? sizeof(kernel::sc16) : sizeof(kernel::fc32);
+    // The frame at hand begins so many samples before its averaged part.
+    const std::uint64_t end = run.file_byte + d_frame * d_folder.frame_length() * sample -
+                              d_folder.first_averaged() * sample;
+    const char* samples = d_recording->at(end - count * sample);
+    const auto read = [&] {
+        if (d_integers)
+            d_watch.take(reinterpret_cast<const kernel::sc16*>(samples), count, first);
+        else
+            d_watch.take(reinterpret_cast<const kernel::fc32*>(samples), count, first);
+    };
+    if (!guarded(read, end))
+        return false;
+    const int shift = d_watch.decide();
+    if (shift > 0) {
+        gr::logger("recording_source")
+            .warn("frames come {:d} samples late: followed", shift);
+        d_recording->lose(position, d_folder.frame_length() - shift);
+    }
+    return true;
 }
 
 void frame_walk::end_here()

@@ -3,6 +3,7 @@
 
 #include "counter.h"
 #include "group_stream.h"
+#include "kernel/frame_watch.h"
 #include "kernel/mapped_read.h"
 #include "kernel/recording.h"
 #include <gnuradio/wiforce/recording_source.h>
@@ -17,6 +18,7 @@ class frame_walk
 public:
     frame_walk(std::unique_ptr<kernel::recording> recording,
                const kernel::preamble_folder& folder,
+               std::uint64_t frame_offset,
                bool integers);
 
     const kernel::recording& recording() const { return *d_recording; }
@@ -37,11 +39,17 @@ public:
 private:
     template <class Sample>
     void fold(const char* averaged, int frames, kernel::fc32* folded);
+    template <class Read>
+    bool guarded(const Read& read, std::uint64_t end_byte);
+    std::uint64_t next_frame() const; // its position on the grid
+    bool follow_frames();
     void end_here();
 
     std::unique_ptr<kernel::recording> d_recording;
     kernel::preamble_folder d_folder;
+    std::uint64_t d_frame_offset;
     bool d_integers;
+    kernel::frame_watch d_watch;
     std::size_t d_run = 0;
     std::uint64_t d_frame = 0; // in the run
     counter d_folded;

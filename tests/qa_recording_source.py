@@ -174,3 +174,55 @@ def test_bad_parameters_are_named(tmp_path, monkeypatch, change, message):
     good = {"path": "x", "datatype": "cf32_le", "segments": [(0, 0, 1000)], "frame_length": 720}
     with pytest.raises(InputError, match=message):
         wiforce.recording_source(**{**good, **change})
+
+
+@pytest.mark.parametrize("datatype, item_type", [("ci16_le", "sc16"), ("cf32_le", "fc32")])
+def test_frames_that_move_untold_are_followed_as_in_a_stream_to_the_last_bit(
+    tmp_path, datatype, item_type
+):
+    length, offset = 96, 41
+    rng = np.random.default_rng(5)
+    frame = rng.normal(size=(length, 2)) * (np.arange(length) < 70)[:, None]
+    sent = 3000 * (np.tile(frame, (4000, 1)) + 0.1 * rng.normal(size=(4000 * length, 2)))
+    untold = np.delete(sent, slice(700 * length + 30, 705 * length + 77), axis=0)
+    told, lost = 1800 * length + 7, 993  # and a moment later some come twice
+    kept = [untold[:told], untold[told + lost : 2400 * length], untold[2399 * length + 9 :]]
+    samples = np.concatenate(kept)
+    samples = np.rint(samples).astype("<i2") if item_type == "sc16" else samples.astype("<f4")
+    path = tmp_path / "x.bin"
+    path.write_bytes(samples.tobytes())
+    back = told + lost + 5 * length + 47
+    segments = [(0, 0, told), (told, back, len(samples) - told)]
+    source = wiforce.recording_source(
+        str(path), datatype, segments, length, first_averaged=3, repetitions=1, frame_offset=offset
+    )
+    folded, tags, _ = run(source, 64)
+    times = [(0, 0.0), (told, back / 12.5e6)]
+    want, want_tags = folded_in_a_stream(samples, item_type, times, length, offset)
+    np.testing.assert_array_equal(folded, want)
+    assert tags == want_tags
+    assert len(tags["snapshot"]) == 4  # the start, the gap, and where frames were found again
+
+
+def folded_in_a_stream(samples, item_type, times, length, offset):
+    """Output and tags of preamble_fold on samples with an rx_time at some items."""
+    tags = [
+        gr.tag_utils.python_to_tag(
+            (item, pmt.intern("rx_time"), pmt.make_tuple(pmt.from_uint64(0), pmt.from_double(s)))
+        )
+        for item, s in times
+    ]
+    if item_type == "sc16":
+        source = blocks.vector_source_s(samples.ravel().tolist(), False, 2, tags)
+    else:
+        values = samples[:, 0] + 1j * samples[:, 1]
+        source = blocks.vector_source_c(values.tolist(), False, 1, tags)
+    fold = wiforce.preamble_fold(length, 3, 1, frame_offset=offset, item_type=item_type)
+    sink = blocks.vector_sink_c(64)
+    flowgraph = gr.top_block()
+    flowgraph.connect(source, fold, sink)
+    flowgraph.run()
+    found = {}
+    for tag in sink.tags():
+        found.setdefault(str(tag.key), {})[tag.offset] = pmt.to_uint64(tag.value)
+    return np.array(sink.data()).reshape(-1, 64), found

@@ -25,7 +25,9 @@ public:
     frame_watch(int frame_length, std::uint64_t origin);
 
     // Position at which decide() is to be called; the first sample of a frame.
-    std::uint64_t decision() const { return d_begin + AVERAGED * d_length; }
+    std::uint64_t decision() const { return d_begin + averaged_samples(); }
+    // Samples before it that are averaged; no others need to be given.
+    std::uint64_t averaged_samples() const { return AVERAGED * d_length; }
 
     // Samples as they come, none beyond decision().
     template <class Sample>

@@ -33,6 +33,10 @@ recording::recording(const std::string& path,
                      const std::vector<segment>& segments,
                      const preamble_folder& folder,
                      std::uint64_t frame_offset)
+    : d_folder(folder),
+      d_sample_bytes(sample_bytes),
+      d_header_bytes(header_bytes),
+      d_frame_offset(frame_offset)
 {
     // Numbers in memory must be aligned.
     require(header_bytes % 4 == 0,
@@ -56,7 +60,8 @@ recording::recording(const std::string& path,
         unmap();
         refuse(path, "holds no sample");
     }
-    find_runs(segments, sample_bytes, header_bytes, folder, frame_offset);
+    find_parts(segments);
+    find_runs();
 }
 
 recording::~recording() { unmap(); }
@@ -95,39 +100,62 @@ void recording::map(const std::string& path)
     madvise(address, d_size, MADV_SEQUENTIAL);
 }
 
-void recording::find_runs(const std::vector<segment>& segments,
-                          std::size_t sample_bytes,
-                          std::uint64_t header_bytes,
-                          const preamble_folder& folder,
-                          std::uint64_t frame_offset)
+void recording::find_parts(const std::vector<segment>& segments)
 {
-    const std::uint64_t in_file = (d_size - header_bytes) / sample_bytes;
-    const std::uint64_t stride = folder.frame_length();
-    const std::uint64_t window = folder.averaged_length();
-    const std::uint64_t first_window = frame_offset + folder.first_averaged();
+    const std::uint64_t in_file = (d_size - d_header_bytes) / d_sample_bytes;
     for (const segment& s : segments) {
         const std::uint64_t held =
             std::min(s.length, in_file - std::min(in_file, s.file_sample));
         d_samples_missing += s.length - held;
-        // On the grid: positions count from the first segment's first sample.
-        const std::uint64_t begin = s.global_index - segments.front().global_index;
-        const std::uint64_t end = begin + held;
+        if (held > 0)
+            d_parts.push_back(
+                { s.file_sample, s.global_index - segments.front().global_index, held });
+    }
+}
+
+void recording::find_runs()
+{
+    const std::uint64_t stride = d_folder.frame_length();
+    const std::uint64_t window = d_folder.averaged_length();
+    const std::uint64_t first_window = d_frame_offset + d_folder.first_averaged();
+    d_runs.clear();
+    for (const segment& part : d_parts) {
+        const std::uint64_t begin = part.global_index, end = begin + part.length;
         const std::uint64_t frame =
             begin <= first_window ? 0 : (begin - first_window + stride - 1) / stride;
         const std::uint64_t start = first_window + frame * stride;
         const std::uint64_t frames =
             end >= start + window ? 1 + (end - start - window) / stride : 0;
-        if (held == 0)
-            continue;
-        const std::uint64_t next = frame_offset + (frame + frames) * stride;
-        d_samples_left_over = end > next ? std::min(held, end - next) : 0;
-        if (frames == 0)
-            continue;
-        d_runs.push_back(
-            { header_bytes + (s.file_sample + (start - begin)) * sample_bytes,
-              frame,
-              frames });
+        const std::uint64_t next = d_frame_offset + (frame + frames) * stride;
+        d_samples_left_over = end > next ? std::min(part.length, end - next) : 0;
+        if (frames > 0)
+            d_runs.push_back(
+                { d_header_bytes + (part.file_sample + (start - begin)) * d_sample_bytes,
+                  frame,
+                  frames,
+                  begin,
+                  end });
     }
+}
+
+void recording::lose(std::uint64_t position, std::uint64_t samples)
+{
+    auto part = std::find_if(d_parts.begin(), d_parts.end(), [&](const segment& p) {
+        return position <= p.global_index + p.length;
+    });
+    const std::uint64_t before = position - part->global_index;
+    const segment behind{ part->file_sample + before,
+                          position + samples,
+                          part->length - before };
+    part->length = before;
+    part = d_parts.insert(part + 1, behind);
+    // Their indices count what was lost, told or not.
+    for (++part; part != d_parts.end(); ++part) {
+        const segment& last = *(part - 1);
+        part->global_index =
+            std::max(part->global_index, last.global_index + last.length);
+    }
+    find_runs();
 }
 
 bool recording::reaches(std::uint64_t file_byte) const

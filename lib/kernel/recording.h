@@ -15,7 +15,7 @@ namespace gr::wiforce::kernel {
  * The file holds runs of samples ("segments") of a stream; between two of them samples
  * were lost. Frames lie on the grid of that stream, which starts frame_offset samples
  * after the first segment's first one. A frame is whole when all samples that are
- * averaged are there. The rest of it, its guard, is never read.
+ * averaged are there.
  */
 class recording
 {
@@ -31,6 +31,9 @@ public:
         std::uint64_t file_byte; // of the first averaged sample
         std::uint64_t snapshot;  // index of the first frame on the grid
         std::uint64_t frames;
+        // Of all samples without a gap around them, counted from the recording's first.
+        std::uint64_t begin;
+        std::uint64_t end;
     };
 
     // Throws std::invalid_argument when the file cannot be opened or holds no sample, or
@@ -51,6 +54,10 @@ public:
     // Samples at the end of the recording that make no whole frame.
     std::uint64_t samples_left_over() const { return d_samples_left_over; }
 
+    // Tells that samples were lost before a position inside the run, of which no segment
+    // told: the frames behind it are others. Runs before it stay as they are.
+    void lose(std::uint64_t position, std::uint64_t samples);
+
     const char* at(std::uint64_t file_byte) const { return d_map + file_byte; }
     // Whether the file still reaches up to there: another program may cut it short.
     // Beyond its end the last page reads as zeros, the pages behind end the process
@@ -64,16 +71,18 @@ public:
 private:
     void map(const std::string& path);
     void unmap();
-    void find_runs(const std::vector<segment>& segments,
-                   std::size_t sample_bytes,
-                   std::uint64_t header_bytes,
-                   const preamble_folder& folder,
-                   std::uint64_t frame_offset);
+    void find_parts(const std::vector<segment>& segments);
+    void find_runs();
 
+    const preamble_folder d_folder;
+    const std::size_t d_sample_bytes;
+    const std::uint64_t d_header_bytes;
+    const std::uint64_t d_frame_offset;
     int d_file = -1;
     const char* d_map = nullptr;
     std::uint64_t d_size = 0;
     std::uint64_t d_released = 0;
+    std::vector<segment> d_parts; // what is there; indices count from the first
     std::vector<run> d_runs;
     std::uint64_t d_samples_missing = 0;
     std::uint64_t d_samples_left_over = 0;
