@@ -75,12 +75,13 @@ def test_intervals_hold_the_truth_over_many_calibrations(tmp_path):
     assert 0.90 <= np.mean(held["location"]) <= 0.99
 
 
-def test_a_law_outside_all_hypotheses_is_read_worse_and_said_so(tmp_path):
+@pytest.mark.parametrize("frequency", LIMITS)
+def test_a_law_that_five_locations_cannot_tell_is_read_worse_and_said_so(tmp_path, frequency):
     law = OwnLaw("log", "kinked", 12.0)
     rng = np.random.default_rng(3)
-    rows = vna_rows(law, 900e6, np.linspace(2, 8, 30), 0.2, rng)
+    rows = vna_rows(law, frequency, np.linspace(2, 8, 30), 0.2, rng)
     model = calibrate(read_vna_csv(written(tmp_path / "vna.csv", rows)), "own")
-    result = read_law(model, law, 900e6, 200, 0.1, rng)
+    result = read_law(model, law, frequency, 200, 0.1, rng)
     assert result.coverage("force") >= 0.9 and result.coverage("location") >= 0.9
 
 

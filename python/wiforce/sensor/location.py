@@ -24,22 +24,25 @@ from scipy.interpolate import CubicSpline
 from ..errors import InputError
 
 SHAPES = np.arange(5)
-_FADES_MM = np.geomspace(5.0, 80.0, 25)
-_SHIFTS_MM = np.linspace(-5.0, 15.0, 17)
+# So close that some fit whatever a calibration can tell: a single one that happens to fit best
+# would be believed alone.
+_FADES_MM = np.geomspace(5.0, 80.0, 49)
+_SHIFTS_MM = np.linspace(-5.0, 15.0, 33)
 _SCALES_MM = np.array([10.0, 25.0])
 # Where the prior expects the change-over, and how widely: a beam of several mm thickness cannot
 # change over within a few mm, nor needs it the whole line.
 _FADE_PRIOR_MM, _FADE_PRIOR_LOG_STD, _SHIFT_PRIOR_STD_MM = 14.0, 0.6, 7.0
 # The residual is believed to be at least of this size, relative to the change with location, with
-# the weight of this many observations: no change-over has one of these shapes exactly.
-_LEAST_RESIDUAL, _LEAST_RESIDUAL_WEIGHT = 0.05, 4.0
+# the weight of this many observations: no change-over has one of these shapes exactly, and what is
+# no contact has none.
+_LEAST_RESIDUAL, _LEAST_RESIDUAL_UNPHYSICAL, _LEAST_RESIDUAL_WEIGHT = 0.015, 0.05, 4.0
 _MOST_HYPOTHESES = 64
 _NUGGET = 1e-6
 _STEP_MM = 0.25
 
 
-def _trend(location, hypotheses, length_mm, port):
-    """1 and S for each hypothesis; shape (H, n, 2)."""
+def _change_over(location, hypotheses, length_mm, port):
+    """S for each hypothesis; shape (H, n)."""
     shape, fade, shift = (column[:, None] for column in hypotheses.T[:3])
     from_middle = location[None, :] - length_mm / 2
     x = ((from_middle if port == 0 else -from_middle) - shift) / fade
@@ -51,7 +54,12 @@ def _trend(location, hypotheses, length_mm, port):
         1 - 2 * np.exp(-2 * beyond),
         1 - 2 * np.exp(-2 * beyond**2),
     )
-    step = np.choose(shape.astype(int), steps)
+    return np.choose(shape.astype(int), steps)
+
+
+def _trend(location, hypotheses, length_mm, port):
+    """1 and S for each hypothesis; shape (H, n, 2)."""
+    step = _change_over(location, hypotheses, length_mm, port)
     return np.stack([np.ones_like(step), step], axis=-1)
 
 
@@ -169,7 +177,8 @@ def learn_interpolation(location_mm, length_mm, values, noise_variance, physical
     hypotheses, log_prior = _hypotheses(at, length_mm, physical)
     variance = max(np.mean(np.var(values, axis=1, ddof=1)), 1e-12)
     floor = max(noise_variance / variance, 1e-8)
-    misfit = np.full(len(log_prior), _LEAST_RESIDUAL_WEIGHT * _LEAST_RESIDUAL**2)
+    least = _LEAST_RESIDUAL if physical else _LEAST_RESIDUAL_UNPHYSICAL
+    misfit = np.full(len(log_prior), _LEAST_RESIDUAL_WEIGHT * least**2)
     observations, log_determinant = _LEAST_RESIDUAL_WEIGHT, np.zeros(len(log_prior))
     for port in (0, 1):
         components = _components(values[port] / np.sqrt(variance), floor)
@@ -203,7 +212,7 @@ def _hypotheses(at, length_mm, physical):
     axes = np.meshgrid(SHAPES, _FADES_MM, _SHIFTS_MM, _SCALES_MM, indexing="ij")
     hypotheses = np.column_stack([axis.ravel() for axis in axes])
     # enough of the change-over must lie among the calibrated locations to be told from a constant
-    steps = [np.ptp(_trend(at, hypotheses, length_mm, port)[..., 1], axis=1) for port in (0, 1)]
+    steps = [np.ptp(_change_over(at, hypotheses, length_mm, port), axis=1) for port in (0, 1)]
     seen = np.min(steps, axis=0) > 0.2 * np.minimum(2.0, np.ptp(at) / hypotheses[:, 1])
     hypotheses = hypotheses[seen]
     fade, shift = hypotheses[:, 1], hypotheses[:, 2]
@@ -225,23 +234,28 @@ def _restricted(at, hypotheses, length_mm, port, components):
 
     determinant; each of shape (H,).
     """
-    trend = _trend(at, hypotheses, length_mm, port)
+    step = _change_over(at, hypotheses, length_mm, port)
     squares, trace, determinant = np.zeros((3, len(hypotheses)))
     for scale in np.unique(hypotheses[:, 3]):
         which = hypotheses[:, 3] == scale
         inverse = np.linalg.inv(_kernel(at, np.array([scale]))[0])
-        weighted = np.einsum("ij,hjt->hit", inverse, trend[which])
-        gram = np.einsum("hit,hiu->htu", trend[which], weighted)
-        plain = np.einsum("hit,hiu->htu", trend[which], trend[which])
-        gram_inverse = np.linalg.inv(gram)
-        explained = np.einsum("hit,ic->htc", weighted, components)
-        squares[which] = np.einsum("jc,ji,ic->", components, inverse, components) - np.einsum(
-            "htc,htu,huc->h", explained, gram_inverse, explained
+        ones, changing = inverse.sum(axis=0), step[which] @ inverse
+        # of 1 with 1, 1 with S, S with S
+        normal = ones.sum(), changing.sum(axis=1), np.sum(changing * step[which], axis=1)
+        by_one, by_step = ones @ components, changing @ components
+        squares[which] = np.sum(components * (inverse @ components)) - _explained(
+            normal, by_one @ by_one, by_step @ by_one, np.sum(by_step**2, axis=1)
         )
-        trace[which] = np.trace(inverse) - np.einsum(
-            "hit,htu,hiu->h", weighted, gram_inverse, weighted
+        trace[which] = np.trace(inverse) - _explained(
+            normal, ones @ ones, changing @ ones, np.sum(changing**2, axis=1)
         )
-        determinant[which] = (
-            np.log(np.linalg.det(gram) / np.linalg.det(plain)) - np.linalg.slogdet(inverse)[1]
-        )
+        plain = at.size * np.sum(step[which] ** 2, axis=1) - np.sum(step[which], axis=1) ** 2
+        size = normal[0] * normal[2] - normal[1] ** 2
+        determinant[which] = np.log(size / plain) - np.linalg.slogdet(inverse)[1]
     return np.maximum(squares, 0.0), trace, determinant
+
+
+def _explained(normal, one, both, step):
+    """What least squares on 1 and S explain, of the squares and the product of both projections."""
+    size = normal[0] * normal[2] - normal[1] ** 2
+    return (normal[2] * one - 2 * normal[1] * both + normal[0] * step) / size
