@@ -304,6 +304,24 @@ def test_a_press_inside_a_group_makes_it_uncertain():
     assert np.all(gains[16:] < 1.3 * gains[14])
 
 
+@pytest.mark.parametrize("turn_cycles", [0.1, 0.5, -0.3])
+def test_a_clock_that_jumped_is_found_anew_and_doubted_until_then(turn_cycles):
+    before, after = (
+        make_air(625, [TagOnAir(start_cycles=start, untouched_deg=(35.0, -80.0))], 23, 10.0)
+        for start in (0.2, 0.2 + turn_cycles)
+    )
+    separator, results = make_separator(), []
+    for g in range(44):
+        results += separator.process(g, tones_of(separator, (before, after)[g >= 30].group(g)))
+    gains = np.array([state.gain for state, _ in results])
+    vectors = np.array([v[:, WAVEFORM.bins] for _, v in results])
+    assert np.all(gains[30:37] > 3 * gains[20])
+    # Eight groups, of which none was as before.
+    assert np.all(gains[38:] < 1.3 * gains[20])
+    turned = np.angle(np.sum(vectors[38:] * vectors[20].conj(), axis=2))
+    assert np.abs(np.degrees(turned)).max() < 2.0
+
+
 @pytest.mark.parametrize("change_db", [6.0, -6.0])
 def test_a_new_noise_level_is_stated_within_half_a_second(change_db):
     tag = TagOnAir(offset_ppm=20.0, start_cycles=0.1, untouched_deg=(35.0, -80.0))

@@ -107,6 +107,14 @@ def test_a_group_that_says_nothing_does_not_move_the_tare(detector):
         assert np.allclose(decision.drift_deg, 0, atol=0.01)
 
 
+def test_accidents_that_look_like_motion_do_not_move_the_tare(detector):
+    run(detector, np.zeros((20, 2)), 0.05)
+    run(detector, np.full((3, 2), 95.0), 8.0)
+    decisions = run(detector, np.zeros((5, 2)), 0.05)
+    assert touches(decisions).tolist() == [0] * 5
+    assert not np.any([d.drift_deg for d in decisions])
+
+
 def test_a_press_after_motion_counts_from_where_the_tag_then_was(detector):
     phases = np.zeros((100, 2))
     phases[30:] += 25.0
