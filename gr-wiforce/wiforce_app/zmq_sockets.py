@@ -26,10 +26,14 @@ def _is_port(text):
     return re.fullmatch("[0-9]{1,5}", text) is not None and 0 < int(text) < 65536
 
 
+# A request is a line; a peer that sends more is cut off before it takes memory.
+_LONGEST_REQUEST = 4096
+
+
 class _Endpoint:
     """A bound ZMQ socket of its own context."""
 
-    def __init__(self, endpoint, kind, option, settings=None):
+    def __init__(self, endpoint, kind, option):
         try:
             import zmq
         except ImportError as error:
@@ -37,8 +41,7 @@ class _Endpoint:
         self._zmq = zmq
         self._context = zmq.Context()
         self._socket = self._context.socket(getattr(zmq, kind))
-        for name, value in (settings or {}).items():
-            self._socket.setsockopt(getattr(zmq, name), value)
+        self._socket.setsockopt(zmq.MAXMSGSIZE, _LONGEST_REQUEST)
         try:
             self._socket.bind(endpoint_of(endpoint, option))
         except (zmq.ZMQError, InputError) as error:
@@ -71,12 +74,11 @@ class ReadingsPublisher(_Endpoint):
         self._socket.send_string(json.dumps(message, allow_nan=False))
 
 
-# A request is a line; a peer that sends more is cut off before it takes memory.
-_LONGEST_REQUEST = 4096
-
-
 class Replies(_Endpoint):
-    """Requests on a REP socket, each answered with a string.
+    """Requests of REQ sockets, each answered with a string.
+
+    A ROUTER socket: a REP socket waits where a message is none that a REQ socket sends, and then
+    loses an answer to another.
 
     Parameters
     ----------
@@ -91,7 +93,7 @@ class Replies(_Endpoint):
     """
 
     def __init__(self, endpoint, answer, option="--control"):
-        super().__init__(endpoint, "REP", option, {"MAXMSGSIZE": _LONGEST_REQUEST})
+        super().__init__(endpoint, "ROUTER", option)
         self._answer = answer
 
     def fileno(self):
@@ -101,9 +103,12 @@ class Replies(_Endpoint):
     def serve(self):
         """Answer what has come in; never waits."""
         while self._socket.poll(0):
-            # All parts have to be taken before an answer may be sent.
-            text = b" ".join(self._socket.recv_multipart()).decode("utf-8", "replace").strip()
-            self._socket.send_string(self._answer(text))
+            parts = self._socket.recv_multipart()
+            if b"" not in parts[1:]:
+                continue  # nothing says where the peer's address ends
+            begin = parts.index(b"", 1) + 1
+            text = b" ".join(parts[begin:]).decode("utf-8", "replace").strip()
+            self._socket.send_multipart([*parts[:begin], self._answer(text).encode()])
 
 
 def answer_words(handlers):

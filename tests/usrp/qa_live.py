@@ -4,29 +4,33 @@
 import csv
 import json
 import math
-import os
 import signal
 import socket
 import subprocess
 import sys
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import zmq
+from fuzzing import LIMIT_BYTES, peak_memory
 from gnuradio.wiforce.capture import open_capture
 from gnuradio.wiforce.estimation.frame import MARGIN
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.channel import AirChannel
+from mutations import mutated
 from software_usrp import SoftwareUsrp
 from wiforce_app import watch
 
 GROUP_S = 0.036
 FRAMES = "recv_frame_size=8000,send_frame_size=8000"
 GAINS = ["--tx-gain", "15", "--rx-gain", "15"]
+KILLS, LONG_KILLS = 3, 100
+REQUESTS, LONG_REQUESTS = 200, 10_000
 
 # Rises, holds and falls, on both sides of the line's middle and between the model's locations.
 PRESSES = [
@@ -303,48 +307,78 @@ def test_a_recording_says_what_it_was_made_with_and_what_it_lost(recorded):
     assert fields["wiforce:scene"]["sensors"][0]["name"] == "arm"
 
 
-def test_killed_it_leaves_all_but_the_last_second(software_usrp, tmp_path):
-    scene = scene_file(tmp_path, PRESSES[:1])
-    device = software_usrp(scene)
-    output, name = tmp_path / "out.jsonl", tmp_path / "run"
-    with live(device.args, scene, *GAINS, "-o", output, "--record", name) as process:
-        wait_until(lambda: streaming_s(device) > 2.2)
-        end_s = streaming_s(device)
-        os.kill(process.pid, signal.SIGKILL)
-    lines = output.read_text().splitlines()
-    times = [json.loads(line)["time_s"] for line in lines]
-    assert np.allclose(times, GROUP_S * (np.arange(len(times)) + 0.5))
-    assert times[-1] > end_s - 1 - GROUP_S
-    capture = open_capture(name)
-    assert capture.samples / 12.5e6 > end_s - 1
-    assert capture.sample_rate_hz == 12.5e6 and capture.center_frequency_hz == 900e6
+def free_ports(count):
+    """Ports that nobody listens at, now at least."""
+    with ExitStack() as held:
+        servers = [held.enter_context(socket.create_server(("127.0.0.1", 0))) for _ in range(count)]
+        return [server.getsockname()[1] for server in servers]
+
+
+@contextmanager
+def connected(kind, port):
+    """A ZMQ socket of this kind, connected to a reader's port."""
+    with zmq.Context() as context, context.socket(kind) as client:
+        client.setsockopt(zmq.LINGER, 0)
+        client.setsockopt(zmq.RCVTIMEO, 60_000)
+        client.connect(f"tcp://127.0.0.1:{port}")
+        yield client
+
+
+def ask(client, word):
+    client.send_string(word)
+    return json.loads(client.recv_string())
+
+
+@pytest.mark.timeout(3000)
+def test_killed_at_any_moment_it_leaves_all_but_the_last_second_and_hinders_no_rerun(
+    slow_scene, slow_device, tmp_path, long_run
+):
+    rng = np.random.default_rng(11)
+    output, (readings_port, control_port) = tmp_path / "out.jsonl", free_ports(2)
+    options = [*GAINS, "-o", output, "--zmq", readings_port, "--control", control_port]
+
+    def run_until(time_s, number, *more):
+        """What had been received when the reader was ended, in seconds."""
+        with (
+            live(slow_device.args, slow_scene, *options, *more) as process,
+            connected(zmq.REQ, control_port) as client,
+        ):
+            received_s = 0.0
+            while received_s < time_s:
+                received_s = ask(client, "status")["time_s"]
+            if time_s < 0:
+                time.sleep(-time_s)  # it starts, or not even that
+            process.send_signal(number)
+            process.communicate(timeout=60)
+        assert process.returncode == (0 if number == signal.SIGTERM else -number)
+        return received_s
+
+    for kill in range(LONG_KILLS if long_run else KILLS):
+        recording = tmp_path / f"run{kill}"
+        received_s = run_until(rng.uniform(-2.0, 2.5), signal.SIGKILL, "--record", recording)
+        lines = output.read_text().splitlines() if output.exists() else []
+        times = [json.loads(line)["time_s"] for line in lines]
+        assert np.allclose(times, SLOW_GROUP_S * (np.arange(len(times)) + 0.5))
+        if received_s > 1:
+            assert times[-1] > received_s - 1 - SLOW_GROUP_S
+            capture = open_capture(recording)
+            assert capture.samples / capture.sample_rate_hz > received_s - 1
+            capture.check_against(load_scene(slow_scene))
+    run_until(0.5, signal.SIGTERM)
+    assert len(output.read_text().splitlines()) > 0.5 / SLOW_GROUP_S - 2
 
 
 def test_readings_and_requests_go_over_zmq_and_clipping_is_told(slow_scene, slow_device, tmp_path):
-    zmq = pytest.importorskip("zmq")
-    ports = []
-    for _ in range(2):
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            ports.append(free.getsockname()[1])
+    readings_port, control_port = free_ports(2)
     output = tmp_path / "out.csv"
-    options = ["--zmq", ports[0], "--control", f"tcp://127.0.0.1:{ports[1]}", "-o", output]
+    options = ["--zmq", readings_port, "--control", f"tcp://127.0.0.1:{control_port}", "-o", output]
     options += ["--tx-gain", 15, "--rx-gain", 20]
     with (
         live(slow_device.args, slow_scene, *options) as process,
-        zmq.Context() as context,
-        context.socket(zmq.SUB) as subscriber,
-        context.socket(zmq.REQ) as client,
+        connected(zmq.SUB, readings_port) as subscriber,
+        connected(zmq.REQ, control_port) as client,
     ):
-        for sock, port in ((subscriber, ports[0]), (client, ports[1])):
-            sock.setsockopt(zmq.LINGER, 0)
-            sock.setsockopt(zmq.RCVTIMEO, 60_000)
-            sock.connect(f"tcp://127.0.0.1:{port}")
         subscriber.subscribe("")
-
-        def ask(word):
-            client.send_string(word)
-            return json.loads(client.recv_string())
 
         def receive_until(last):
             rows = []
@@ -356,33 +390,68 @@ def test_readings_and_requests_go_over_zmq_and_clipping_is_told(slow_scene, slow
         assert first["sensor"] == "arm" and "saturated" in first["flags"].split()
         # Sample 0 of the stream lies some samples behind the common start of both directions.
         assert first["device_time_s"] - first["time_s"] > 0
-        status = ask("status")
+        status = ask(client, "status")
         delay = (status["frame_offset"] + MARGIN) % 400
         assert status["ok"] and delay == pytest.approx(5.12 * 2.5 + 2, abs=2)
         assert status["clock_offset_ppm"][0] == pytest.approx(40, abs=4)
-        assert ask("tare") == {"ok": True}
-        assert ask("dance")["ok"] is False
+        assert ask(client, "tare") == {"ok": True}
+        assert ask(client, "dance")["ok"] is False
         # The first reference ends at 0.3 s. The new one, then a touch against it.
-        tared_s = ask("status")["time_s"]
+        tared_s = ask(client, "status")["time_s"]
         later = receive_until(lambda row: row["time_s"] > tared_s + 0.6)
         assert any("reference" in row["flags"] for row in later if row["time_s"] > 0.35)
         assert "reference" not in later[-1]["flags"]
         slow_device.command("press arm 4.0 45.0")
         receive_until(lambda row: row["touch"] == 1)
-        assert ask("stop") == {"ok": True}
+        assert ask(client, "stop") == {"ok": True}
         _, said = process.communicate(timeout=60)
         assert process.returncode == 0
     assert "clips" in said
     assert rows_of(output)[-1]["touch"] == "1"
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_it_with_all_readings_written(slow_scene, slow_device, number):
-    with live(slow_device.args, slow_scene, *GAINS) as process:
-        wait_until(lambda: 0.9 < streaming_s(slow_device) and process.poll() is None)
-        process.send_signal(number)
+def send_broken_requests(port, count):
+    """Sends so many, some in several parts, some too long; and a few from what speaks no ZMQ."""
+    rng = np.random.default_rng(3)
+    for _ in range(5):
+        with socket.create_connection(("127.0.0.1", port)) as stranger:
+            stranger.sendall(rng.bytes(200))
+    with connected(zmq.DEALER, port) as client, connected(zmq.DEALER, port) as cut_off:
+        while count > 0:
+            burst = min(count, 500)  # below what a socket keeps
+            answers = 0
+            for number in range(burst):
+                request = mutated(b"status tare", rng)
+                if len(request) > 4096:
+                    cut_off.send_multipart([b"", request])
+                    continue
+                client.send_multipart([b"", request, *[b"status"] * (number % 3)])
+                answers += 1
+            for _ in range(answers):
+                answer = json.loads(client.recv_multipart()[-1])
+                assert answer["ok"] or "must be one of" in answer["error"], answer
+            count -= burst
+
+
+@pytest.mark.timeout(1000)
+def test_fuzzed_with_requests_it_reads_on_until_a_signal_and_writes_all_readings(
+    slow_scene, slow_device, long_run
+):
+    (port,) = free_ports(1)
+    with (
+        live(slow_device.args, slow_scene, *GAINS, "--control", port, limit=900) as process,
+        connected(zmq.REQ, port) as client,
+    ):
+        ask(client, "status")  # it listens
+        send_broken_requests(port, LONG_REQUESTS if long_run else REQUESTS)
+        fuzzed_s = ask(client, "status")["time_s"]
+        while ask(client, "status")["time_s"] < max(fuzzed_s, 0.5) + 0.3:
+            pass
+        peak = peak_memory(process.pid)
+        process.send_signal(signal.SIGINT)
         output, said = process.communicate(timeout=60)
     assert process.returncode == 0 and said.startswith("gr-wiforce: read ")
+    assert peak < LIMIT_BYTES
     read_s = float(said.split()[2])
     rows = list(csv.DictReader(output.splitlines()))
     assert abs(len(rows) - read_s / SLOW_GROUP_S) <= 2
