@@ -91,9 +91,11 @@ class Stream:
     def scale(self, start, count, factor, offset=0.0):
         """What a complex gain and a constant make of a stretch, clipped as a converter does."""
         part = self.codes[start : start + count].astype(np.float32)
-        values = (part[:, 0] + 1j * part[:, 1]) * factor + offset
-        both = np.stack([values.real, values.imag], -1)
-        self.codes[start : start + count] = np.clip(np.rint(both), -32768, 32767)
+        values = part.view(np.complex64)
+        values *= factor
+        values += offset
+        np.rint(part, out=part)
+        self.codes[start : start + count] = np.clip(part, -32768, 32767, out=part)
 
 
 def lost_and_told(stream, rng):
