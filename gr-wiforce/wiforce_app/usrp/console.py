@@ -100,7 +100,7 @@ class LineControl:
 
 
 class ZmqControl:
-    """The same lines as requests to a ZMQ REP socket on loopback.
+    """The same lines as requests over ZMQ on loopback.
 
     Raises
     ------
