@@ -28,6 +28,7 @@ FADES = {
     "even": lambda x, fade: 1 / (1 + np.exp(2 * x / fade)),
     "slow": lambda x, fade: 1 / (1 + np.exp((x - fade) / fade)),
     "kinked": lambda x, fade: np.exp(-np.maximum(x, 0) / fade),
+    "straight": lambda x, fade: np.clip(0.5 - x / (4 * fade), 0, 1),
 }
 
 
