@@ -83,7 +83,7 @@ BOOST_DATA_TEST_CASE(frames_that_stay_are_left_alone, data::make({ 0.0f, 0.5f, 2
 BOOST_DATA_TEST_CASE(lost_samples_are_found_but_for_whole_frames,
                      data::make({ 1, 7, 45, 89, 90, 137 }))
 {
-    air stream(1.0f);
+    air stream(0.7f);
     frame_watch watch(LENGTH, 0);
     std::uint64_t position = 0;
     follow(watch, stream, position, 2);

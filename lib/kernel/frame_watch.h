@@ -41,8 +41,8 @@ public:
     void restart(std::uint64_t position);
 
 private:
-    static constexpr std::uint64_t AVERAGED = 32; // frames
-    static constexpr std::uint64_t PERIOD = 512;  // of them
+    static constexpr std::uint64_t AVERAGED = 16; // frames
+    static constexpr std::uint64_t PERIOD = 1024; // of them
 
     using profile = std::vector<fc32>;
 

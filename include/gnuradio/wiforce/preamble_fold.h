@@ -31,7 +31,7 @@ namespace gr::wiforce {
  *
  * The block does not find the first frame: \p frame_offset says where it is. When frames
  * come elsewhere later, because samples were lost or repeated of which no tag told, it
- * follows them: two averages over 32 frames must agree on the shift. That is counted as a
+ * follows them: two averages over 16 frames must agree on the shift. That is counted as a
  * gap of less than a frame.
  */
 class WIFORCE_API preamble_fold : virtual public gr::block

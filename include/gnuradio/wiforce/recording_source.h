@@ -23,9 +23,9 @@ namespace gr::wiforce {
  * (tones) it stands for phase_group_doppler as well, with that block's output, tags and
  * message port `incomplete`.
  *
- * Only samples that are averaged are read from the file, and 32 frames in 512 on which it
- * is seen that they stay in their place (see preamble_fold). A file that is shorter than
- * its segments say is read as far as it goes.
+ * Only samples that are averaged are read from the file, and 16 frames in 1024 on which
+ * it is seen that they stay in their place (see preamble_fold). A file that is shorter
+ * than its segments say is read as far as it goes.
  */
 class WIFORCE_API recording_source : virtual public gr::block
 {

@@ -12,6 +12,8 @@ _DRIFT_PER_S = 0.5e-6
 _DRIFT_MEMORY_S = 1.0
 _CURVATURE_MEMORY = 24
 _LARGEST_STEP = 0.2
+# Standard deviations from which an error is a jump of the phase, which tells nothing of the rate.
+_JUMP = 6.0
 # A group whose tones carry less than this part of the usual excess energy has no tag in it. A
 # press turns a tag of off reflection .3 rho from 1.3 to .7 rho: to .29 of its energy.
 _PRESENCE = 0.1
@@ -79,9 +81,13 @@ class ClockTracker:
         self._count = min(self._count + 1, _CURVATURE_MEMORY)
         self._usual += (noise_level * turned - self._usual) / self._count
         error, variance = measured or self._measured(turned, noise_level)
+        spread = self.covariance[0, 0] + variance
+        jumped = error**2 > _JUMP**2 * spread
         error = min(max(error, -_LARGEST_STEP), _LARGEST_STEP)
-        gain = self.covariance[:, 0] / (self.covariance[0, 0] + variance)
+        gain = self.covariance[:, 0] / spread
         self.phase += gain[0] * error
+        if jumped:
+            return True
         self.rate += gain[1] * error
         self.covariance -= np.outer(gain, self.covariance[0])
         return True
