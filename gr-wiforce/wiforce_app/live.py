@@ -6,6 +6,7 @@ import signal
 import threading
 
 import click
+from gnuradio.wiforce.errors import OutputError
 from gnuradio.wiforce.readings import open_writer
 from gnuradio.wiforce.scene import load_scene
 
@@ -148,6 +149,8 @@ def _run(session, args, outputs, control, duration):
     if session.failure is not None:
         raise session.failure
     click.echo(f"gr-wiforce: read {watch.summary()}", err=True)
+    if session.recorder is not None and session.recorder.failure is not None:
+        raise OutputError("--record", f"ends before its time ({session.recorder.failure.strerror})")
     return None
 
 

@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What bad input raises everywhere in the project, and what output that cannot be written."""
 
+import errno
+
+_NO_ROOM = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO)
+
 
 class InputError(ValueError):
     """Bad input: says in one line where it was found, which rule it broke and the value given.
@@ -37,6 +41,22 @@ class OutputError(OSError):
 
     def __init__(self, where, rule):
         super().__init__(f"{where}: {rule}")
+
+
+def unwritable(where, error):
+    """What to raise when the system refuses to write a file: its disk, or its name, is to blame.
+
+    Parameters
+    ----------
+    where : path
+    error : OSError
+
+    Returns
+    -------
+    OutputError or InputError
+    """
+    kind = OutputError if error.errno in _NO_ROOM else InputError
+    return kind(where, f"cannot be written ({error.strerror or error})")
 
 
 def _told_again(kind, text):

@@ -13,6 +13,7 @@ from . import names
 from .errors import InputError
 from .frame_alignment import ITEMS
 from .stream_time import Timeline
+from .textfile import write_whole
 
 _DATATYPES = {"fc32": "cf32_le", "sc16": "ci16_le"}
 _RX_TIME = pmt.intern(names.RX_TIME)
@@ -130,9 +131,7 @@ class sigmf_recorder(gr.sync_block):
         import json
 
         whole = {"global": self._global, "captures": self._captures, "annotations": []}
-        temporary = self._meta.with_name(self._meta.name + ".new")
-        temporary.write_text(json.dumps(whole, indent=2) + "\n", encoding="utf-8")
-        os.replace(temporary, self._meta)
+        write_whole(self._meta, json.dumps(whole, indent=2) + "\n")
 
 
 def _check_new(*paths):

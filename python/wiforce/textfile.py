@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Text files that come from outside: read up to a limit, every failure an InputError."""
+"""Text files: read up to a limit, for they come from outside; written whole or not at all."""
 
 import csv
 import io
+from pathlib import Path
 
 from .errors import InputError
 
@@ -59,3 +60,20 @@ def read_csv(path):
     if not rows:
         raise InputError(path, "has no rows")
     return header, rows
+
+
+def write_whole(path, text):
+    """Writes a file in UTF-8, or replaces it; what was there stays when that fails.
+
+    Raises
+    ------
+    OSError
+    """
+    path = Path(path)
+    part = path.with_name(path.name + ".part")
+    try:
+        part.write_text(text, encoding="utf-8")
+        part.replace(path)
+    except OSError:
+        part.unlink(missing_ok=True)
+        raise

@@ -4,6 +4,7 @@
 import csv
 import json
 import math
+import resource
 import signal
 import socket
 import subprocess
@@ -102,13 +103,14 @@ def live_command(args, scene, *options):
 
 
 @contextmanager
-def live(args, scene, *options, limit=100):
-    """A running live reader; ended if the test doesn't."""
+def live(args, scene, *options, limit=100, before=None):
+    """A running live reader; ended if the test doesn't. ``before`` is called in it first."""
     process = subprocess.Popen(
         live_command(f"{args},{FRAMES}", scene, *options),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        preexec_fn=before,
     )
     timer = threading.Timer(limit, process.kill)
     timer.start()
@@ -117,7 +119,7 @@ def live(args, scene, *options, limit=100):
     finally:
         timer.cancel()
         process.kill()
-        process.communicate()
+        print(*process.communicate())  # shown when the test fails
 
 
 def rows_of(path):
@@ -408,6 +410,28 @@ def test_readings_and_requests_go_over_zmq_and_clipping_is_told(slow_scene, slow
         assert process.returncode == 0
     assert "clips" in said
     assert rows_of(output)[-1]["touch"] == "1"
+
+
+def test_a_full_disk_is_told_and_all_before_is_kept(slow_scene, slow_device, tmp_path):
+    """First the recording meets its end, then the readings."""
+    room = int(np.random.default_rng(2).integers(1000, 3000))
+
+    def little_room():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
+
+    output, recording = tmp_path / "out.csv", tmp_path / "run"
+    options = [*GAINS, "-o", output, "--record", recording]
+    with live(slow_device.args, slow_scene, *options, before=little_room) as process:
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == 1
+    warning, error = said.splitlines()
+    assert "not recorded further" in warning and "File too large" in warning
+    assert error.startswith(f"gr-wiforce: {output}: cannot be written further")
+    text = output.read_text()
+    assert room - 100 < len(text) <= room and text.endswith("\n")
+    assert np.allclose(np.diff([float(row["time_s"]) for row in rows_of(output)]), SLOW_GROUP_S)
+    assert open_capture(recording).samples == room // 4
+    assert not list(tmp_path.glob("*.part"))
 
 
 def send_broken_requests(port, count):

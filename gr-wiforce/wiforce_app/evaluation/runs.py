@@ -14,6 +14,7 @@ from gnuradio.wiforce._config import DATA_DIR, VERSION
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.scene import load_scene, shipped_scenes
 from gnuradio.wiforce.sensor.file import sensor_to_dict
+from gnuradio.wiforce.textfile import write_whole
 
 from ..progress import progress
 from .report import table, write_report
@@ -88,10 +89,7 @@ def result_of(folder, name, mark):
 
 def keep_result(folder, name, mark, result):
     """Writes a result whole or not at all."""
-    path = _file(folder, name)
-    partial = path.with_suffix(".partial")
-    partial.write_text(json.dumps({"mark": mark, "result": result}), encoding="utf-8")
-    os.replace(partial, path)
+    write_whole(_file(folder, name), json.dumps({"mark": mark, "result": result}))
 
 
 def _paper_figures():

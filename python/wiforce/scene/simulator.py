@@ -2,7 +2,6 @@
 """Simulated captures: a scene on the air, written as SigMF with its truth beside it."""
 
 import csv
-import errno
 import os
 import tempfile
 from contextlib import contextmanager
@@ -11,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..codes import samples_of
-from ..errors import InputError, OutputError
+from ..errors import InputError, unwritable
 from .adc import Adc
 from .channel import AirChannel
 
@@ -20,7 +19,6 @@ TRUTH_COLUMNS = (
 )  # fmt: skip
 DATATYPES = ("ci16_le", "cf32_le")
 _FRAMES_AT_ONCE = 500
-_NO_ROOM = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO)
 
 
 def simulate(scene, name, datatype="ci16_le", progress=None, antenna=0):
@@ -69,8 +67,7 @@ def simulate(scene, name, datatype="ci16_le", progress=None, antenna=0):
             write_truth(scene, channel, truth)
             _write_metadata(scene, datatype, data, meta)
     except OSError as error:
-        refusal = OutputError if error.errno in _NO_ROOM else InputError
-        raise refusal(name, f"cannot be written ({error.strerror or error})") from error
+        raise unwritable(name, error) from error
     return paths
 
 

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from ..errors import InputError
+from ..errors import InputError, unwritable
+from ..textfile import write_whole
 from ..yamlfile import Section, as_number, read_yaml
 from . import curves, line
 from .location import SHAPES
@@ -243,18 +244,16 @@ def write_sensor(model, path):
     ------
     InputError
         When the file cannot be written.
+    OutputError
+        When the disk is full.
     """
     text = yaml.safe_dump(
         sensor_to_dict(model), sort_keys=False, width=100, default_flow_style=None
     )
-    path = Path(path)
-    part = path.with_name(path.name + ".part")
     try:
-        part.write_text("# SPDX-License-Identifier: GPL-3.0-or-later\n" + text, encoding="utf-8")
-        part.replace(path)
+        write_whole(path, "# SPDX-License-Identifier: GPL-3.0-or-later\n" + text)
     except OSError as error:
-        part.unlink(missing_ok=True)
-        raise InputError(path, f"cannot be written ({error.strerror})") from error
+        raise unwritable(path, error) from error
 
 
 def sensor_to_dict(model):
