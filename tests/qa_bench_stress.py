@@ -70,7 +70,8 @@ def test_a_level_that_jumps_10_000_times_is_never_read_wrong_with_confidence():
 
     outcome = read_case(made, scale=scale)
     assert outcome.not_finite == 0 and outcome.confident_deg == 0
-    assert len(outcome.errors_deg) + outcome.unread == 12 and outcome.worst_deg <= 0.1
+    assert len(outcome.errors_deg) + outcome.unread == 12
+    assert np.all(np.abs(outcome.errors_deg) <= 3 * outcome.std_deg)
 
 
 def test_samples_that_are_no_numbers_are_left_out():
