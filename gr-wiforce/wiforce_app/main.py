@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The ``gr-wiforce`` command: finds its subcommands, and turns every failure into one line."""
 
+import atexit
 import errno
 import os
+import shutil
 import sys
+import tempfile
 import traceback
 
 import click
@@ -129,11 +132,15 @@ def main(argv=None):
 def run():
     """The command as a process, whatever that process was started with; its exit status."""
     _open_standard_streams()
-    # GNU Radio's FFT keeps a file in the home folder, and fails where it cannot. Without a home it
-    # takes the folder for temporary files.
-    if not os.access(os.environ.get("HOME", "/"), os.W_OK):
-        os.environ.pop("HOME", None)
+    _find_home()
     return main()
+
+
+def _find_home():
+    """A folder for GNU Radio's FFT, which keeps a file in the home folder, or fails."""
+    if not os.access(os.environ.get("HOME", ""), os.W_OK):
+        os.environ["HOME"] = tempfile.mkdtemp(prefix=f"{PROGRAM}-")
+        atexit.register(shutil.rmtree, os.environ["HOME"], ignore_errors=True)
 
 
 def _open_standard_streams():
