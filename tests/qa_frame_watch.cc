@@ -33,6 +33,12 @@ public:
     }
 
     void lose(int samples) { d_place += samples; }
+    // As preambles do.
+    void repeat_five_times()
+    {
+        for (int i = 0; i < LENGTH / 2; i++)
+            d_frame[i] = d_frame[i % (LENGTH / 10)];
+    }
     void change_channel()
     {
         for (fc32& value : d_frame)
@@ -95,6 +101,35 @@ BOOST_DATA_TEST_CASE(lost_samples_are_found_but_for_whole_frames,
                boost::test_tools::per_element());
     stream.lose(5); // and again
     BOOST_TEST(follow(watch, stream, position, 6) == std::vector<int>{ LENGTH - 5 },
+               boost::test_tools::per_element());
+}
+
+BOOST_DATA_TEST_CASE(a_loss_while_frames_are_averaged_is_found, data::xrange(0, 17))
+{
+    air stream(0.3f);
+    frame_watch watch(LENGTH, 0);
+    std::uint64_t position = 0;
+    follow(watch, stream, position, 3);
+    // by frames before the end of what is averaged
+    for (; position + sample * LENGTH < watch.decision(); position++) {
+        const fc32 value = stream.next();
+        watch.take(&value, 1, position);
+    }
+    stream.lose(11);
+    BOOST_TEST(follow(watch, stream, position, 8) == std::vector<int>{ LENGTH - 11 },
+               boost::test_tools::per_element());
+}
+
+BOOST_AUTO_TEST_CASE(a_loss_of_one_repetition_of_the_preamble_is_found)
+{
+    air stream(0.1f);
+    stream.repeat_five_times();
+    frame_watch watch(LENGTH, 0);
+    std::uint64_t position = 0;
+    follow(watch, stream, position, 3);
+    stream.lose(LENGTH / 10);
+    BOOST_TEST(follow(watch, stream, position, 6) ==
+                   std::vector<int>{ LENGTH - LENGTH / 10 },
                boost::test_tools::per_element());
 }
 

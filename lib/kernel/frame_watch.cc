@@ -10,8 +10,9 @@ namespace gr::wiforce::kernel {
 
 namespace {
 
-// Part of the energy that stays in its place though something moves or is added ...
-constexpr float IN_PLACE = 0.5f;
+// Part of the energy that stays in its place though something moves or is added; a shift
+// by one of five repetitions of the preamble leaves 0.64 ...
+constexpr float IN_PLACE = 0.7f;
 // ... and that must be alike to count as the same.
 constexpr float SAME = 0.8f;
 
@@ -94,11 +95,15 @@ int frame_watch::decide()
 
 int frame_watch::judge(const profile& now)
 {
-    if (d_usual.empty() || match(now, d_usual, 0) > IN_PLACE) {
-        d_usual = now;
+    if (d_usual.empty())
+        d_usual = d_next = now;
+    if (match(now, d_usual, 0) > IN_PLACE) {
+        d_usual = d_next;
+        d_next = now;
         d_latest.clear();
         return 0;
     }
+    d_next = d_usual;
     const bool steady = !d_latest.empty() && match(now, d_latest, 0) > SAME;
     d_latest = now;
     if (!steady)
@@ -106,7 +111,7 @@ int frame_watch::judge(const profile& now)
     const int shift = find_shift(now);
     // Otherwise it is another channel, and frames are believed to be where they were.
     if (shift == 0)
-        d_usual = now;
+        d_usual = d_next = now;
     d_latest.clear();
     return shift;
 }

@@ -55,6 +55,7 @@ private:
     std::uint64_t d_begin;    // of the frames that are averaged
     std::vector<float> d_sum; // real and imaginary parts of a frame
     profile d_usual;          // as it should be; empty at first
+    profile d_next;           // to be so, unless frames moved while it was averaged
     profile d_latest;         // the last one that was not so
 };
 
