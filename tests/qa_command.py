@@ -70,7 +70,7 @@ def test_version_is_the_builds():
         (["simulate", "no\nne.yaml", "x"], "no ne.yaml: cannot be read"),
         (["emulate", "--speed", "nan"], "'nan' is not a finite number"),
         (["live", "--scene", "demo", "--args", "x", "--zmq", "\u00b2"], "--zmq: must be a port"),
-        (["bench", "speed", "--only", "x"], "no row is called 'x'"),
+        (["bench", "speed", "--only", "x"], "got 'x'"),
         (["bench", "speed", "--megabytes", "99999999999"], "must leave both recordings room"),
         (["bench", "stress", "--page", "no/page.md"], "folder does not exist"),
     ],

@@ -76,7 +76,7 @@ def test_intervals_hold_the_truth_over_many_calibrations(tmp_path):
 
 
 @pytest.mark.parametrize("frequency", LIMITS)
-def test_a_law_that_five_locations_cannot_tell_is_read_worse_and_said_so(tmp_path, frequency):
+def test_what_five_locations_cannot_tell_of_a_law_is_in_the_deviation(tmp_path, frequency):
     law = OwnLaw("log", "kinked", 12.0)
     rng = np.random.default_rng(3)
     rows = vna_rows(law, frequency, np.linspace(2, 8, 30), 0.2, rng)

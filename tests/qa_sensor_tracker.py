@@ -75,6 +75,9 @@ def test_following_beats_single_readings_and_smoothing_beats_both(model):
         ):
             errors[name].append([np.abs(values[0] - force), np.abs(values[2] - place)])
             held[name].append(np.abs(values[0] - force) <= 2 * values[1])
+        assert np.allclose(
+            smooth.covariance, smooth.covariance.transpose(0, 2, 1), rtol=1e-9, atol=0
+        )
     force = {name: np.median([e[0] for e in values]) for name, values in errors.items()}
     place = {name: np.median([e[1] for e in values]) for name, values in errors.items()}
     assert force["smoothed"] < force["tracked"] < 0.85 * force["single"]
@@ -173,3 +176,8 @@ def test_settings_that_cannot_be_are_refused(model):
         model.tracker(1.0).update([1.0, 2.0, 3.0], 0.1)
     with pytest.raises(InputError, match="std_deg"):
         model.tracker(1.0).update([1.0, 2.0], -0.1)
+
+
+def test_no_reading_is_no_press_to_smooth(model):
+    with pytest.raises(InputError, match="phases_deg: must hold a reading"):
+        smooth_press(model, np.empty((0, 2)), 1.0, PERIOD_S)

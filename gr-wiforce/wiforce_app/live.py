@@ -14,6 +14,8 @@ from .ranges import FiniteRange
 from .zmq_sockets import ReadingsPublisher, Replies, answer_words, endpoint_of
 
 _LOOK_S = 0.1
+# Between two looks, however many a peer sends.
+_REQUESTS_A_LOOK = 100
 
 
 def radio_options(command):
@@ -135,7 +137,7 @@ def _run(session, args, outputs, control, duration):
         while not ended.wait(_LOOK_S) and session.failure is None:
             watch.look()
             if requests is not None:
-                requests.serve()
+                requests.serve(_REQUESTS_A_LOOK)
             if duration and session.time_s >= duration:
                 break
         session.stop()

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """ZMQ sockets: readings out, requests in, on loopback unless told otherwise."""
 
+import itertools
 import json
 import re
 
@@ -100,9 +101,11 @@ class Replies(_Endpoint):
         """Descriptor that becomes readable when requests may have come in."""
         return self._socket.fileno()
 
-    def serve(self):
-        """Answer what has come in; never waits."""
-        while self._socket.poll(0):
+    def serve(self, most=None):
+        """Answer what has come in, ``most`` requests if given; never waits."""
+        for _ in itertools.count() if most is None else range(most):
+            if not self._socket.poll(0):
+                return
             parts = self._socket.recv_multipart()
             if b"" not in parts[1:]:
                 continue  # nothing says where the peer's address ends

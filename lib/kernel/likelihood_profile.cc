@@ -23,8 +23,8 @@ constexpr double barrier = 4.0;
 constexpr double small_step = 1.0;
 constexpr double least_variance = 1e-12;
 
-// Built for several instruction sets, chosen when the library is loaded; sanitizers
-// cannot be asked that early.
+// Built for several instruction sets, of which the processor's is chosen when the library
+// is loaded: tests see that one. Sanitizers cannot be asked that early.
 #if defined(WIFORCE_X86) && defined(__gnu_linux__) && !defined(__SANITIZE_THREAD__) &&   \
     !defined(__SANITIZE_ADDRESS__)
 #define WIFORCE_CLONES __attribute__((target_clones("avx512f", "avx2", "default")))

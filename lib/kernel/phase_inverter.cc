@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <system_error>
 #include <thread>
 #include <vector>
 
@@ -101,10 +102,18 @@ void phase_inverter::read_all(const double* psi,
     const std::size_t processors = std::max(std::thread::hardware_concurrency(), 1U);
     const std::size_t parts =
         std::clamp(count / thread_share, std::size_t{ 1 }, processors);
+    const auto begin = [=](std::size_t part) { return part * count / parts; };
     std::vector<std::thread> others;
-    for (std::size_t part = 1; part < parts; part++)
-        others.emplace_back(read_some, part * count / parts, (part + 1) * count / parts);
-    read_some(0, count / parts);
+    try {
+        while (others.size() + 1 < parts) {
+            const auto part = others.size() + 1;
+            others.emplace_back(read_some, begin(part), begin(part + 1));
+        }
+    } catch (const std::system_error&) {
+        // No more threads are to be had: the rest is read here.
+    }
+    read_some(0, begin(1));
+    read_some(begin(others.size() + 1), count);
     for (auto& other : others)
         other.join();
 }

@@ -46,7 +46,15 @@ public:
     std::uint8_t
     read(double psi_1, double psi_2, double std_1, double std_2, reading& out) const;
 
-    //! Reads `count` pairs of phases and of standard deviations; many, on all processors.
+    /*!
+     * Reads many pairs, on all processors.
+     *
+     * \param psi count x 2 phases, deg
+     * \param std count x 2 standard deviations, deg
+     * \param count of pairs
+     * \param out count readings; what stands where a flag is unknown means nothing
+     * \param flags count sums of flags
+     */
     void read_all(const double* psi,
                   const double* std,
                   std::size_t count,

@@ -74,7 +74,7 @@ class _SensorReadout:
         there = there and not clock.overlapping
         fields = {"time_s": time_s, "sensor": self.name, "flags": flags}
         if not there:
-            if not flags:
+            if not clock.overlapping and flags in ([], ["inconsistent"]):
                 flags.append("weak")
             return fields
         decision = self._touch.update(time_s, np.degrees(np.angle(ratios)), std, in_reference)

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Times on a stream of samples, as gr-uhd tags them."""
 
-import math
-
 import pmt
 
 _LONGEST_GAP_S = 3600.0
+_LARGEST_FRACTION_S = 1e9
 
 
 def time_value(seconds, fraction):
@@ -71,4 +70,4 @@ def _seconds(value):
         time = pmt.to_uint64(pmt.tuple_ref(value, 0)), pmt.to_double(pmt.tuple_ref(value, 1))
     except (RuntimeError, TypeError, ValueError):
         return None
-    return time if math.isfinite(time[1]) else None
+    return time if 0 <= time[1] < _LARGEST_FRACTION_S else None

@@ -84,7 +84,8 @@ def _lines(only):
     known = {line.name for line in lines}
     for name in only:
         if name not in known:
-            raise click.BadParameter(f"no row is called {name!r}", param_hint="--only")
+            rule = f"must be one of {', '.join(sorted(known))}"
+            raise click.BadParameter(f"{rule}, got {name!r}", param_hint="--only")
     compared = ("stock-tuned", "stock-default", "ceiling-file-source", "ceiling-read")
     return [r for r in lines if not only or r.name in only or r.name in compared]
 

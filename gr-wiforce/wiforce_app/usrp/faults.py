@@ -69,7 +69,7 @@ def parse_fault(text, where="--fault"):
     except (ValueError, OverflowError):
         ticks = -1
     if ticks < 0:
-        raise InputError(where, "must begin with a time in seconds", text)
+        raise InputError(where, "must begin with a time in seconds, not negative", text)
     if kind not in _KINDS:
         raise InputError(where, f"must be one of: {GRAMMAR}", text)
     return Fault(ticks, time.startswith("+"), kind, _convert(kind, arguments, text, where))
@@ -91,7 +91,8 @@ def _convert(kind, arguments, text, where):
         if convert is str and name != "sensor" and value not in choices:
             raise InputError(where, f"must read TIME {usage}", text)
         if name == "ppm" and not abs(value) <= _MOST_PPM:
-            raise InputError(where, f"ppm must be at most {_MOST_PPM:g} in TIME {usage}", text)
+            rule = f"ppm must lie from -{_MOST_PPM:g} to {_MOST_PPM:g} in TIME {usage}"
+            raise InputError(where, rule, text)
         if convert is not str and name != "ppm" and not 0 < value < 1e9:
             raise InputError(where, f"{name} must be positive in TIME {usage}", text)
         converted.append(value)

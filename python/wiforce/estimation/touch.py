@@ -108,6 +108,9 @@ class TouchDetector:
             self._touch, moved = self._decide(change, spread)
         if np.max(std_deg) > WEAK_PHASE_DEG:
             # Noise or an accident: it may be read, but the tare learns nothing from it.
+            self._moving = False
+            if self._touch:
+                self._recent.clear()
             return TouchDecision(self._touch, moved, self._drift.copy(), self._disturbed)
         if moved and self._moving:
             self._shift(change)

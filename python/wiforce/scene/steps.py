@@ -67,7 +67,7 @@ def _snapshot_steps(scene, plan):
     yield Step(
         "guard and first repetition",
         False,
-        f"{skipped} of {waveform.frame_length} samples hold nothing that is averaged; never read",
+        f"{skipped} of {waveform.frame_length} samples hold nothing that is averaged",
         2 * skipped * rate,
     )
     yield Step(

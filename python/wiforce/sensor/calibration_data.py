@@ -16,11 +16,14 @@ _FORCES_COMPARED = 9
 
 @dataclass(frozen=True)
 class ContactCurve:
-    """Data of one carrier, location and port: what the contact adds to the line's phase."""
+    """Data of one carrier, location and port: what the contact adds to the line's phase.
+
+    Arrays are of shape (n,) and in order of force.
+    """
 
     force_n: np.ndarray
     added_deg: np.ndarray
-    press: np.ndarray
+    press: np.ndarray  # which press each row belongs to
     copied: bool = False  # the mirror image of another
 
 
@@ -31,8 +34,8 @@ class CarrierData:
     frequency_hz: float
     location_mm: np.ndarray
     curves: list  # [port][location] of ContactCurve
-    untouched_deg: tuple | None
-    onset: tuple  # largest untouched and least touched force seen in sweeps
+    untouched_deg: tuple | None  # psi_10, psi_20
+    onset: tuple  # largest untouched and least touched force (N) seen in sweeps
 
     def all_curves(self):
         return [curve for port in self.curves for curve in port]
@@ -52,7 +55,10 @@ def carriers_of(table):
 
 
 def carrier_data(table, frequency, length_mm, permittivity, mirror, assumed):
-    """The rows of one carrier as curves; what had to be taken for granted goes to ``assumed``."""
+    """The rows of one carrier as curves; what had to be taken for granted goes to ``assumed``.
+
+    Raises InputError, naming file and row, for what no curve can be drawn through.
+    """
     table = table.take(same_carrier(table.frequency_hz, frequency))
     untouched = _untouched_phases(table)
     if untouched is None:
@@ -169,7 +175,7 @@ def with_location_steps(data, location_steps, length_mm, permittivity):
 
 
 def anchor_force(data):
-    """Middle of the span of force that all locations share, or of all of it."""
+    """Middle (N) of the span of force that all locations share, or of all of it."""
     low = max(curve.force_n[0] for curve in data.all_curves())
     high = min(curve.force_n[-1] for curve in data.all_curves())
     return 0.5 * (low + high)
@@ -182,7 +188,7 @@ def _value_at(curve, force):
 
 
 def compared_forces(data):
-    """A few forces within what every location covers, or, failing that, most of them."""
+    """A few forces (N) within what every location covers, or, failing that, most of them."""
     low = max(curve.force_n[0] for curve in data.all_curves())
     high = min(curve.force_n[-1] for curve in data.all_curves())
     if low >= high:

@@ -31,7 +31,7 @@ def check_table(table, length_mm):
     if not np.any(touched):
         raise InputError(table.source, "has no row with a force")
     for index in np.flatnonzero(touched & (table.force_n < LEAST)):
-        rule = "must be positive, as the others are"
+        rule = f"must be at least {LEAST:g}, as the others are"
         raise InputError(f"{table.at(index)}: force_n", rule, float(table.force_n[index]))
     outside = touched & ~((table.location_mm > 0) & (table.location_mm < length_mm))
     for index in np.flatnonzero(outside):

@@ -220,9 +220,10 @@ def _numbers(section, key, shape):
         numbers = np.array(_nested(value, shape), float)
     except ValueError:
         raise section.error(key, rule, value) from None
-    largest = np.abs(numbers).max()
-    if largest > _LARGEST:
-        raise section.error(key, f"must hold no number above {_LARGEST:g}", largest)
+    largest = numbers.flat[np.argmax(np.abs(numbers))]
+    if abs(largest) > _LARGEST:
+        rule = f"must hold numbers from -{_LARGEST:g} to {_LARGEST:g}"
+        raise section.error(key, rule, float(largest))
     return numbers
 
 

@@ -57,7 +57,23 @@ class _PhaseCurves:
 
 
 class FilterBank:
-    """One filter of the force per location: mean, variance and log weight, each of shape (M,)."""
+    """One filter of the force per location.
+
+    Parameters
+    ----------
+    forward : ForwardMap
+    location_mm : ndarray, shape (M,)
+        Rising, equally spaced.
+    start_n, start_std_n : float
+        Force before the first reading and its standard deviation.
+
+    Attributes
+    ----------
+    mean, variance : ndarray, shape (M,)
+        Of the force, N and N^2.
+    log_weight : ndarray, shape (M,)
+        Of the location; 0 at the likeliest.
+    """
 
     def __init__(self, forward, location_mm, start_n, start_std_n):
         self._forward = forward
@@ -67,10 +83,17 @@ class FilterBank:
         self.log_weight = np.zeros(len(location_mm))
 
     def walk(self, variance):
+        """Lets the force change by a random step of this variance (N^2)."""
         self.variance = self.variance + variance
 
     def update(self, phases_deg, std_deg):
-        """Takes one reading; gives how badly the best location explains it (squared, whitened)."""
+        """Takes one reading; gives how badly the best location explains it (squared, whitened).
+
+        Parameters
+        ----------
+        phases_deg, std_deg : ndarray, shape (P,)
+            Phases of both ends at each carrier, modulo 360, and their noise.
+        """
         low, high = self._forward.force_n[[0, -1]]
         noise = std_deg**2 + self.curves.variance
         freedom = NOISE_FREEDOM + len(phases_deg)
@@ -100,11 +123,12 @@ class FilterBank:
         return float(np.min(distance))
 
     def weights(self):
+        """Probability of each location (M,)."""
         weight = np.exp(self.log_weight)
         return weight / weight.sum()
 
     def place(self):
-        """Mean and variance of the location; between two of the grid any is as likely."""
+        """Mean (mm) and variance (mm^2) of the location; any between two nodes is as likely."""
         location, weight = self.curves.location_mm, self.weights()
         mean = weight @ location
         return mean, weight @ (location - mean) ** 2 + np.min(np.diff(location)) ** 2 / 12

@@ -24,8 +24,8 @@ from scipy.interpolate import CubicSpline
 from ..errors import InputError
 
 SHAPES = np.arange(5)
-# So close that some fit whatever a calibration can tell: a single one that happens to fit best
-# would be believed alone.
+# Closer than what a calibration tells apart: else the one that happens to fit would be believed
+# alone.
 _FADES_MM = np.geomspace(5.0, 80.0, 49)
 _SHIFTS_MM = np.linspace(-5.0, 15.0, 33)
 _SCALES_MM = np.array([10.0, 25.0])

@@ -3,6 +3,7 @@
 
 import numpy as np
 
+from ..errors import InputError
 from .inversion import inversion_of
 from .tracker import FORCE_WALK_N, START_ABOVE_ONSET_N, PressTracker
 
@@ -25,8 +26,15 @@ def smooth_press(
     Returns
     -------
     Inversion
+        n readings.
+
+    Raises
+    ------
+    InputError
     """
     phases = np.atleast_2d(np.asarray(phases_deg, float))
+    if not phases.size:
+        raise InputError("phases_deg", "must hold a reading or more", phases.shape)
     std = np.broadcast_to(np.asarray(std_deg, float), phases.shape)
     tracker = PressTracker(
         model, group_period_s, frequency_hz, force_walk_n, start_force_n, start_std_n
@@ -63,7 +71,8 @@ def _smoothed(history, bank, tracker, std):
         covariance = tracker.systematic(force, place)
         covariance[0, 0] += weight @ (variance + away**2)
         covariance[1, 1] += spread
-        covariance[0, 1] += weight @ (away * (location - place))
+        shared = weight @ (away * (location - place))
+        covariance += [[0.0, shared], [shared, 0.0]]
         rows.append([force, place, *covariance.ravel()])
     values = np.array(rows[::-1])
     flags = [tracker.flags_of(row, noise) for row, noise in zip(values, std, strict=True)]
