@@ -195,6 +195,13 @@ def test_a_reference_that_was_taken_late_flags_every_reading_that_rests_on_it():
     assert flagged == [True] * 9 + [False] * 5
 
 
+def test_a_tag_that_is_not_heard_is_weak_though_its_reference_is_late():
+    silent = replace(a_state(0, reference=False), late_reference=np.ones(2, bool))
+    silent = replace(silent, std_deg=np.full(2, np.inf))
+    (reading,) = readings_of(make_readout(), [(silent, np.ones(2, complex))])
+    assert reading.touch is None and set(reading.flags) == {"inconsistent", "weak"}
+
+
 def test_a_tag_that_moves_while_touched_is_flagged_until_release():
     items = press(10, 29, 40)
     for g in range(20, 30):
