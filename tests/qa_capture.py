@@ -52,6 +52,15 @@ def test_a_file_cut_short_keeps_the_segments_that_are_left(tmp_path):
     assert capture.segments == (Segment(0, 0, 600), Segment(600, 600, 400))
 
 
+@pytest.mark.parametrize("path", ["../secret.bin", "x.sigmf-data/../../secret.bin"])
+def test_no_path_in_the_metadata_leads_to_other_samples(tmp_path, path):
+    (tmp_path / "secret.bin").write_bytes(bytes(4 * 77))
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    capture = open_capture(write(folder, **{"core:dataset": path}))
+    assert capture.path == folder / "x.sigmf-data" and capture.samples == 1000
+
+
 def test_raw_samples_need_only_their_type(tmp_path):
     path = tmp_path / "raw.bin"
     path.write_bytes(bytes(8 * 77 + 3))
