@@ -18,7 +18,8 @@ WAVEFORM = sounding_waveform()
 
 
 def rx_time(offset, seconds):
-    value = pmt.make_tuple(pmt.from_uint64(int(seconds)), pmt.from_double(seconds % 1))
+    whole = int(seconds % 1e15)  # what is beyond goes to the fraction, which cannot be so large
+    value = pmt.make_tuple(pmt.from_uint64(whole), pmt.from_double(seconds - whole))
     return gr.tag_utils.python_to_tag((offset, pmt.intern("rx_time"), value, pmt.PMT_F))
 
 
@@ -118,7 +119,7 @@ def test_a_recording_holds_the_samples_and_marks_the_gaps(tmp_path):
 
 def test_times_that_come_twice_or_late_mark_no_gap(tmp_path):
     samples, true = stream(0, 30), [(n, 1.0 + n / RATE) for n in (0, 5000, 15_000)]
-    slips = [(8000, 1.0 + 5000 / RATE), (9000, 7200.0), (10_000, 0.5)]
+    slips = [(8000, 1.0 + 5000 / RATE), (9000, 7200.0), (10_000, 0.5), (11_000, 1e305)]
     lost = (18_000, 1.0 + 18_070 / RATE)
     tags = [rx_time(*tag) for tag in (*true, *slips, lost)]
     record(tmp_path / "run", samples, tags)
