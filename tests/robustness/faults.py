@@ -52,6 +52,8 @@ class Stream:
         What was done to it.
     earliest : int
         No fault before this sample.
+    silent : int
+        Samples of other settings, which no group holds.
     """
 
     codes: np.ndarray
@@ -60,6 +62,7 @@ class Stream:
     shift_s: float = 0.0
     spoilt: list = field(default_factory=list)
     said: list = field(default_factory=list)
+    silent: int = 0
 
     def tag(self, item, key, value):
         self.tags.append((int(item), key, value))
@@ -158,6 +161,7 @@ def time_nonsense(stream, rng):
 def other_rate(stream, rng):
     """The device says that it samples at another rate for a while."""
     start, count = _stretch(stream, rng)
+    stream.silent += count
     stream.tag(start, "rx_rate", pmt.from_double(10e6))
     stream.tag(start + count, "rx_rate", pmt.from_double(RATE))
     _noise(stream, start, count, rng)
@@ -166,6 +170,7 @@ def other_rate(stream, rng):
 def retuned(stream, rng):
     """Another carrier for a while; back again the oscillator has a phase of its own."""
     start, count = _stretch(stream, rng)
+    stream.silent += count
     stream.tag(0, "rx_freq", pmt.from_double(900e6))
     stream.tag(start, "rx_freq", pmt.from_double(910e6))
     stream.tag(start + count, "rx_freq", pmt.from_double(900e6))
