@@ -126,7 +126,7 @@ def test_the_same_capture_gives_the_same_bytes_on_any_number_of_cores(sandbox, r
     assert done.stdout == "".join(readings)
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(3000)
 def test_a_killed_reader_leaves_whole_rows_and_no_hindrance(sandbox, readings, long_run):
     """Killed at random moments of a run that goes on for as long as it is let."""
     rng = np.random.default_rng(11)
