@@ -14,10 +14,11 @@ public:
     counter(const counter& other) : d_value(other) {}
 
     operator std::uint64_t() const { return d_value.load(std::memory_order_relaxed); }
-    void operator+=(std::uint64_t more)
+    void operator=(std::uint64_t value)
     {
-        d_value.store(*this + more, std::memory_order_relaxed);
+        d_value.store(value, std::memory_order_relaxed);
     }
+    void operator+=(std::uint64_t more) { *this = *this + more; }
 
 private:
     std::atomic<std::uint64_t> d_value{ 0 };
