@@ -186,7 +186,7 @@ def test_a_missing_port_is_refused(own_table, rows):
         ("900.000,30,1,3,nan", "row 254: phase_deg: must be finite"),
         ("900.000,30,3,3,12", "row 254: port: must be 1 or 2, got '3'"),
         ("900.000,,1,3,12", "row 254: location_mm: must be given"),
-        ("900.000,30,1,-3,12", "row 254: force_n: must be positive"),
+        ("900.000,30,1,-3,12", "row 254: force_n: must be at least"),
         ("900.000,95,1,3,12", "row 254: location_mm: must lie within the line"),
         ("-5,30,1,3,12", "row 254: freq_mhz: must be positive"),
     ],
