@@ -214,6 +214,7 @@ def test_settings_that_cannot_be_are_refused(own_table):
         ("length_mm", 1e300),
         ("permittivity", 0.5),
         ("onset_force_n", -1.0),
+        ("onset_force_n", 9.0),
         ("onset_force_n", 1e300),
         ("location_steps", "sideways"),
     ):

@@ -111,6 +111,7 @@ def test_numbers_typed_900e6_are_numbers(tmp_path):
         (["length_mm"], -80, "length_mm: must be a number above 0"),
         (["onset_force_n"], None, "onset_force_n: is missing"),
         (["onset_force_n"], float("nan"), "onset_force_n"),
+        (["onset_force_n"], 12.0, "onset_force_n: must be below the highest calibrated force"),
         (["force_span_n"], [8, 2], "force_span_n: must be two rising numbers"),
         (["location_span_mm"], [20, 90], "location_span_mm"),
         (["carriers"], [], "carriers: must be a list"),

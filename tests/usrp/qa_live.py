@@ -309,6 +309,22 @@ def test_a_recording_says_what_it_was_made_with_and_what_it_lost(recorded):
     assert fields["wiforce:scene"]["sensors"][0]["name"] == "arm"
 
 
+def test_killed_at_the_full_rate_it_leaves_all_but_the_last_second(software_usrp, tmp_path):
+    scene = scene_file(tmp_path, PRESSES[:1])
+    device = software_usrp(scene)
+    output, name = tmp_path / "out.jsonl", tmp_path / "run"
+    with live(device.args, scene, *GAINS, "-o", output, "--record", name) as process:
+        wait_until(lambda: streaming_s(device) > 2.2)
+        end_s = streaming_s(device)
+        process.kill()
+    times = [json.loads(line)["time_s"] for line in output.read_text().splitlines()]
+    assert np.allclose(times, GROUP_S * (np.arange(len(times)) + 0.5))
+    assert times[-1] > end_s - 1 - GROUP_S
+    capture = open_capture(name)
+    assert capture.samples / 12.5e6 > end_s - 1
+    assert capture.sample_rate_hz == 12.5e6 and capture.center_frequency_hz == 900e6
+
+
 def free_ports(count):
     """Ports that nobody listens at, now at least."""
     with ExitStack() as held:

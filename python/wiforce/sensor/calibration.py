@@ -143,6 +143,9 @@ def _check_settings(length_mm, form, onset_force_n, location_steps, permittivity
 def _onset(data, forces, onset_force_n, assumed):
     seen = [d.onset for d in data if d.onset[0] is not None]
     if onset_force_n is not None:
+        if onset_force_n >= np.max(forces):
+            rule = f"must be below the highest calibrated force, {np.max(forces):g}"
+            raise InputError("onset_force_n", rule, onset_force_n)
         return float(onset_force_n)
     if seen:
         return float(np.mean(seen))

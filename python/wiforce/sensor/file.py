@@ -88,6 +88,10 @@ def sensor_from_dict(content, where="sensor"):
         "location_span_mm": _span(section, "location_span_mm", high=length),
         "provenance": _provenance(section.section("provenance")),
     }
+    highest = common["force_span_n"][1]
+    if common["onset_force_n"] >= highest:
+        rule = f"must be below the highest calibrated force, {highest:g}"
+        raise section.error("onset_force_n", rule, common["onset_force_n"])
     model = (_read_line if kind == "line" else _read_curves)(section, common)
     section.finish()
     return model
