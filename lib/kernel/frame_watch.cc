@@ -87,7 +87,9 @@ int frame_watch::decide()
 {
     const profile now = average();
     const int shift = now.empty() ? 0 : judge(now);
-    const bool settled = d_latest.empty();
+    d_doubts = d_latest.empty() ? 0 : d_doubts + 1;
+    // A loss within an average shows in the next two; noise is always in doubt.
+    const bool settled = d_doubts % MOST_DOUBTS == 0;
     std::fill(d_sum.begin(), d_sum.end(), 0.0f);
     d_begin += (settled ? PERIOD : AVERAGED) * d_length;
     return shift;

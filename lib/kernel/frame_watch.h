@@ -43,6 +43,7 @@ public:
 private:
     static constexpr std::uint64_t AVERAGED = 16; // frames
     static constexpr std::uint64_t PERIOD = 1024; // of them
+    static constexpr int MOST_DOUBTS = 3;         // averages in a row
 
     using profile = std::vector<fc32>;
 
@@ -54,9 +55,10 @@ private:
     const std::uint64_t d_origin;
     std::uint64_t d_begin;    // of the frames that are averaged
     std::vector<float> d_sum; // real and imaginary parts of a frame
-    profile d_usual;          // as it should be; empty at first
-    profile d_next;           // to be so, unless frames moved while it was averaged
-    profile d_latest;         // the last one that was not so
+    int d_doubts = 0;
+    profile d_usual;  // as it should be; empty at first
+    profile d_next;   // to be so, unless frames moved while it was averaged
+    profile d_latest; // the last one that was not so
 };
 
 } // namespace gr::wiforce::kernel
