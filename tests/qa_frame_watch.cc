@@ -76,6 +76,20 @@ follow(frame_watch& watch, air& stream, std::uint64_t& position, int decisions)
     return found;
 }
 
+template <class Change>
+void finds_no_loss_but_the_one_after(const Change& change)
+{
+    air stream(0.3f);
+    frame_watch watch(LENGTH, 0);
+    std::uint64_t position = 0;
+    follow(watch, stream, position, 2);
+    change(stream);
+    BOOST_TEST(follow(watch, stream, position, 6).empty());
+    stream.lose(11);
+    BOOST_TEST(follow(watch, stream, position, 6) == std::vector<int>{ LENGTH - 11 },
+               boost::test_tools::per_element());
+}
+
 } // namespace
 
 BOOST_DATA_TEST_CASE(frames_that_stay_are_left_alone, data::make({ 0.0f, 0.5f, 20.0f }))
@@ -135,28 +149,12 @@ BOOST_AUTO_TEST_CASE(a_loss_of_one_repetition_of_the_preamble_is_found)
 
 BOOST_AUTO_TEST_CASE(a_constant_hides_no_loss_and_makes_none)
 {
-    air stream(0.3f);
-    frame_watch watch(LENGTH, 0);
-    std::uint64_t position = 0;
-    follow(watch, stream, position, 2);
-    stream.constant = { 30, -40 };
-    BOOST_TEST(follow(watch, stream, position, 6).empty());
-    stream.lose(11);
-    BOOST_TEST(follow(watch, stream, position, 6) == std::vector<int>{ LENGTH - 11 },
-               boost::test_tools::per_element());
+    finds_no_loss_but_the_one_after([](air& stream) { stream.constant = { 30, -40 }; });
 }
 
 BOOST_AUTO_TEST_CASE(another_channel_is_no_shift)
 {
-    air stream(0.3f);
-    frame_watch watch(LENGTH, 0);
-    std::uint64_t position = 0;
-    follow(watch, stream, position, 2);
-    stream.change_channel();
-    BOOST_TEST(follow(watch, stream, position, 6).empty());
-    stream.lose(11);
-    BOOST_TEST(follow(watch, stream, position, 6) == std::vector<int>{ LENGTH - 11 },
-               boost::test_tools::per_element());
+    finds_no_loss_but_the_one_after([](air& stream) { stream.change_channel(); });
 }
 
 BOOST_AUTO_TEST_CASE(

@@ -9,7 +9,7 @@ from ..errors import InputError
 from . import curves
 from .calibration_data import anchor_force, carrier_data, carriers_of, with_location_steps
 from .carrier_fit import fit_carrier
-from .checks import check_table
+from .checks import check_onset, check_table
 from .fit import force_knots
 from .model import MAX_FORCE_N, MAX_LENGTH_MM, MAX_PERMITTIVITY
 from .validation import leave_locations_out, validate_forms
@@ -143,9 +143,7 @@ def _check_settings(length_mm, form, onset_force_n, location_steps, permittivity
 def _onset(data, forces, onset_force_n, assumed):
     seen = [d.onset for d in data if d.onset[0] is not None]
     if onset_force_n is not None:
-        if onset_force_n >= np.max(forces):
-            rule = f"must be below the highest calibrated force, {np.max(forces):g}"
-            raise InputError("onset_force_n", rule, onset_force_n)
+        check_onset("onset_force_n", onset_force_n, np.max(forces))
         return float(onset_force_n)
     if seen:
         return float(np.mean(seen))

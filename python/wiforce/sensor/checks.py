@@ -18,6 +18,13 @@ _ROUGHNESS_FACTOR = 10.0
 _UNTOUCHED_DEG, _ONSET_STEP_DEG = 3.0, 6.0
 
 
+def check_onset(where, onset_n, highest_n):
+    """The line must be shorted within the calibrated forces; raises InputError otherwise."""
+    if onset_n >= highest_n:
+        rule = f"must be below the highest calibrated force, {highest_n:g}"
+        raise InputError(where, rule, onset_n)
+
+
 def check_table(table, length_mm):
     """Refuses tables that hold errors.
 

@@ -13,6 +13,7 @@ from ..errors import InputError, unwritable
 from ..textfile import write_whole
 from ..yamlfile import Section, as_number, read_yaml
 from . import curves, line
+from .checks import check_onset
 from .location import SHAPES
 from .model import (
     LEAST,
@@ -88,10 +89,7 @@ def sensor_from_dict(content, where="sensor"):
         "location_span_mm": _span(section, "location_span_mm", high=length),
         "provenance": _provenance(section.section("provenance")),
     }
-    highest = common["force_span_n"][1]
-    if common["onset_force_n"] >= highest:
-        rule = f"must be below the highest calibrated force, {highest:g}"
-        raise section.error("onset_force_n", rule, common["onset_force_n"])
+    check_onset(f"{where}: onset_force_n", common["onset_force_n"], common["force_span_n"][1])
     model = (_read_line if kind == "line" else _read_curves)(section, common)
     section.finish()
     return model
