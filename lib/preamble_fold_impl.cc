@@ -13,7 +13,6 @@ namespace gr::wiforce {
 namespace {
 
 constexpr int INPUT_BUFFER_BYTES = 1 << 20;
-constexpr double LONGEST_GAP_S = 3600;
 
 const pmt::pmt_t rx_time_key = pmt::mp(names::RX_TIME);
 const pmt::pmt_t rx_rate_key = pmt::mp(names::RX_RATE);
@@ -30,8 +29,7 @@ bool is_time(const pmt::pmt_t& value)
     const pmt::pmt_t seconds = pmt::tuple_ref(value, 0);
     return (pmt::is_uint64(seconds) ||
             (pmt::is_integer(seconds) && pmt::to_long(seconds) >= 0)) &&
-           pmt::is_real(pmt::tuple_ref(value, 1)) &&
-           std::isfinite(pmt::to_double(pmt::tuple_ref(value, 1)));
+           pmt::is_real(pmt::tuple_ref(value, 1));
 }
 
 void check(double sample_rate, const std::string& item_type)
@@ -99,6 +97,7 @@ preamble_fold_impl<Sample>::preamble_fold_impl(const kernel::preamble_folder& fo
     : d_folder(folder),
       d_sample_rate(sample_rate),
       d_first_window(frame_offset + folder.first_averaged()),
+      d_timeline(sample_rate),
       d_watch(folder.frame_length(), frame_offset)
 {
     // The scheduler gives the block before this one a buffer of twice what relative_rate
@@ -123,38 +122,20 @@ std::uint64_t preamble_fold_impl<Sample>::window_start() const
     return d_first_window + d_frame * d_folder.frame_length();
 }
 
-// Samples by which a time is later than the samples since another time account for.
 template <class Sample>
-double preamble_fold_impl<Sample>::lead(const received_time& time,
-                                        const received_time& since) const
+void preamble_fold_impl<Sample>::note_time(const gr::tag_t& tag)
 {
-    const double seconds =
-        static_cast<double>(static_cast<std::int64_t>(time.seconds - since.seconds)) +
-        (time.fraction - since.fraction);
-    return std::round(seconds * d_sample_rate -
-                      static_cast<double>(time.item - since.item));
-}
-
-// A later time means lost samples. One that is earlier, or later by more than any gap, is
-// a slip of the device or of the way here: it counts when the next agrees with it.
-template <class Sample>
-void preamble_fold_impl<Sample>::note_time(const received_time& time)
-{
-    // Those that the frames' place has told are on the count already.
-    const double lost = d_last_time ? lead(time, *d_last_time) - d_lost_untold : 0;
-    if (lost < 0 || lost > LONGEST_GAP_S * d_sample_rate) {
-        if (!d_doubtful_time || lead(time, *d_doubtful_time) != 0) {
-            d_logger->warn("rx_time is off by {:g} samples: ignored", lost);
-            d_doubtful_time = time;
-            return;
-        }
+    using kind = kernel::timeline::verdict;
+    const auto [verdict, off] =
+        d_timeline.note(tag.offset,
+                        { pmt::to_uint64(pmt::tuple_ref(tag.value, 0)),
+                          pmt::to_double(pmt::tuple_ref(tag.value, 1)) });
+    if (verdict == kind::gap)
+        d_event = event{ tag.offset, static_cast<std::uint64_t>(off), d_usable };
+    else if (verdict == kind::ignored)
+        d_logger->warn("rx_time is off by {:g} samples: ignored", off);
+    else if (verdict == kind::restarts)
         d_logger->warn("rx_time goes on elsewhere: taken as a new time reference");
-    } else if (lost >= 1) {
-        d_event = event{ time.item, static_cast<std::uint64_t>(lost), d_usable };
-    }
-    d_doubtful_time.reset();
-    d_last_time = time;
-    d_lost_untold = 0;
 }
 
 template <class Sample>
@@ -203,9 +184,7 @@ void preamble_fold_impl<Sample>::find_event(std::uint64_t before)
         if (pmt::eq(tag.key, rx_rate_key) || pmt::eq(tag.key, rx_freq_key))
             note_setting(tag);
         else if (pmt::eq(tag.key, rx_time_key) && is_time(tag.value))
-            note_time({ tag.offset,
-                        pmt::to_uint64(pmt::tuple_ref(tag.value, 0)),
-                        pmt::to_double(pmt::tuple_ref(tag.value, 1)) });
+            note_time(tag);
         else if (pmt::eq(tag.key, rx_time_key))
             d_logger->warn(
                 "rx_time is not a tuple of whole and fractional seconds: ignored");
@@ -235,7 +214,7 @@ void preamble_fold_impl<Sample>::follow_frames(std::uint64_t item)
         return;
     d_logger->warn("frames come {:d} samples late: followed", shift);
     const std::uint64_t lost = d_folder.frame_length() - shift;
-    d_lost_untold += lost;
+    d_timeline.foretell(lost);
     take_event({ item, lost, d_usable });
 }
 

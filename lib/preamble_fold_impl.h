@@ -4,6 +4,7 @@
 #include "group_stream.h"
 #include "kernel/frame_watch.h"
 #include "kernel/preamble_folder.h"
+#include "kernel/timeline.h"
 #include <gnuradio/wiforce/preamble_fold.h>
 
 #include <deque>
@@ -47,11 +48,6 @@ protected:
     std::vector<int> d_saturated; // of the frames last folded
 
 private:
-    struct received_time {
-        std::uint64_t item; // offset in the input stream
-        std::uint64_t seconds;
-        double fraction;
-    };
     // What changes at an item of the input.
     struct event {
         std::uint64_t item;
@@ -61,9 +57,8 @@ private:
 
     void collect_tags(int available);
     void find_event(std::uint64_t before);
-    void note_time(const received_time& time);
+    void note_time(const gr::tag_t& tag);
     void note_setting(const gr::tag_t& tag);
-    double lead(const received_time& time, const received_time& since) const;
     void take_event(const event& event);
     void follow_frames(std::uint64_t item);
     void catch_up();
@@ -78,10 +73,7 @@ private:
         0; // next frame to fold; its window starts at or after d_position
 
     std::uint64_t d_tags_read_to = 0; // input offset up to which tags were read
-    std::optional<received_time> d_last_time;
-    std::optional<received_time>
-        d_doubtful_time;             // fits no sample count; the next decides
-    std::uint64_t d_lost_untold = 0; // since d_last_time
+    kernel::timeline d_timeline;
     bool d_rate_is_ours = true;
     bool d_carrier_is_ours = true;
     std::optional<double> d_carrier; // the first one told

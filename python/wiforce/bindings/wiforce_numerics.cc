@@ -6,6 +6,7 @@
 
 #include <kernel/hidden_force.h>
 #include <kernel/phase_inverter.h>
+#include <kernel/timeline.h>
 
 #include <algorithm>
 #include <cmath>
@@ -97,6 +98,20 @@ static py::tuple invert(const phase_inverter& inverter,
     return py::make_tuple(values, flags, unknown);
 }
 
+// Samples lost just before an item, 0 unless its time tells of any.
+static std::uint64_t
+note(timeline& times, std::uint64_t item, std::uint64_t seconds, double fraction)
+{
+    const auto [verdict, off] = times.note(item, { seconds, fraction });
+    return verdict == timeline::verdict::gap ? static_cast<std::uint64_t>(off) : 0;
+}
+
+static py::object time_at(const timeline& times, std::uint64_t item)
+{
+    const auto time = times.time_at(item);
+    return time ? py::make_tuple(time->seconds, time->fraction) : py::object(py::none());
+}
+
 PYBIND11_MODULE(wiforce_numerics, m)
 {
     m.attr("HIDDEN_N") = hidden_n;
@@ -165,4 +180,9 @@ PYBIND11_MODULE(wiforce_numerics, m)
              "location_mm"_a,
              "misfit"_a)
         .def("invert", &invert, "phases_deg"_a, "std_deg"_a);
+
+    py::class_<timeline>(m, "timeline", "Times on a stream of samples; see Timeline.")
+        .def(py::init<double>(), "sample_rate"_a)
+        .def("note", &note, "item"_a, "seconds"_a, "fraction"_a)
+        .def("time_at", &time_at, "item"_a);
 }

@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "timeline.h"
+
+#include "require.h"
+
+#include <cmath>
+#include <limits>
+
+namespace gr::wiforce::kernel {
+
+namespace {
+
+constexpr double LARGEST_FRACTION_S = 1e9;
+
+}
+
+timeline::timeline(double sample_rate) : d_sample_rate(sample_rate)
+{
+    require(std::isfinite(sample_rate) && sample_rate > 0,
+            "timeline",
+            "sample_rate",
+            "must be positive",
+            sample_rate);
+}
+
+// Samples by which a time is later than the items since another account for.
+double timeline::lead(const mark& now, const mark& since) const
+{
+    const double seconds = static_cast<double>(static_cast<std::int64_t>(
+                               now.time.seconds - since.time.seconds)) +
+                           (now.time.fraction - since.time.fraction);
+    return std::round(seconds * d_sample_rate -
+                      static_cast<double>(now.item - since.item));
+}
+
+timeline::judgement timeline::note(std::uint64_t item, time time)
+{
+    if (!(time.fraction >= 0 && time.fraction < LARGEST_FRACTION_S))
+        return { verdict::ignored, std::numeric_limits<double>::quiet_NaN() };
+    const mark now{ item, time };
+    const double lost = d_last ? lead(now, *d_last) - d_foretold : 0;
+    const bool doubtful = lost < 0 || lost > LONGEST_GAP_S * d_sample_rate;
+    if (doubtful && (!d_doubtful || lead(now, *d_doubtful) != 0)) {
+        d_doubtful = now;
+        return { verdict::ignored, lost };
+    }
+    d_last = now;
+    d_doubtful.reset();
+    d_foretold = 0;
+    if (doubtful)
+        return { verdict::restarts, lost };
+    return { lost > 0 ? verdict::gap : verdict::agrees, lost };
+}
+
+std::optional<timeline::time> timeline::time_at(std::uint64_t item) const
+{
+    if (!d_last)
+        return std::nullopt;
+    const double fraction =
+        d_last->time.fraction + static_cast<double>(item - d_last->item) / d_sample_rate;
+    const double carried = std::floor(fraction);
+    return time{ d_last->time.seconds + static_cast<std::uint64_t>(carried),
+                 fraction - carried };
+}
+
+} // namespace gr::wiforce::kernel

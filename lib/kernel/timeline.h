@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <cstdint>
+#include <optional>
+
+namespace gr::wiforce::kernel {
+
+/*
+ * Where the items of a stream lie on the device's count of samples, by times given for
+ * some of them.
+ *
+ * A time later than the items since the one before account for means lost samples. One
+ * that is earlier, or later by more than LONGEST_GAP_S, is a slip of the device or of the
+ * way here: it is ignored unless the next agrees with it.
+ */
+class timeline
+{
+public:
+    static constexpr double LONGEST_GAP_S = 3600;
+
+    struct time {
+        std::uint64_t seconds;
+        double fraction; // seconds, 0 or more
+    };
+    enum class verdict {
+        agrees,
+        gap,     // `off` samples were lost just before the item
+        ignored, // no time, or `off` samples beside what it should be
+        restarts // a new time, of which nothing lost is known
+    };
+    struct judgement {
+        timeline::verdict verdict;
+        double off; // samples; NaN for what is no time
+    };
+
+    // Throws std::invalid_argument unless sample_rate is positive and finite.
+    explicit timeline(double sample_rate);
+
+    // Takes the time of an item; items come in order.
+    judgement note(std::uint64_t item, time time);
+
+    // Samples lost since the last time, known otherwise: the next one is to tell of them.
+    void foretell(std::uint64_t lost) { d_foretold += lost; }
+
+    // Time of an item at or after the last that had one; empty before any.
+    std::optional<time> time_at(std::uint64_t item) const;
+
+private:
+    struct mark {
+        std::uint64_t item;
+        timeline::time time;
+    };
+
+    double lead(const mark& now, const mark& since) const;
+
+    const double d_sample_rate;
+    std::optional<mark> d_last;
+    std::optional<mark> d_doubtful; // the next decides
+    std::uint64_t d_foretold = 0;
+};
+
+} // namespace gr::wiforce::kernel

@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "kernel/timeline.h"
+
+#include <boost/test/unit_test.hpp>
+
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+
+using namespace gr::wiforce::kernel;
+using verdict = timeline::verdict;
+
+namespace {
+
+constexpr double RATE = 12.5e6;
+constexpr double NaN = std::numeric_limits<double>::quiet_NaN();
+
+// Time of a sample on a device whose count began at 7.25 s, a third of a sample off:
+// gr-uhd gives times to a fraction of a sample, not exactly.
+timeline::time device_time(double sample)
+{
+    const double seconds = 7.25 + (sample + 0.3) / RATE;
+    return { static_cast<std::uint64_t>(seconds), seconds - std::floor(seconds) };
+}
+
+void expect(timeline::judgement found, timeline::verdict verdict, double off)
+{
+    BOOST_TEST((found.verdict == verdict));
+    BOOST_TEST(found.off == off);
+}
+
+} // namespace
+
+BOOST_AUTO_TEST_CASE(
+    a_time_on_the_count_loses_nothing_and_a_later_one_tells_what_was_lost)
+{
+    timeline times(RATE);
+    expect(times.note(0, device_time(0)), verdict::agrees, 0);
+    expect(times.note(364, device_time(364)), verdict::agrees, 0);
+    expect(times.note(10'000'000, device_time(10'000'001)), verdict::gap, 1);
+    expect(times.note(10'000'000, device_time(10'000'001)), verdict::agrees, 0);
+    expect(times.note(20'000'000, device_time(3599 * RATE)),
+           verdict::gap,
+           3599 * RATE - 20'000'001);
+}
+
+BOOST_AUTO_TEST_CASE(a_time_that_slips_once_moves_no_reading)
+{
+    timeline times(RATE);
+    times.note(0, device_time(0));
+    expect(times.note(5000, device_time(4000)), verdict::ignored, -1000);
+    expect(
+        times.note(6000, device_time(6000 + 3601 * RATE)), verdict::ignored, 3601 * RATE);
+    BOOST_TEST(std::isnan(times.note(7000, { 7, NaN }).off));
+    BOOST_TEST((times.note(8000, { 7, -0.5 }).verdict == verdict::ignored));
+    BOOST_TEST((times.note(8000, { 7, 1e305 }).verdict == verdict::ignored));
+    expect(times.note(9000, device_time(9010)), verdict::gap, 10);
+}
+
+BOOST_AUTO_TEST_CASE(a_clock_set_anew_is_believed_when_the_next_time_agrees)
+{
+    timeline times(RATE);
+    times.note(0, { 1000, 0.5 });
+    BOOST_TEST((times.note(12'500, { 1, 0.5 }).verdict == verdict::ignored));
+    BOOST_TEST((times.note(25'000, { 1, 0.501 }).verdict == verdict::restarts));
+    expect(times.note(37'500, { 1, 0.502 + 40 / RATE }), verdict::gap, 40);
+}
+
+BOOST_AUTO_TEST_CASE(a_loss_that_was_found_already_is_not_counted_twice)
+{
+    timeline times(RATE);
+    times.note(0, device_time(0));
+    times.foretell(500);
+    expect(times.note(5000, device_time(6940)), verdict::gap, 1440);
+    expect(times.note(6000, device_time(7940)), verdict::agrees, 0);
+}
+
+BOOST_AUTO_TEST_CASE(every_item_has_a_time_after_the_first_that_was_told)
+{
+    timeline times(RATE);
+    BOOST_TEST(!times.time_at(5).has_value());
+    times.note(100, { 3, 0.75 });
+    const auto time = times.time_at(100 + 2 * 12'500'000 + 5'000'000).value();
+    BOOST_TEST(time.seconds == 6);
+    // Doubles near 3 s have steps of 4e-16 s.
+    BOOST_TEST(std::abs(time.fraction - 0.15) < 1e-14);
+}
+
+BOOST_AUTO_TEST_CASE(a_rate_that_is_none_is_refused)
+{
+    for (const double rate : { 0.0, -1.0, NaN, std::numeric_limits<double>::infinity() })
+        BOOST_CHECK_THROW(timeline{ rate }, std::invalid_argument);
+}
