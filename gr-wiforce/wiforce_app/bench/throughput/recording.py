@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A recording of noise in both sample types, and its tones in double precision."""
+"""A recording of preambles in noise in both sample types, and its tones in double precision."""
 
 import os
 from dataclasses import dataclass
@@ -11,6 +11,8 @@ from gnuradio.wiforce.waveform import sounding_waveform
 GROUP_LENGTH = 625
 WAVEFORM = sounding_waveform()
 GROUP_SAMPLES = GROUP_LENGTH * WAVEFORM.frame_length
+# Of 32768: frames stand 10 dB above the noise, so that their watch is at rest.
+FRAME_PEAK, NOISE_PEAK = 20_000, 5_000
 # Harmonic m of a tag at 1 kHz is bin 36 m of a group.
 BINS_PER_HARMONIC = 36
 
@@ -50,7 +52,7 @@ def write_recording(folder, samples, seed=1):
     """
     groups = max(2, samples // GROUP_SAMPLES)
     recording = Recording(
-        Path(folder) / "noise.cf32", Path(folder) / "noise.ci16", groups * GROUP_SAMPLES
+        Path(folder) / "frames.cf32", Path(folder) / "frames.ci16", groups * GROUP_SAMPLES
     )
     kinds = _groups(seed)
     with open(recording.fc32, "wb") as floats, open(recording.sc16, "wb") as integers:
@@ -66,7 +68,10 @@ def write_recording(folder, samples, seed=1):
 def _groups(seed, kinds=7):
     """The different groups that a recording repeats, as codes; (kinds, 2 GROUP_SAMPLES)."""
     rng = np.random.default_rng(seed)
-    return rng.integers(-20000, 20000, (kinds, 2 * GROUP_SAMPLES)).astype("<i2")
+    frame = WAVEFORM.frame()
+    codes = (FRAME_PEAK / np.abs(frame).max() * frame).view(float).astype("<i2")
+    noise = rng.integers(-NOISE_PEAK, NOISE_PEAK, (kinds, 2 * GROUP_SAMPLES), dtype="<i2")
+    return np.tile(codes, GROUP_LENGTH) + noise
 
 
 def _settle(path):
