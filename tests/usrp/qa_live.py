@@ -32,6 +32,7 @@ FRAMES = "recv_frame_size=8000,send_frame_size=8000"
 GAINS = ["--tx-gain", "15", "--rx-gain", "15"]
 KILLS, LONG_KILLS = 3, 100
 REQUESTS, LONG_REQUESTS = 200, 10_000
+FUZZED, LONG_FUZZED = 1, 100  # processes
 
 # Rises, holds and falls, on both sides of the line's middle and between the model's locations.
 PRESSES = [
@@ -450,9 +451,9 @@ def test_a_full_disk_is_told_and_all_before_is_kept(slow_scene, slow_device, tmp
     assert not list(tmp_path.glob("*.part"))
 
 
-def send_broken_requests(port, count):
+def send_broken_requests(port, count, seed):
     """Sends so many, some in several parts, some too long; and a few from what speaks no ZMQ."""
-    rng = np.random.default_rng(3)
+    rng = np.random.default_rng(seed)
     for _ in range(5):
         with socket.create_connection(("127.0.0.1", port)) as stranger:
             stranger.sendall(rng.bytes(200))
@@ -473,17 +474,24 @@ def send_broken_requests(port, count):
             count -= burst
 
 
-@pytest.mark.timeout(1000)
+@pytest.mark.timeout(3000)
 def test_fuzzed_with_requests_it_reads_on_until_a_signal_and_writes_all_readings(
     slow_scene, slow_device, long_run
 ):
+    """Many requests to the first process, then some to each of the others."""
+    for process in range(LONG_FUZZED if long_run else FUZZED):
+        count = LONG_REQUESTS if long_run and process == 0 else REQUESTS
+        fuzz_with_requests(slow_scene, slow_device, count, seed=3 + process)
+
+
+def fuzz_with_requests(scene, device, count, seed):
     (port,) = free_ports(1)
     with (
-        live(slow_device.args, slow_scene, *GAINS, "--control", port, limit=900) as process,
+        live(device.args, scene, *GAINS, "--control", port, limit=900) as process,
         connected(zmq.REQ, port) as client,
     ):
         ask(client, "status")  # it listens
-        send_broken_requests(port, LONG_REQUESTS if long_run else REQUESTS)
+        send_broken_requests(port, count, seed)
         fuzzed_s = ask(client, "status")["time_s"]
         while ask(client, "status")["time_s"] < max(fuzzed_s, 0.5) + 0.3:
             pass
