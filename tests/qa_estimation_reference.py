@@ -120,14 +120,31 @@ def test_tare_counts_from_the_groups_that_follow():
     rng = np.random.default_rng(3)
     channel = normal(rng, 2, K)
     difference, average = ConjugateDifference(2, BINS, 2), SubcarrierAverage(BINS)
-    angles = []
+    angles, begins = [], []
     for g in range(10):
         if g == 6:
             difference.tare()
         turned = channel * np.exp(1j * np.radians(30.0 if g >= 4 else 0.0))
         for item in difference.process(a_state(g, np.ones(K), [1e-9, 1e-9]), padded(turned)):
-            angles.append(np.degrees(np.angle(average.process(*item)[1][0])))
+            state, ratios = average.process(*item)
+            angles.append(np.degrees(np.angle(ratios[0])))
+            begins.append(state.new_reference)
     assert angles == pytest.approx([0, 0, 0, 0, 30, 30, 0, 0, 0, 0], abs=1e-6)
+    assert np.flatnonzero(begins).tolist() == [0, 6]
+
+
+def test_groups_before_a_tare_are_not_averaged_with_those_after_it():
+    channel = normal(np.random.default_rng(3), 2, K)
+    difference, average = ConjugateDifference(2, BINS, 2), SubcarrierAverage(BINS, 5)
+    angles = []
+    for g in range(8):
+        if g == 6:
+            difference.tare()
+        # Less than the noise that is stated would let show.
+        turned = channel * np.exp(1j * np.radians(1.0 if 2 <= g < 6 else 0.0))
+        for item in difference.process(a_state(g, np.ones(K), [0.1, 0.1]), padded(turned)):
+            angles.append(np.degrees(np.angle(average.process(*item)[1][0])))
+    assert angles[5] > 0.5 and angles[6:] == pytest.approx([0, 0], abs=1e-9)
 
 
 def test_against_the_previous_group_steps_are_seen_and_a_lost_group_is_bridged():

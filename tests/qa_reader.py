@@ -78,14 +78,16 @@ def as_floats(codes):
     return codes.astype(np.float32).view(np.complex64).ravel() / 32768
 
 
-def read(samples, tags=(), chunk=None):
-    """Readings of codes (n, 2) or floats (n,) through the reader block."""
+def read(samples, tags=(), chunk=None, rewire=None):
+    """Readings of codes (n, 2) or floats (n,) through the reader block, rewired when asked for."""
     source = array_source(samples, tags)
     if chunk is not None:
         source.set_max_noutput_items(chunk)
     readings = []
     input_type = "sc16" if samples.ndim == 2 else "fc32"
     reader = wiforce.reader(SCENE, input_type=input_type, on_reading=readings.append)
+    if rewire is not None:
+        rewire(reader)
     flowgraph = gr.top_block()
     flowgraph.connect(source, reader)
     flowgraph.run()
@@ -214,6 +216,31 @@ def test_a_group_with_lost_snapshots_is_read_from_those_it_has(codes):
     assert reading.flags == ("gap",) and reading.touch == 1
     assert reading.force_n == pytest.approx(4, abs=0.3)
     assert reading.location_mm == pytest.approx(37, abs=0.3)
+
+
+def test_without_the_snapshots_of_its_group_a_gap_costs_that_group_and_the_rest_is_read(codes):
+    def forget_a_connection(reader):
+        reader.msg_disconnect(reader.fold, "incomplete", reader.separation, "incomplete")
+
+    start, lost = 18 * GROUP + 100_000, 36_000
+    kept = np.concatenate([codes[:start], codes[start + lost :]])
+    tags = [rx_time(0, 0.0), rx_time(start, (start + lost) / 12.5e6)]
+    readings = read(kept, tags, rewire=forget_a_connection)
+    assert [r.touch for r in readings[16:21]] == [1, 1, None, 1, 1]
+    assert readings[18].flags == ("gap",) and readings[18].force_n is None
+
+
+def test_a_message_that_is_no_group_ends_the_flowgraph_with_a_word():
+    reader = wiforce.reader(SCENE)
+    reader.separation.to_basic_block()._post(pmt.intern("incomplete"), pmt.PMT_T)
+    flowgraph = gr.top_block()
+    flowgraph.connect(blocks.null_source(gr.sizeof_gr_complex), reader)
+    flowgraph.start()
+    # Dead air without end: only the failure ends it.
+    reader.inversion.ended.wait(60)
+    flowgraph.stop()
+    flowgraph.wait()
+    assert reader.separation.failure is not None and reader.failure is reader.separation.failure
 
 
 def test_broken_samples_spoil_no_more_than_their_group(codes):

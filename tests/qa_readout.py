@@ -151,8 +151,8 @@ def test_a_tare_makes_the_next_groups_count_as_untouched():
     moved = np.exp(1j * np.radians([25.0, 25.0]))
     items = [(a_state(g, reference=g < 5), moved if g >= 10 else np.ones(2)) for g in range(20)]
     readings_of(readout, items)
-    readout.tare()
-    reading = readings_of(readout, [(a_state(20, reference=True), np.ones(2, complex))])[0]
+    first = replace(a_state(20, reference=True), new_reference=True)
+    reading = readings_of(readout, [(first, np.ones(2, complex))])[0]
     assert reading.touch == 0 and "moved" not in reading.flags
     assert wrap_deg([reading.phase1_deg, reading.phase2_deg] - UNTOUCHED) == pytest.approx([0, 0])
 
@@ -184,8 +184,8 @@ def test_a_press_within_the_reference_flags_every_reading_until_a_tare():
     items = [(a_state(g, reference=g < 8), ratios[g]) for g in range(30)]
     readout = make_readout()
     assert all("inconsistent" in r.flags for r in readings_of(readout, items)[4:])
-    readout.tare()
     fresh = [(a_state(30 + g, reference=g < 8), np.ones(2, complex)) for g in range(12)]
+    fresh[0] = (replace(fresh[0][0], new_reference=True), fresh[0][1])
     assert not any("inconsistent" in r.flags for r in readings_of(readout, fresh))
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pmt
+from gnuradio import gr
 
 from . import names
 from .errors import InputError
@@ -93,15 +94,19 @@ class end_separation(GroupBlock):
         self._equalizer = sounding.equalizer()
         self._rows = len(table.tones)
         self._incomplete, self._marks = {}, {}
+        self._awaited = None
         GroupBlock.__init__(self, "end_separation", self._rows * 64, 2 * len(clocks) * 64)
         self.message_port_register_in(pmt.intern(names.INCOMPLETE))
         self.set_msg_handler(pmt.intern(names.INCOMPLETE), self._on_incomplete)
 
     def _on_incomplete(self, message):
-        meta = pmt.to_python(pmt.car(message))
-        mask = np.asarray(meta[names.MASK], bool)
-        folded = np.array(pmt.c32vector_elements(pmt.cdr(message)), complex)
-        self._incomplete[int(meta[names.GROUP])] = (mask, folded.reshape(len(mask), 64))
+        try:
+            meta = pmt.to_python(pmt.car(message))
+            mask = np.asarray(meta[names.MASK], bool)
+            folded = np.array(pmt.c32vector_elements(pmt.cdr(message)), complex)
+            self._incomplete[int(meta[names.GROUP])] = (mask, folded.reshape(len(mask), 64))
+        except Exception as error:
+            self.fail(error)
 
     def take(self, tags, item):
         group = pmt.to_uint64(tags[names.GROUP])
@@ -110,17 +115,25 @@ class end_separation(GroupBlock):
             self._marks[group] = marks
         if names.MISSING not in tags:
             return self._flat(self.separator.process(group, item.reshape(self._rows, 64)))
-        if group not in self._incomplete:
-            # Its snapshots are on their way by message: the item waits in the stream.
+        if group not in self._incomplete and self._awaited != group:
+            # Its snapshots were sent before it: the item waits until messages are taken.
+            self._awaited = group
             return None
-        mask, folded = self._incomplete.pop(group)
-        missing = int(len(mask) - mask.sum())
-        partial = self._table.for_present(mask)
+        missing = pmt.to_uint64(tags[names.MISSING])
+        return self._flat(self.separator.process(group, *self._solved(group, missing)))
+
+    def _solved(self, group, missing):
+        """Tones of a group with gaps, snapshots missing, and the weights for those present."""
         tones = np.zeros((self._rows, 64), complex)
+        if group not in self._incomplete:
+            gr.log.warn(f"end_separation: no snapshots of group {group}: connect 'incomplete'")
+            return tones, missing, None
+        mask, folded = self._incomplete.pop(group)
+        partial = self._table.for_present(mask)
         if partial is not None:
             tones = partial.weights @ folded[mask]
             tones = np.fft.fft(tones * self._rotation, axis=1) * self._equalizer
-        return self._flat(self.separator.process(group, tones, missing, partial))
+        return tones, missing, partial
 
     def _marks_of(self, tags):
         """Fields of GroupState that tags decide."""

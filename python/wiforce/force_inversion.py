@@ -18,7 +18,7 @@ class force_inversion(GroupBlock):
 
     Input: vectors 2S from ``subcarrier_average``, tagged ``state``.
     Message port ``readings`` (out): a dict per group and sensor, keys as the columns of a readings
-    file, what is unknown left out. Message port ``tare`` (in): forget the slow tare.
+    file, what is unknown left out.
 
     Parameters
     ----------
@@ -85,12 +85,6 @@ class force_inversion(GroupBlock):
         self.ended = Event()
         GroupBlock.__init__(self, "force_inversion", 2 * len(models), 0)
         self.message_port_register_out(pmt.intern(names.READINGS))
-        self.message_port_register_in(pmt.intern(names.TARE))
-        self.set_msg_handler(pmt.intern(names.TARE), self._on_tare)
-
-    # GNU Radio finds a handler by its name: a lambda has none that it knows.
-    def _on_tare(self, message):
-        self.readout.tare()
 
     @property
     def counts(self):

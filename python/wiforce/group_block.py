@@ -22,14 +22,19 @@ class GroupBlock(gr.basic_block):
     ``item`` a complex64 vector, and return a list of (GroupState, vector), or None to leave the
     item in the stream for now.
 
-    An exception in ``take`` ends the flowgraph in good order and is kept in ``failure``: raised
-    through the scheduler it would hang or abort the process.
+    An exception in ``take``, or one that a message handler hands to ``fail``, ends the flowgraph
+    in good order: raised through the scheduler it would hang or abort the process.
 
     Parameters
     ----------
     name : str
     inputs, outputs : int
         Lengths of the vectors; 0 outputs for a sink.
+
+    Attributes
+    ----------
+    failure : Exception or None
+        What ended the flowgraph.
     """
 
     def __init__(self, name, inputs, outputs):
@@ -45,10 +50,17 @@ class GroupBlock(gr.basic_block):
     def take(self, tags, item):
         raise NotImplementedError
 
+    def fail(self, error):
+        """Ends the flowgraph with an exception."""
+        self.failure = error
+        gr.log.error(f"{self.name()}: {type(error).__name__}: {error}")
+
     def forecast(self, noutput_items, ninputs):
         return [0 if self._ready else 1] * ninputs
 
     def general_work(self, input_items, output_items):
+        if self.failure is not None:
+            return _DONE
         items = input_items[0]
         room = len(output_items[0]) if self._sends else len(items)
         produced = self._put_out(output_items, 0, room)
@@ -63,8 +75,7 @@ class GroupBlock(gr.basic_block):
             try:
                 results = self.take(tags, items[consumed])
             except Exception as error:
-                self.failure = error
-                gr.log.error(f"{self.name()}: {type(error).__name__}: {error}")
+                self.fail(error)
                 return _DONE
             if results is None:
                 break

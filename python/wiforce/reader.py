@@ -79,7 +79,6 @@ class reader(gr.hier_block2):
         self.msg_connect(first, names.INCOMPLETE, self.separation, names.INCOMPLETE)
         self.msg_connect(self.inversion, names.READINGS, self, names.READINGS)
         self.msg_connect(self, names.TARE, self.difference, names.TARE)
-        self.msg_connect(self, names.TARE, self.inversion, names.TARE)
 
     def _make_blocks(self, input_type, frame_offset, tracked, on_reading):
         scene, settings = self.scene, self.plan
@@ -167,6 +166,4 @@ class reader(gr.hier_block2):
 
     def tare(self):
         """Takes the untouched reference anew from the groups that follow."""
-        message = pmt.PMT_T
-        self.difference.to_basic_block()._post(pmt.intern(names.TARE), message)
-        self.inversion.to_basic_block()._post(pmt.intern(names.TARE), message)
+        self.difference.to_basic_block()._post(pmt.intern(names.TARE), pmt.PMT_T)

@@ -169,14 +169,12 @@ class Readout:
         self._next = 0
         self.counts = GroupCounts()
 
-    def tare(self):
-        """Forgets the slow tare: the phases that follow count from a new reference."""
-        self._unfolder.tare()
-        for sensor in self._sensors:
-            sensor.tare()
-
     def process(self, state, ratios):
         """Takes the ratios R (2S,) of one group; gives the readings that are ready, in order."""
+        if state.new_reference:
+            self._unfolder.tare()
+            for sensor in self._sensors:
+                sensor.tare()
         state, ratios = self._unfolder.process(state, ratios)
         ready = self._fill(state.group)
         time_s = (state.group + 0.5) * self._period

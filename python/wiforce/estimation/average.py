@@ -48,6 +48,8 @@ class SubcarrierAverage:
         """
         weights = subcarrier_weights(state.noise)
         ratios = np.asarray(vectors)[:, self.bins] @ weights
+        if state.new_reference:
+            self._smoothers = None
         variance = ratio_variance(state)
         if self._smoothing > 1:
             ratios, variance = self._smooth(ratios, variance)

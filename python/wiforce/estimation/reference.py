@@ -63,6 +63,7 @@ class ConjugateDifference:
         self._precision = np.zeros(self._ends)
         self._late = np.zeros(self._ends, bool)
         self._stop = None
+        self._begins = True
 
     def process(self, state, vectors):
         """Takes one group of vectors (2S, 64); gives the groups that are ready.
@@ -75,6 +76,8 @@ class ConjugateDifference:
         list of (GroupState, ndarray of complex, shape (2S, 64))
         """
         values = np.asarray(vectors)[:, self.bins]
+        state = replace(state, new_reference=self._begins)
+        self._begins = False
         if self.previous_mode:
             return [self._against_previous(state, values)]
         self._held.append((state, values, self._learn(state, values)))

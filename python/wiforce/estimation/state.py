@@ -39,6 +39,8 @@ class GroupState:
         Variance of V_i over that of H; infinite for an end that is not there.
     snr_db : ndarray, shape (2S,)
         |c1[1] V_i|^2 against the noise in H, mean over subcarriers.
+    new_reference : bool
+        Whether the untouched reference is taken anew from it on: the first group, or after a tare.
     in_reference : ndarray of bool, shape (2S,)
         Whether the group is part of the untouched reference.
     late_reference : ndarray of bool, shape (2S,)
@@ -62,6 +64,7 @@ class GroupState:
     snr_db: np.ndarray = field(repr=False)
     saturated: bool = False
     retuned: bool = False
+    new_reference: bool = False
     in_reference: np.ndarray = field(default=None, repr=False)
     late_reference: np.ndarray = field(default=None, repr=False)
     reshaped: np.ndarray = field(default=None, repr=False)
