@@ -47,9 +47,21 @@ def test_a_gap_keeps_its_place_on_the_sample_count(tmp_path):
 
 
 def test_a_file_cut_short_keeps_the_segments_that_are_left(tmp_path):
-    captures = [{"core:sample_start": 0}, {"core:sample_start": 600}, {"core:sample_start": 5000}]
+    places = [(0, 0), (600, 700), (5000, 6000)]
+    captures = [{"core:sample_start": a, "core:global_index": b} for a, b in places]
     capture = open_capture(write(tmp_path, captures=captures))
-    assert capture.segments == (Segment(0, 0, 600), Segment(600, 600, 400))
+    assert capture.segments == (Segment(0, 0, 600), Segment(600, 700, 400))
+
+
+def test_captures_that_go_on_from_each_other_cost_no_frame_at_their_border(tmp_path):
+    captures = [
+        {"core:sample_start": 0, "core:global_index": 50},
+        {"core:sample_start": 300, "core:global_index": 350},
+        {"core:sample_start": 400},
+        {"core:sample_start": 700, "core:global_index": 751},
+    ]
+    capture = open_capture(write(tmp_path, captures=captures))
+    assert capture.segments == (Segment(0, 50, 700), Segment(700, 751, 300))
 
 
 @pytest.mark.parametrize("path", ["../secret.bin", "x.sigmf-data/../../secret.bin"])

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Recordings on disk: SigMF pairs and raw sample files, checked before anything is read."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -188,6 +188,7 @@ def _positive(meta, name, value):
 
 
 def _segments(meta, captures, total):
+    """Samples between losses; captures that go on from each other are one."""
     captures = captures or [{"core:sample_start": 0}]
     starts = [capture.get("core:sample_start", 0) for capture in captures]
     if any(later < earlier for earlier, later in zip(starts, starts[1:], strict=False)):
@@ -208,9 +209,14 @@ def _segments(meta, captures, total):
         length = min(end, total) - start
         if length <= 0:
             continue
-        if segments and index < segments[-1].global_index + segments[-1].length:
+        last = segments[-1] if segments else Segment(start, index, 0)
+        lost = index - (last.global_index + last.length)
+        if lost < 0:
             raise InputError(meta, "core:global_index must not go back", index)
-        segments.append(Segment(start, index, length))
+        if lost == 0 and segments:
+            segments[-1] = replace(last, length=last.length + length)
+        else:
+            segments.append(Segment(start, index, length))
     if not segments:
         raise InputError(meta, "no capture lies inside the data file", total)
     return tuple(segments)
