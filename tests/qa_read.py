@@ -115,6 +115,19 @@ def test_a_scene_that_cannot_be_is_refused_in_one_line(demo, tmp_path, section, 
     assert len(done.stderr.splitlines()) == 1 and done.stdout == ""
 
 
+def test_readings_of_an_earlier_run_outlive_one_whose_second_antenna_is_missing(demo, tmp_path):
+    folder, _ = demo
+    scene = yaml.safe_load((folder / "scene.yaml").read_text())
+    scene["environment"] |= {"reader_clock": "free", "receive_antennas": 2}
+    scene["sensors"][0]["model"] = str(folder / "sensor.yaml")
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(scene))
+    output = tmp_path / "out.csv"
+    output.write_text("precious")
+    done = run("read", folder / "demo", "--scene", tmp_path / "scene.yaml", "-o", output)
+    assert done.returncode == 2 and "demo.antenna2.sigmf-meta: no such file" in done.stderr
+    assert output.read_text() == "precious"
+
+
 @pytest.mark.parametrize(
     "options, told",
     [

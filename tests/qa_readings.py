@@ -42,7 +42,31 @@ def test_json_lines_say_null_and_never_nan(tmp_path):
     assert row["force_n"] is None and row["snr_db"] is None and row["touch"] == 1
 
 
-@pytest.mark.parametrize("name", ["out.txt", "out", "missing/out.csv"])
+@pytest.fixture
+def earlier(tmp_path):
+    """A file of an earlier run."""
+    path = tmp_path / "out.csv"
+    path.write_text("precious\n")
+    return path
+
+
+def test_an_earlier_file_is_kept_until_there_is_a_reading(earlier):
+    with pytest.raises(InputError), open_writer(earlier):
+        raise InputError("another parameter", "is refused")
+    assert earlier.read_text() == "precious\n"
+    with open_writer(earlier) as writer:
+        assert earlier.read_text() == "precious\n"
+        writer.write(UNTOLD)
+        assert earlier.read_text() == f"{','.join(COLUMNS)}\n0.054,arm,,,,,,,,,gap\n"
+
+
+def test_a_run_without_a_reading_leaves_no_earlier_ones(earlier):
+    with open_writer(earlier):
+        pass
+    assert earlier.read_text() == ",".join(COLUMNS) + "\n"
+
+
+@pytest.mark.parametrize("name", ["out.txt", "out", "missing/out.csv", "x" * 300 + "out.csv"])
 def test_an_output_that_cannot_be_is_refused_by_name(tmp_path, name):
     with pytest.raises(InputError, match="out"):
         open_writer(tmp_path / name)

@@ -14,12 +14,11 @@ from gnuradio import gr, wiforce
 def main(capture, scene, output):
     flowgraph = gr.top_block("read_recording", catch_exceptions=False)
     source = wiforce.capture_source(capture, scene)
-    writer = wiforce.open_writer(output)
-    reader = wiforce.reader(scene, input_type="folded", on_reading=writer.write)
-    flowgraph.connect(source, reader)
-    flowgraph.run()
-    reader.finish()
-    writer.close()
+    with wiforce.open_writer(output) as writer:
+        reader = wiforce.reader(scene, input_type="folded", on_reading=writer.write)
+        flowgraph.connect(source, reader)
+        flowgraph.run()
+        reader.finish()
 
 
 if __name__ == "__main__":

@@ -6,8 +6,8 @@ from pathlib import Path
 import click
 import numpy as np
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.textfile import check_output
 
-from .outputs import check_output
 from .ranges import CARRIER_HZ
 
 _REPORTED_FORCES_N = (2.0, 4.0, 6.0, 8.0)

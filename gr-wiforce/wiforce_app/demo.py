@@ -84,16 +84,13 @@ def _simulate(scene, folder):
 
 def _read(scene, folder):
     readings = []
-    writer = open_writer(folder / "readings.csv")
+    with open_writer(folder / "readings.csv") as writer:
 
-    def on_reading(reading):
-        readings.append(reading)
-        writer.write(reading)
+        def on_reading(reading):
+            readings.append(reading)
+            writer.write(reading)
 
-    try:
         read_capture(open_capture(folder / "demo"), scene, on_reading)
-    finally:
-        writer.close()
     return readings
 
 

@@ -8,8 +8,8 @@ import click
 import numpy as np
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.sensor import published
+from gnuradio.wiforce.textfile import check_output
 
-from .outputs import check_output
 from .progress import progress
 
 

@@ -43,18 +43,16 @@ def invert(phases, model, output, frequency_hz, std_deg, tracked, smoothed):
     if frequency_hz is None and len(sensor.frequencies_hz) > 1:
         held = ", ".join(f"{frequency:g}" for frequency in sensor.frequencies_hz)
         raise InputError("--frequency-hz", f"must be one of the sensor's carriers, {held}")
+    writer = open_writer(output)
     rows = _read(phases)
     std = DEFAULT_STD_DEG if std_deg is None else std_deg
     if tracked or smoothed:
         readings = _over_time(phases, rows, sensor, frequency_hz, std, smoothed)
     else:
         readings = _one_by_one(rows, sensor, frequency_hz, std)
-    writer = open_writer(output)
-    try:
+    with writer:
         for reading in readings:
             writer.write(reading)
-    finally:
-        writer.close()
 
 
 def _read(path):

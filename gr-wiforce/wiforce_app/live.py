@@ -61,17 +61,21 @@ def live(scene_path, args, output, record, zmq_endpoint, control, tracked, durat
 
     SIGUSR1 takes the untouched reference anew (tare).
     """
+    from .live_session import DeviceLost
+
     scene = load_scene(scene_path)
     for endpoint, option in ((zmq_endpoint, "--zmq"), (control, "--control")):
         if endpoint is not None:
             endpoint_of(endpoint, option)
     amplitude = radio.pop("amplitude")
-    opened = open_radio(args, scene, **radio)
-    with _Outputs(output, zmq_endpoint) as outputs:
-        session = _make_session(scene, opened, outputs, amplitude, tracked, record)
-        outputs.start_s = lambda: session.start_s
-        lost = _run(session, args, outputs, control, duration)
-    if lost is not None:
+    try:
+        with open_writer(output) as writer:
+            opened = open_radio(args, scene, **radio)
+            with _Outputs(writer, zmq_endpoint) as outputs:
+                session = _make_session(scene, opened, outputs, amplitude, tracked, record)
+                outputs.start_s = lambda: session.start_s
+                _run(session, args, outputs, control, duration)
+    except DeviceLost as lost:
         leave(lost)
 
 
@@ -94,8 +98,8 @@ def _make_session(scene, radio, outputs, amplitude, tracked, record):
 class _Outputs:
     """Where readings go: a file, and ZMQ when asked for."""
 
-    def __init__(self, output, zmq_endpoint):
-        self._writer = open_writer(output)
+    def __init__(self, writer, zmq_endpoint):
+        self._writer = writer
         self._publisher = None
         self.start_s = lambda: None
         self.seen = lambda reading: None
@@ -106,7 +110,6 @@ class _Outputs:
         return self
 
     def __exit__(self, *_):
-        self._writer.close()
         if self._publisher is not None:
             self._publisher.close()
 
@@ -121,7 +124,13 @@ class _Outputs:
 
 
 def _run(session, args, outputs, control, duration):
-    """Run the session until it is told to stop; the DeviceLost that ended it, or None."""
+    """Run the session until it is told to stop.
+
+    Raises
+    ------
+    DeviceLost
+        When that ended it; all readings have been given.
+    """
     from .live_session import DeviceLost
     from .watch import Watch
 
@@ -141,9 +150,9 @@ def _run(session, args, outputs, control, duration):
             if duration and session.time_s >= duration:
                 break
         session.stop()
-    except DeviceLost as lost:
+    except DeviceLost:
         session.reader.finish()
-        return lost
+        raise
     finally:
         watch.finish()
         if requests is not None:
@@ -153,7 +162,6 @@ def _run(session, args, outputs, control, duration):
     click.echo(f"gr-wiforce: read {watch.summary()}", err=True)
     if session.recorder is not None and session.recorder.failure is not None:
         raise OutputError("--record", f"ends before its time ({session.recorder.failure.strerror})")
-    return None
 
 
 def leave(error):

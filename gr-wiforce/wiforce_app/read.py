@@ -53,10 +53,9 @@ def read(capture, scene_path, output, plot_path, datatype, frame_offset, tracked
         from .plots import check_picture
 
         check_picture(plot_path)
-    writer = open_writer(output)
     kept = []
     rows = 0 if follow else int(recording.span / scene.group_samples) * len(scene.sensors)
-    with progress("reading", rows) as step:
+    with open_writer(output) as writer, progress("reading", rows) as step:
 
         def on_reading(reading):
             writer.write(reading)
@@ -64,14 +63,11 @@ def read(capture, scene_path, output, plot_path, datatype, frame_offset, tracked
                 kept.append(reading)
             step(1)
 
-        try:
-            if follow:
-                source = (capture, datatype)
-                counts = follow_capture(source, scene, on_reading, frame_offset, tracked)
-            else:
-                counts = read_capture(recording, scene, on_reading, frame_offset, tracked)
-        finally:
-            writer.close()
+        if follow:
+            source = (capture, datatype)
+            counts = follow_capture(source, scene, on_reading, frame_offset, tracked)
+        else:
+            counts = read_capture(recording, scene, on_reading, frame_offset, tracked)
     click.echo(f"gr-wiforce: read {counts}", err=True)
     if plot_path is not None:
         from .plots import plot_readings

@@ -10,6 +10,7 @@ from collections import Counter
 from dataclasses import asdict, dataclass
 
 from .errors import InputError, OutputError
+from .textfile import check_output
 
 FLAGS = (
     "reference",
@@ -128,6 +129,10 @@ class GroupCounts:
 class ReadingsWriter:
     """Writes readings a row each: what was written is in the file at once, and in whole rows.
 
+    What a file held before is kept until the first row comes, or the writer is closed without one:
+    whoever is refused or fails before that loses nothing. As a context it is closed when all went
+    well, and else keeps what it has written.
+
     Parameters
     ----------
     path : str or Path, optional
@@ -140,13 +145,19 @@ class ReadingsWriter:
 
     def __init__(self, path, form, header=""):
         self._path, self._form = path, form
+        self._header, self._begun, self._file = header, False, None
         self._whole, self._refusal = 0, None
-        try:
-            self._file = None if path is None else open(path, "wb", buffering=0)
-        except (OSError, ValueError) as error:
-            reason = getattr(error, "strerror", None) or error
-            raise InputError(path, f"cannot be written ({reason})") from error
-        self._put(header)
+        if path is not None:
+            check_output(path)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, kind, *_):
+        if kind is None:
+            self.close()
+        elif self._file is not None:
+            self._file.close()
 
     def write(self, reading):
         """Write one reading.
@@ -157,14 +168,28 @@ class ReadingsWriter:
             When it cannot be written, as on a full disk; the file then ends with the row before,
             and takes no other.
         """
+        self._begin()
         self._put(self._form(reading.row()))
 
     def close(self):
+        self._begin()
         if self._file is not None:
             self._file.close()
 
+    def _begin(self):
+        if self._begun:
+            return
+        if self._path is not None:
+            try:
+                self._file = open(self._path, "wb", buffering=0)
+            except (OSError, ValueError) as error:
+                reason = getattr(error, "strerror", None) or error
+                raise InputError(self._path, f"cannot be written ({reason})") from error
+        self._begun = True
+        self._put(self._header)
+
     def _put(self, text):
-        if self._file is None:
+        if self._path is None:
             sys.stdout.write(text)
             sys.stdout.flush()
             return
@@ -203,7 +228,7 @@ def open_writer(path=None):
     Raises
     ------
     InputError
-        For another suffix or a file that cannot be created.
+        For another suffix or a path that cannot be written to.
     """
     name = "" if path is None else str(path).lower()
     if name.endswith(".jsonl"):

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Block: records samples as SigMF, gaps marked, readable at any time."""
 
-import os
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from . import names
 from .errors import InputError
 from .frame_alignment import ITEMS
 from .stream_time import Timeline
-from .textfile import write_whole
+from .textfile import check_output, write_whole
 
 _DATATYPES = {"fc32": "cf32_le", "sc16": "ci16_le"}
 _RX_TIME = pmt.intern(names.RX_TIME)
@@ -138,5 +137,4 @@ def _check_new(*paths):
     for path in paths:
         if path.exists():
             raise InputError(path, "exists already")
-        if not os.access(path.parent, os.W_OK):
-            raise InputError(path, "cannot be written (no such folder, or no permission)")
+        check_output(path)

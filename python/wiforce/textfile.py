@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Text files: read up to a limit, for they come from outside; written whole or not at all."""
+"""Text files: read up to a limit, for they come from outside; written whole or not at all, and
+not before all is known to be well."""
 
 import csv
 import io
+import os
 from pathlib import Path
 
 from .errors import InputError
@@ -60,6 +62,30 @@ def read_csv(path):
     if not rows:
         raise InputError(path, "has no rows")
     return header, rows
+
+
+def check_output(path):
+    """Refuses a path that nothing can be written to, before any work is done for it.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Raises
+    ------
+    InputError
+        For a folder that is not there or a file that cannot be written.
+    """
+    path = Path(path)
+    folder = path.absolute().parent
+    try:
+        if not folder.is_dir():
+            raise InputError(path, "cannot be written (folder does not exist)")
+        writable = os.access(path if path.exists() else folder, os.W_OK) and not path.is_dir()
+    except OSError as error:  # a name that is too long
+        raise InputError(path, f"cannot be written ({error.strerror})") from error
+    if not writable:
+        raise InputError(path, "cannot be written")
 
 
 def write_whole(path, text):

@@ -591,7 +591,12 @@ def test_what_the_device_cannot_do_is_told_in_one_line(software_usrp, tmp_path):
     demo = ["--scene", "demo", "--args", device.args]
     odd_rate = scene_of([], radio={"sample_rate_hz": 11e6})
     (tmp_path / "rate.yaml").write_text(json.dumps(odd_rate))
-    (tmp_path / "run.sigmf-data").write_text("precious")
+    kept = [tmp_path / "run.sigmf-data", tmp_path / "kept.jsonl"]
+    for path in kept:
+        path.write_text("precious")
+    demo_again = [*demo, "-o", kept[1]]
+    taken = socket.create_server(("127.0.0.1", 0))
+    port = taken.getsockname()[1]
     cases = [
         (
             ["--scene", tmp_path / "rate.yaml", "--args", device.args],
@@ -600,17 +605,21 @@ def test_what_the_device_cannot_do_is_told_in_one_line(software_usrp, tmp_path):
         ([*demo, "--rx-gain", 99], ["--rx-gain", "38"]),
         ([*demo, "--antenna", "J1"], ["--antenna", "RX2"]),
         ([*demo, "--reference", "sun"], ["--reference", "internal"]),
-        ([*demo, "--record", tmp_path / "run"], ["run.sigmf-data", "exists"]),
+        ([*demo_again, "--record", tmp_path / "run"], ["run.sigmf-data", "exists"]),
+        ([*demo_again, "--zmq", port], ["--zmq", "in use"]),
+        ([*demo_again, "--control", port], ["--control", "in use"]),
         ([*demo, "-o", tmp_path / "out.txt"], ["out.txt", ".csv"]),
         ([*demo, "--zmq", "ipc://x"], ["--zmq"]),
         ([*demo, "--amplitude", 0.99], ["amplitude"]),
     ]
     # One process for all of them: starting it takes longer than what it does.
-    statuses, said = run_session("refused", *(json.dumps(case, default=str) for case, _ in cases))
+    with taken:
+        requests = [json.dumps(case, default=str) for case, _ in cases]
+        statuses, said = run_session("refused", *requests)
     assert statuses == [2] * len(cases)
     for line, (_, words) in zip(said.splitlines(), cases, strict=True):
         assert all(word in line for word in words), line
-    assert (tmp_path / "run.sigmf-data").read_text() == "precious"
+    assert all(path.read_text() == "precious" for path in kept)
     assert not list(tmp_path.glob("*.csv"))
 
 

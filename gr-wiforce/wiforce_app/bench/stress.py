@@ -8,8 +8,8 @@ from pathlib import Path
 
 import click
 import numpy as np
+from gnuradio.wiforce.textfile import check_output
 
-from ..outputs import check_output
 from ..progress import progress
 from .cases import Case
 
