@@ -117,6 +117,23 @@ def test_a_recording_holds_the_samples_and_marks_the_gaps(tmp_path):
     assert fields["core:hw"] == "a device" and fields["core:datatype"] == "cf32_le"
 
 
+def test_a_flowgraph_that_is_started_again_goes_on_with_the_recording(tmp_path):
+    """As when the common start of a device's streams was missed: what came between is a gap."""
+    samples = stream(0, 30)
+    recorder = wiforce.sigmf_recorder(tmp_path / "run")
+    parts = [(samples[:5000], 1.0), (samples[5000:], 1.0 + 6000 / RATE)]
+    for part, start_s in parts:
+        tags = [rx_time(0, start_s), rx_time(4000, start_s + 4100 / RATE)]
+        flowgraph = gr.top_block()
+        flowgraph.connect(blocks.vector_source_c(part.tolist(), False, 1, tags), recorder)
+        flowgraph.run()
+    assert recorder.failure is None
+    capture = open_capture(tmp_path / "run")
+    assert np.array_equal(capture.read(len(samples)), samples)
+    places = [(s.file_sample, s.global_index) for s in capture.segments]
+    assert places == [(0, 0), (4000, 4100), (5000, 6000), (9000, 10_100)]
+
+
 def test_times_that_come_twice_or_late_mark_no_gap(tmp_path):
     samples, true = stream(0, 30), [(n, 1.0 + n / RATE) for n in (0, 5000, 15_000)]
     slips = [(8000, 1.0 + 5000 / RATE), (9000, 7200.0), (10_000, 0.5), (11_000, 1e305)]

@@ -25,6 +25,8 @@ class sigmf_recorder(gr.sync_block):
     the recording can be read at any time, also after a crash. Where ``rx_time`` tells of lost
     samples a new entry of ``captures`` begins, whose ``core:global_index`` jumps.
 
+    A flowgraph that is started again goes on with the recording.
+
     A disk that fails stops the recording, not the flowgraph: see ``failure``.
 
     Input: samples, complex or complex 16-bit integers.
@@ -66,7 +68,7 @@ class sigmf_recorder(gr.sync_block):
         self.failure = None
         self._center_frequency = center_frequency
         self._timeline = Timeline(sample_rate)
-        self._captures = []
+        self._captures, self._recorded = [], 0
         self._global = {
             "core:datatype": _DATATYPES[item_type],
             "core:sample_rate": sample_rate,
@@ -80,7 +82,7 @@ class sigmf_recorder(gr.sync_block):
 
     def start(self):
         try:
-            self._file = open(self._data, "xb", buffering=0)
+            self._file = open(self._data, "xb" if self._file is None else "ab", buffering=0)
         except OSError as error:
             self._give_up(error)
         return True
@@ -91,6 +93,7 @@ class sigmf_recorder(gr.sync_block):
             try:
                 self._note(len(items))
                 self._write(np.ascontiguousarray(items).view(np.uint8).data)
+                self._recorded += len(items)
             except OSError as error:
                 self._give_up(error)
         return len(items)
@@ -106,10 +109,12 @@ class sigmf_recorder(gr.sync_block):
 
     def _note(self, count):
         """A new entry of the metadata for the first item, and for each after lost samples."""
-        begins = [] if self._captures else [(self.nitems_read(0), 0)]
+        begins = [] if self._captures else [(0, 0)]
+        # GNU Radio counts items from 0 whenever a flowgraph starts.
+        before = self._recorded - self.nitems_read(0)
         for tag in self.get_tags_in_window(0, 0, count, _RX_TIME):
-            if self._timeline.note(tag.offset, tag.value):
-                begins.append((tag.offset, self._timeline.lost))
+            if self._timeline.note(before + tag.offset, tag.value):
+                begins.append((before + tag.offset, self._timeline.lost))
         for item, lost in begins:
             self._captures.append(
                 {

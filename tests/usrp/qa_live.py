@@ -520,11 +520,13 @@ def test_a_device_that_vanishes_is_told_and_what_was_read_is_kept(
     assert len(rows_of(output)) > 15
 
 
-def test_a_device_that_stalls_or_is_late_is_waited_for(software_usrp, slow_scene):
-    """A second without a sample costs nothing, and a start that was missed is tried again."""
+def test_a_device_that_stalls_or_is_late_is_waited_for(software_usrp, slow_scene, tmp_path):
+    """A second without a sample costs nothing, and a start that was missed is tried again; what
+    came is recorded."""
     device = software_usrp(slow_scene, faults=["+0.8 stall 1.0"])
     script = Path(__file__).with_name("session_runs.py")
     command = [sys.executable, str(script), "told", str(slow_scene), f"{device.args},{FRAMES}"]
+    command.append(str(tmp_path / "run"))
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as process:
@@ -539,6 +541,9 @@ def test_a_device_that_stalls_or_is_late_is_waited_for(software_usrp, slow_scene
     assert told["gaps"] == 0
     assert np.allclose(np.diff(told["time_s"]), SLOW_GROUP_S)
     assert told["time_s"][-1] > 1.2
+    recorded = open_capture(tmp_path / "run")
+    assert recorded.span == recorded.samples
+    assert recorded.samples / 2.5e6 > told["time_s"][-1]
 
 
 def command(*words):

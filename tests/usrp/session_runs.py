@@ -3,7 +3,7 @@
 whose device is gone, and must not end the tests'.
 
     session_runs.py timed SCENE ARGS NAME SECONDS   records, prints when which reading came
-    session_runs.py told SCENE ARGS                 starts when told, by a line; prints what it read
+    session_runs.py told SCENE ARGS NAME            starts when told, by a line; prints what it read
     session_runs.py repeated SCENE ARGS             starts and stops, prints what is held open
     session_runs.py refused OPTIONS ...             `live` with each of these lists; their statuses
 """
@@ -36,13 +36,15 @@ def timed(scene, args, name, seconds):
     print(json.dumps(came))
 
 
-def told(scene, args):
+def told(scene, args, name):
     scene = load_scene(scene)
     times = []
     radio = Radio(args, scene, 15, 15)
     print("opened", flush=True)
     sys.stdin.readline()
-    session = LiveSession(scene, radio, lambda reading: times.append(reading.time_s))
+    session = LiveSession(
+        scene, radio, lambda reading: times.append(reading.time_s), recording=name
+    )
     session.start()
     while session.time_s < 1.3:
         time.sleep(0.02)
