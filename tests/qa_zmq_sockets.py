@@ -23,7 +23,7 @@ def ask():
         client.send_multipart(list(parts))
         answer = None
         for _ in range(20 if sum(map(len, parts)) > 4096 else 400):
-            replies.serve()
+            replies.serve(10)
             if client.poll(5):
                 answer = json.loads(client.recv())
                 break
@@ -45,7 +45,7 @@ def test_what_is_no_request_neither_stops_the_reader_nor_costs_another_its_answe
     with socket.create_connection(("127.0.0.1", ask.port)) as stranger:
         stranger.sendall(b"\x01\x00" + b"\x06\x00hello")
         time.sleep(0.1)
-        ask.serve()
+        ask.serve(10)
     assert ask(b"status")["ok"]
     assert ask(b"\xff\xfe", b"", b"\x00")["ok"] is False
     assert ask(b"status")["ok"]

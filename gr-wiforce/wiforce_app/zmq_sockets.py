@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """ZMQ sockets: readings out, requests in, on loopback unless told otherwise."""
 
-import itertools
 import json
 import re
 
@@ -101,17 +100,24 @@ class Replies(_Endpoint):
         """Descriptor that becomes readable when requests may have come in."""
         return self._socket.fileno()
 
-    def serve(self, most=None):
-        """Answer what has come in, ``most`` requests if given; never waits."""
-        for _ in itertools.count() if most is None else range(most):
+    def serve(self, most):
+        """Answer what has come in, so many requests at most; never waits.
+
+        Returns
+        -------
+        bool
+            Whether more may be there. The descriptor does not tell of these.
+        """
+        for _ in range(most):
             if not self._socket.poll(0):
-                return
+                return False
             parts = self._socket.recv_multipart()
             if b"" not in parts[1:]:
                 continue  # nothing says where the peer's address ends
             begin = parts.index(b"", 1) + 1
             text = b" ".join(parts[begin:]).decode("utf-8", "replace").strip()
             self._socket.send_multipart([*parts[:begin], self._answer(text).encode()])
+        return True
 
 
 def answer_words(handlers):

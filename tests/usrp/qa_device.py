@@ -14,8 +14,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import zmq
 from gnuradio import blocks, gr, uhd
 from wiforce_app.usrp.air import Cable
+from wiforce_app.usrp.console import ZmqControl
 from wiforce_app.usrp.engine import Device
 
 CONTROL, RX0, TX, FIFO = 49152, 49156, 49157, 49159
@@ -212,3 +214,43 @@ def test_a_host_that_vanishes_does_not_keep_it_busy(software_usrp):
             nobody.recv(1)
     # It streams to nobody no more: device time goes on by the wall clock alone.
     assert device.command("status")["rx_streaming"] is False
+
+
+class CountedAir(Cable):
+    """A cable that notes how many requests had been answered whenever the device's time moved."""
+
+    def __init__(self):
+        super().__init__(0)
+        self.answered, self.moves = 0, []
+
+    def forget(self, tick):
+        super().forget(tick)
+        self.moves.append(self.answered)
+
+
+def test_a_flood_of_requests_is_answered_to_its_end_and_stops_no_stream():
+    flood, air = 500, CountedAir()
+    with (
+        closing(Device(air, "127.0.211.8")) as device,
+        zmq.Context() as context,
+        context.socket(zmq.DEALER) as client,
+    ):
+        client.setsockopt(zmq.LINGER, 0)
+
+        class Console:
+            def answer(self, _):
+                air.answered += 1
+                if air.answered == flood:
+                    device.stop()
+                return "{}"
+
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            port = free.getsockname()[1]
+        endpoint = f"tcp://127.0.0.1:{port}"
+        with closing(ZmqControl(Console(), device, endpoint)):
+            client.connect(endpoint)
+            for _ in range(flood):
+                client.send_multipart([b"", b"status"])
+            device.run()
+    assert air.answered == flood
+    assert max(np.diff(air.moves)) <= 10

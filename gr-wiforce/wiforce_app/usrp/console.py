@@ -10,6 +10,9 @@ from gnuradio.wiforce.errors import InputError
 from ..zmq_sockets import Replies
 from .faults import parse_fault
 
+# In one turn of the device's loop, however many a peer sends.
+_REQUESTS_A_TURN = 10
+
 USAGE = {
     "press": "press SENSOR FORCE_N LOCATION_MM",
     "release": "release SENSOR",
@@ -113,6 +116,4 @@ class ZmqControl:
             raise InputError("--control", "must read tcp://127.0.0.1:PORT", endpoint)
         self._replies = Replies(endpoint, console.answer)
         self.close = self._replies.close
-        device.watch(self._replies.fileno(), self._replies.serve)
-        # Its descriptor only shows changes: a request may be there before the first one.
-        self._replies.serve()
+        device.watch(self._replies.fileno(), lambda: self._replies.serve(_REQUESTS_A_TURN))

@@ -101,10 +101,13 @@ class Device:
         self._throttle = Throttle(self._backlog) if lossless else None
         self._outbox = deque()
         self._port_of = {sock.fileno(): port for port, sock in self._sockets.items()}
-        self._callbacks = {}
+        self._callbacks, self._unfinished = {}, set()
 
     def watch(self, descriptor, callback):
-        """Call ``callback()`` from the loop whenever a file descriptor can be read."""
+        """Call ``callback()`` from the loop whenever a file descriptor can be read.
+
+        While it returns True it is called in the next turn again.
+        """
         self._callbacks[descriptor] = callback
 
     def unwatch(self, descriptor):
@@ -138,7 +141,9 @@ class Device:
         """Serve until `stop`."""
         wait_s = 0.0
         while not self._stop:
-            ready, _, _ = select.select([*self._port_of, *self._callbacks], [], [], wait_s)
+            ready, _, _ = select.select(
+                [*self._port_of, *self._callbacks], [], [], 0 if self._unfinished else wait_s
+            )
             self._serve(ready)
             wait_s = self._advance()
 
@@ -213,8 +218,8 @@ class Device:
         if samples and self._throttle:
             self._throttle.tx_arrived()
         self._guarded(samples, self._accept)
-        for descriptor in self._callbacks.keys() & set(descriptors):
-            self._callbacks[descriptor]()
+        due = self._unfinished | (self._callbacks.keys() & set(descriptors))
+        self._unfinished = {descriptor for descriptor in due if self._callbacks[descriptor]()}
 
     def _each(self, port, handle):
         self._guarded(self._sockets.drain(port), handle)
