@@ -130,12 +130,14 @@ void preamble_fold_impl<Sample>::note_time(const gr::tag_t& tag)
         d_timeline.note(tag.offset,
                         { pmt::to_uint64(pmt::tuple_ref(tag.value, 0)),
                           pmt::to_double(pmt::tuple_ref(tag.value, 1)) });
-    if (verdict == kind::gap)
-        d_event = event{ tag.offset, static_cast<std::uint64_t>(off), d_usable };
-    else if (verdict == kind::ignored)
+    if (verdict == kind::ignored) {
         d_logger->warn("rx_time is off by {:g} samples: ignored", off);
-    else if (verdict == kind::restarts)
+        return;
+    }
+    if (verdict == kind::restarts)
         d_logger->warn("rx_time goes on elsewhere: taken as a new time reference");
+    if (off > 0)
+        d_event = event{ tag.offset, static_cast<std::uint64_t>(off), d_usable };
 }
 
 template <class Sample>

@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pmt
 import pytest
+from device_times import rx_time
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.capture import open_capture
 from gnuradio.wiforce.errors import InputError
@@ -15,12 +16,6 @@ from gnuradio.wiforce.waveform import sounding_waveform
 
 RATE = 12.5e6
 WAVEFORM = sounding_waveform()
-
-
-def rx_time(offset, seconds):
-    whole = int(seconds % 1e15)  # what is beyond goes to the fraction, which cannot be so large
-    value = pmt.make_tuple(pmt.from_uint64(whole), pmt.from_double(seconds - whole))
-    return gr.tag_utils.python_to_tag((offset, pmt.intern("rx_time"), value, pmt.PMT_F))
 
 
 def stream(before, frames, seed=1):
@@ -146,12 +141,14 @@ def test_times_that_come_twice_or_late_mark_no_gap(tmp_path):
     assert block.start_time[1] == pytest.approx((720 - MARGIN) / RATE, abs=1e-12)
 
 
-def test_a_clock_that_was_set_anew_is_believed_when_the_next_time_agrees(tmp_path):
-    tags = [rx_time(0, 1000.0), rx_time(5000, 1.0), rx_time(9000, 1.0 + 4000 / RATE)]
-    tags.append(rx_time(12_000, 1.0 + 7100 / RATE))
+@pytest.mark.parametrize("lost", [0, 300])
+def test_a_clock_that_was_set_anew_is_believed_when_the_next_time_goes_on_from_it(tmp_path, lost):
+    tags = [rx_time(0, 1000.0), rx_time(5000, 1.0), rx_time(9000, 1.0 + (4000 + lost) / RATE)]
+    tags.append(rx_time(12_000, 1.0 + (7100 + lost) / RATE))
     record(tmp_path / "run", stream(0, 30), tags)
     places = [(s.file_sample, s.global_index) for s in open_capture(tmp_path / "run").segments]
-    assert places == [(0, 0), (12_000, 12_100)]
+    first = [(9000, 9000 + lost)] if lost else []
+    assert places == [(0, 0), *first, (12_000, 12_100 + lost)]
 
 
 def test_nothing_is_overwritten(tmp_path):

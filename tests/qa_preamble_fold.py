@@ -4,14 +4,9 @@
 import numpy as np
 import pmt
 import pytest
+from device_times import rx_time
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.errors import InputError
-
-
-def rx_time(offset, seconds):
-    whole = int(np.floor(seconds))
-    value = pmt.make_tuple(pmt.from_uint64(whole), pmt.from_double(seconds - whole))
-    return gr.tag_utils.python_to_tag((offset, pmt.intern("rx_time"), value, pmt.PMT_F))
 
 
 def run_fold(samples, tags=(), chunk=None, **parameters):
@@ -199,6 +194,15 @@ def test_times_without_a_loss_change_nothing():
     assert len(folded) == 20
     assert indices == {0: 0}
     assert fold.gaps() == 0
+
+
+def test_losses_are_told_again_after_the_device_s_clock_was_set_anew():
+    tags = [rx_time(0, 1000.0)]
+    tags += [rx_time(2000 * n, 2 + (2000 * n + 5000 * n) / 12.5e6) for n in range(1, 7)]
+    _, _, fold = run_fold(noise(20 * 720), tags, frame_length=720)
+    # All but the first, whose time is not yet believed.
+    assert fold.gaps() == 5
+    assert fold.samples_lost() == 5 * 5000
 
 
 def test_other_tags_stay_behind():

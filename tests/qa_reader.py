@@ -6,6 +6,7 @@ import dataclasses
 import numpy as np
 import pmt
 import pytest
+from device_times import rx_time
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.angles import wrap_deg
 from gnuradio.wiforce.errors import InputError
@@ -67,8 +68,9 @@ class array_source(gr.sync_block):
         if count == 0:
             return -1
         output_items[0][:count] = self._items[self._at : self._at + count]
-        while self._tags and self._tags[0][0] < self._at + count:
-            self.add_item_tag(0, *self._tags.pop(0))
+        while self._tags and self._tags[0].offset < self._at + count:
+            tag = self._tags.pop(0)
+            self.add_item_tag(0, tag.offset, tag.key, tag.value)
         self._at += count
         return count
 
@@ -94,11 +96,6 @@ def read(samples, tags=(), chunk=None, rewire=None):
     reader.finish()
     assert reader.failure is None
     return readings
-
-
-def rx_time(offset, seconds):
-    value = pmt.make_tuple(pmt.from_uint64(int(seconds)), pmt.from_double(seconds % 1))
-    return offset, pmt.intern("rx_time"), value
 
 
 def test_a_press_is_read_through_the_blocks_where_it_is(codes):

@@ -4,6 +4,7 @@
 import numpy as np
 import pmt
 import pytest
+from device_times import rx_time
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.errors import InputError
 
@@ -206,12 +207,7 @@ def test_frames_that_move_untold_are_followed_as_in_a_stream_to_the_last_bit(
 
 def folded_in_a_stream(samples, item_type, times, length, offset):
     """Output and tags of preamble_fold on samples with an rx_time at some items."""
-    tags = [
-        gr.tag_utils.python_to_tag(
-            (item, pmt.intern("rx_time"), pmt.make_tuple(pmt.from_uint64(0), pmt.from_double(s)))
-        )
-        for item, s in times
-    ]
+    tags = [rx_time(item, seconds) for item, seconds in times]
     if item_type == "sc16":
         source = blocks.vector_source_s(samples.ravel().tolist(), False, 2, tags)
     else:

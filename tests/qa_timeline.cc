@@ -62,8 +62,44 @@ BOOST_AUTO_TEST_CASE(a_clock_set_anew_is_believed_when_the_next_time_agrees)
     timeline times(RATE);
     times.note(0, { 1000, 0.5 });
     BOOST_TEST((times.note(12'500, { 1, 0.5 }).verdict == verdict::ignored));
-    BOOST_TEST((times.note(25'000, { 1, 0.501 }).verdict == verdict::restarts));
+    expect(times.note(25'000, { 1, 0.501 }), verdict::restarts, 0);
     expect(times.note(37'500, { 1, 0.502 + 40 / RATE }), verdict::gap, 40);
+}
+
+BOOST_AUTO_TEST_CASE(a_clock_set_anew_is_believed_by_times_that_come_with_losses_only)
+{
+    constexpr double BACK = 5 * RATE; // the clock was set so far back
+    timeline times(RATE);
+    times.note(0, device_time(0));
+    double lost = 5000;
+    times.foretell(5000 % 720); // the frames tell of the first loss
+    expect(times.note(10'000, device_time(10'000 + lost - BACK)),
+           verdict::ignored,
+           lost - 5000 % 720 - BACK);
+    lost += 5000;
+    expect(
+        times.note(20'000, device_time(20'000 + lost - BACK)), verdict::restarts, 5000);
+    for (int item = 30'000; item <= 60'000; item += 10'000) {
+        lost += 5000;
+        expect(times.note(item, device_time(item + lost - BACK)), verdict::gap, 5000);
+    }
+}
+
+BOOST_AUTO_TEST_CASE(a_slip_told_twice_or_followed_by_the_truth_is_no_clock_set_anew)
+{
+    timeline times(RATE);
+    times.note(0, device_time(0));
+    times.note(5000, device_time(4000));
+    expect(times.note(6000, device_time(4000)), verdict::ignored, -2000);
+    // Later than the doubtful time by what could be a loss, and yet true.
+    expect(times.note(7000, device_time(7000)), verdict::agrees, 0);
+    times.note(8000, device_time(7000));
+    expect(times.note(9000, device_time(9040)), verdict::gap, 40);
+    // Of two slips in a row neither goes on from the other.
+    times.note(11'000, device_time(11'000 - 7 * RATE));
+    expect(times.note(12'000, device_time(12'000 - 5 * RATE)),
+           verdict::ignored,
+           -40 - 5 * RATE);
 }
 
 BOOST_AUTO_TEST_CASE(a_loss_that_was_found_already_is_not_counted_twice)

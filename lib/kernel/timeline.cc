@@ -33,23 +33,31 @@ double timeline::lead(const mark& now, const mark& since) const
                       static_cast<double>(now.item - since.item));
 }
 
+bool timeline::is_loss(double lead, double longest_s) const
+{
+    return lead >= 0 && lead <= longest_s * d_sample_rate;
+}
+
 timeline::judgement timeline::note(std::uint64_t item, time time)
 {
     if (!(time.fraction >= 0 && time.fraction < LARGEST_FRACTION_S))
         return { verdict::ignored, std::numeric_limits<double>::quiet_NaN() };
     const mark now{ item, time };
     const double lost = d_last ? lead(now, *d_last) - d_foretold : 0;
-    const bool doubtful = lost < 0 || lost > LONGEST_GAP_S * d_sample_rate;
-    if (doubtful && (!d_doubtful || lead(now, *d_doubtful) != 0)) {
-        d_doubtful = now;
-        return { verdict::ignored, lost };
+    judgement judgement{ lost > 0 ? verdict::gap : verdict::agrees, lost };
+    if (!is_loss(lost, LONGEST_GAP_S)) {
+        // A loss foretold since the doubtful time lies before it: it came with that loss.
+        const double anew = d_doubtful ? lead(now, *d_doubtful) : -1;
+        if (!is_loss(anew, LONGEST_NEW_GAP_S)) {
+            d_doubtful = now;
+            return { verdict::ignored, lost };
+        }
+        judgement = { verdict::restarts, anew };
     }
     d_last = now;
     d_doubtful.reset();
     d_foretold = 0;
-    if (doubtful)
-        return { verdict::restarts, lost };
-    return { lost > 0 ? verdict::gap : verdict::agrees, lost };
+    return judgement;
 }
 
 std::optional<timeline::time> timeline::time_at(std::uint64_t item) const

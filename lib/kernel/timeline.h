@@ -12,12 +12,16 @@ namespace gr::wiforce::kernel {
  *
  * A time later than the items since the one before account for means lost samples. One
  * that is earlier, or later by more than LONGEST_GAP_S, is a slip of the device or of the
- * way here: it is ignored unless the next agrees with it.
+ * way here: it is ignored. When the next one does not go on from before the slip but from
+ * the slip itself, or at most LONGEST_NEW_GAP_S later, the device's clock was set anew: a
+ * device gives times where it lost samples, and hardly elsewhere.
  */
 class timeline
 {
 public:
     static constexpr double LONGEST_GAP_S = 3600;
+    // Of a gap on a clock set anew: two slips lie rarely so close.
+    static constexpr double LONGEST_NEW_GAP_S = 1;
 
     struct time {
         std::uint64_t seconds;
@@ -27,7 +31,7 @@ public:
         agrees,
         gap,     // `off` samples were lost just before the item
         ignored, // no time, or `off` samples beside what it should be
-        restarts // a new time, of which nothing lost is known
+        restarts // the clock was set anew; `off` samples were lost since its first time
     };
     struct judgement {
         timeline::verdict verdict;
@@ -53,6 +57,7 @@ private:
     };
 
     double lead(const mark& now, const mark& since) const;
+    bool is_loss(double lead, double longest_s) const;
 
     const double d_sample_rate;
     std::optional<mark> d_last;

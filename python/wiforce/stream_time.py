@@ -32,7 +32,7 @@ class Timeline:
         """Take the tag of an item; returns the samples lost just before it.
 
         A time that cannot be read is ignored, and so is one that goes back or leaps ahead by more
-        than any gap, unless the next agrees with it: the rule of ``preamble_fold``.
+        than any gap, unless the next goes on from it: the rule of ``preamble_fold``.
         """
         try:
             time = pmt.to_uint64(pmt.tuple_ref(value, 0)), pmt.to_double(pmt.tuple_ref(value, 1))

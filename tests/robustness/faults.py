@@ -3,6 +3,7 @@
 
 from dataclasses import dataclass, field
 
+import device_times
 import numpy as np
 import pmt
 from gnuradio import gr, wiforce
@@ -44,6 +45,12 @@ class Stream:
     ----------
     codes : ndarray of int16, shape (n, 2)
     tags : list of (int, str, pmt)
+    times : list of (int, float)
+        Items and what ``rx_time`` says of them, in s, by a clock that is never set.
+    told : list of (int, int)
+        Items and the samples lost before them, as a time has told.
+    set : list of (float, float)
+        When the clock was set, in s by itself, and by how much.
     shift_s : float
         By how much the reader's time may be off from the truth's.
     spoilt : list of (float, float)
@@ -59,6 +66,9 @@ class Stream:
     codes: np.ndarray
     earliest: int = 0
     tags: list = field(default_factory=list)
+    times: list = field(default_factory=list)
+    told: list = field(default_factory=list)
+    set: list = field(default_factory=list)
     shift_s: float = 0.0
     spoilt: list = field(default_factory=list)
     said: list = field(default_factory=list)
@@ -67,10 +77,25 @@ class Stream:
     def tag(self, item, key, value):
         self.tags.append((int(item), key, value))
 
+    def time_s(self, item):
+        """Time of an item on the device's count, as far as losses were told."""
+        lost = sum(count for start, count in self.told if start <= item)
+        return 7.25 + (item + lost) / RATE
+
     def tag_time(self, item, seconds):
-        whole = int(seconds)
-        value = pmt.make_tuple(pmt.from_uint64(whole), pmt.from_double(seconds - whole))
-        self.tag(item, "rx_time", value)
+        self.times.append((int(item), seconds))
+
+    def all_tags(self):
+        """Tags in the order of their items, with times as the device's clock has them."""
+        times = [
+            (
+                item,
+                "rx_time",
+                device_times.value(s + sum(by for since, by in self.set if s >= since)),
+            )
+            for item, s in self.times
+        ]
+        return sorted(self.tags + times, key=lambda tag: tag[0])
 
     def cut(self, start, count):
         """Take samples out; tags behind them move up."""
@@ -86,10 +111,13 @@ class Stream:
         self._move(start, 0, count)
 
     def _move(self, start, gone, by):
-        self.tags = [
-            (item + by if item >= start + gone else min(item, start), key, value)
-            for item, key, value in self.tags
-        ]
+        def moved(marks):
+            return [
+                (item + by if item >= start + gone else min(item, start), *rest)
+                for item, *rest in marks
+            ]
+
+        self.tags, self.times, self.told = map(moved, (self.tags, self.times, self.told))
 
     def scale(self, start, count, factor, offset=0.0):
         """What a complex gain and a constant make of a stretch, clipped as a converter does."""
@@ -105,10 +133,9 @@ def lost_and_told(stream, rng):
     """An overflow, with the time of the first sample behind it."""
     start, count = _place(stream, rng), int(10 ** rng.uniform(0, 5.7))
     count = min(count, len(stream.codes) - start - 1)
-    before = sum(n for _, n in getattr(stream, "told", []))
     stream.cut(start, count)
-    stream.told = [*getattr(stream, "told", []), (start, count)]
-    stream.tag_time(start, 7.25 + (start + before + count) / RATE)
+    stream.told.append((start, count))
+    stream.tag_time(start, stream.time_s(start))
 
 
 def lost_untold(stream, rng):
@@ -129,19 +156,29 @@ def time_doubled(stream, rng):
     """A true time, again on a later sample."""
     item = _place(stream, rng)
     late = int(rng.integers(1, 100_000))
-    stream.tag_time(item, 7.25 + _position(stream, item) / RATE)
-    stream.tag_time(min(item + late, len(stream.codes) - 1), 7.25 + _position(stream, item) / RATE)
+    stream.tag_time(item, stream.time_s(item))
+    stream.tag_time(min(item + late, len(stream.codes) - 1), stream.time_s(item))
     after = min(item + 2 * late, len(stream.codes) - 1)
-    stream.tag_time(after, 7.25 + _position(stream, after) / RATE)
+    stream.tag_time(after, stream.time_s(after))
 
 
 def time_ahead(stream, rng):
     """A time too late by up to 20 ms, and a true one behind it."""
     item, lie = _place(stream, rng), rng.uniform(0, 0.02)
-    stream.tag_time(item, 7.25 + _position(stream, item) / RATE + lie)
+    stream.tag_time(item, stream.time_s(item) + lie)
     after = min(item + int(rng.integers(1, 100_000)), len(stream.codes) - 1)
-    stream.tag_time(after, 7.25 + _position(stream, after) / RATE)
+    stream.tag_time(after, stream.time_s(after))
     stream.shift_s += lie + FRAME / RATE
+
+
+def clock_set_anew(stream, rng):
+    """The device's clock is set back or far ahead, and tells of two losses then."""
+    item = _place(stream, rng)
+    stream.set.append((stream.time_s(item), rng.choice([-1.5, 7200.0])))
+    for start in np.sort(rng.integers(item, len(stream.codes) - GROUP, 2)):
+        stream.cut(start, 5000)
+        stream.told.append((start, 5000))
+        stream.tag_time(start, stream.time_s(start))
 
 
 def time_nonsense(stream, rng):
@@ -231,6 +268,7 @@ FAULTS = (
     time_doubled,
     time_ahead,
     time_nonsense,
+    clock_set_anew,
     other_rate,
     retuned,
     saturated,
@@ -248,6 +286,9 @@ def faulty(codes, rng, faults, earliest=0):
         fault(stream, rng)
         stream.said.append(fault.__name__)
     stream.tag_time(0, 7.25)
+    if stream.set:
+        # The loss that the first time of a new clock tells is known but for whole frames.
+        stream.shift_s += (sum(count for _, count in stream.told) + FRAME) / RATE
     return stream
 
 
@@ -258,11 +299,6 @@ def _place(stream, rng):
 def _stretch(stream, rng):
     start = _place(stream, rng)
     return start, min(int(10 ** rng.uniform(2, 6.5)), len(stream.codes) - start - GROUP // 2)
-
-
-def _position(stream, item):
-    """Place of an item on the device's count, as far as tags have told losses."""
-    return item + sum(count for start, count in getattr(stream, "told", []) if start <= item)
 
 
 def _noise(stream, start, count, rng):
@@ -276,7 +312,7 @@ class stream_source(gr.sync_block):
     def __init__(self, stream):
         gr.sync_block.__init__(self, "stream_source", in_sig=None, out_sig=[(np.int16, 2)])
         self._codes, self._at = stream.codes, 0
-        self._tags = sorted(stream.tags, key=lambda tag: tag[0])
+        self._tags = stream.all_tags()
 
     def work(self, input_items, output_items):
         count = min(len(output_items[0]), len(self._codes) - self._at)

@@ -19,6 +19,7 @@ SHOWN_AS = {
     faults.lost_untold: {"weak"},
     faults.doubled: {"weak"},
     faults.time_ahead: {"gap", "weak"},
+    faults.clock_set_anew: {"gap", "weak"},
     faults.other_rate: {"gap", "moved"},
     faults.retuned: {"gap", "moved"},
     faults.saturated: {"saturated"},

@@ -12,9 +12,9 @@ import tempfile
 from collections import Counter
 from pathlib import Path
 
+import device_times
 import faults
 import numpy as np
-import pmt
 from gnuradio import gr, wiforce
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.simulator import simulate
@@ -50,9 +50,8 @@ class endless_source(gr.sync_block):
         return count
 
     def _tag(self):
-        seconds, left = divmod(self._device, int(faults.RATE))
-        value = pmt.make_tuple(pmt.from_uint64(seconds), pmt.from_double(left / faults.RATE))
-        self.add_item_tag(0, self.nitems_written(0), pmt.intern("rx_time"), value)
+        time = device_times.value(self._device / faults.RATE)
+        self.add_item_tag(0, self.nitems_written(0), device_times.KEY, time)
 
 
 class Watch:

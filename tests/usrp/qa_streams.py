@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Streams through unmodified gr-uhd and UHD: every sample, every tag, every fault."""
 
+import device_times
 import numpy as np
 import pmt
 import pytest
@@ -113,11 +114,9 @@ class Host:
 def _tags(bursts):
     tags, offset = [], 0
     for time_s, samples in bursts.items():
-        whole = int(time_s)
-        time = pmt.make_tuple(pmt.from_uint64(whole), pmt.from_double(time_s - whole))
         last = offset + len(samples) - 1
         for where, key, value in [
-            (offset, "tx_time", time),
+            (offset, "tx_time", device_times.value(time_s)),
             (offset, "tx_sob", pmt.PMT_T),
             (last, "tx_eob", pmt.PMT_T),
         ]:

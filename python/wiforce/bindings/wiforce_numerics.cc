@@ -103,7 +103,7 @@ static std::uint64_t
 note(timeline& times, std::uint64_t item, std::uint64_t seconds, double fraction)
 {
     const auto [verdict, off] = times.note(item, { seconds, fraction });
-    return verdict == timeline::verdict::gap ? static_cast<std::uint64_t>(off) : 0;
+    return verdict == timeline::verdict::ignored ? 0 : static_cast<std::uint64_t>(off);
 }
 
 static py::object time_at(const timeline& times, std::uint64_t item)
