@@ -94,7 +94,6 @@ frame_walk::frame_walk(std::unique_ptr<kernel::recording> recording,
       d_integers(integers),
       d_watch(folder.frame_length(), frame_offset)
 {
-    d_samples_left_over = d_recording->samples_left_over();
 }
 
 std::uint64_t frame_walk::snapshot() const
@@ -185,7 +184,6 @@ bool frame_walk::follow_frames()
         gr::logger("recording_source")
             .warn("frames come {:d} samples late: followed", shift);
         d_recording->lose(position, d_folder.frame_length() - shift);
-        d_samples_left_over = d_recording->samples_left_over();
     }
     return true;
 }

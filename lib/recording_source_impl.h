@@ -25,7 +25,6 @@ public:
     {
         return d_recording->samples_missing() + d_samples_cut;
     }
-    std::uint64_t samples_left_over() const { return d_samples_left_over; }
     std::uint64_t folded() const { return d_folded; } // frames so far
     bool at_end() const { return d_run == d_recording->runs().size(); }
     bool at_run_start() const { return d_frame == 0; }
@@ -54,7 +53,6 @@ private:
     std::uint64_t d_frame = 0; // in the run
     counter d_folded;
     std::vector<int> d_saturated;
-    counter d_samples_left_over;
     counter d_samples_cut; // of whole frames that the file lost meanwhile
 };
 
@@ -64,10 +62,6 @@ class walking_source : public recording_source
 public:
     std::uint64_t snapshots() const override { return d_walk.folded(); }
     std::uint64_t samples_missing() const override { return d_walk.samples_missing(); }
-    std::uint64_t samples_left_over() const override
-    {
-        return d_walk.samples_left_over();
-    }
 
 protected:
     explicit walking_source(frame_walk walk) : d_walk(std::move(walk)) {}

@@ -190,17 +190,15 @@ def warn_of_leftover(recording, scene, settings, frame_offset):
     InputError
         When the capture does not hold the untouched reference and one more group.
     """
-    frame = scene.sounding.frame_length
     groups = (recording.span - frame_offset) // scene.group_samples
     needed = settings.reference_groups + 1
     if groups < needed:
         rule = f"must hold {needed} phase groups (reference_s and one more)"
         raise InputError(recording.path, rule, max(0, groups))
-    last = recording.segments[-1]
-    left = (last.global_index + last.length - recording.segments[0].global_index) - frame_offset
-    if left % frame:
+    left = (recording.span - frame_offset) % scene.sounding.frame_length
+    if left:
         click.echo(
             f"gr-wiforce: warning: {recording.path}: ends inside a frame, "
-            f"{left % frame} samples are left over; whole phase groups are read",
+            f"{left} samples are left over; whole phase groups are read",
             err=True,
         )

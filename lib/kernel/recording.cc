@@ -126,8 +126,6 @@ void recording::find_runs()
         const std::uint64_t start = first_window + frame * stride;
         const std::uint64_t frames =
             end >= start + window ? 1 + (end - start - window) / stride : 0;
-        const std::uint64_t next = d_frame_offset + (frame + frames) * stride;
-        d_samples_left_over = end > next ? std::min(part.length, end - next) : 0;
         if (frames > 0)
             d_runs.push_back(
                 { d_header_bytes + (part.file_sample + (start - begin)) * d_sample_bytes,

@@ -51,8 +51,6 @@ public:
     const std::vector<run>& runs() const { return d_runs; }
     // Samples that segments promise and the file does not hold.
     std::uint64_t samples_missing() const { return d_samples_missing; }
-    // Samples at the end of the recording that make no whole frame.
-    std::uint64_t samples_left_over() const { return d_samples_left_over; }
 
     // Tells that samples were lost before a position inside the run, of which no segment
     // told: the frames behind it are others. Runs before it stay as they are.
@@ -85,7 +83,6 @@ private:
     std::vector<segment> d_parts; // what is there; indices count from the first
     std::vector<run> d_runs;
     std::uint64_t d_samples_missing = 0;
-    std::uint64_t d_samples_left_over = 0;
 };
 
 } // namespace gr::wiforce::kernel

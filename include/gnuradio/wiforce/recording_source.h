@@ -75,8 +75,6 @@ public:
     virtual std::uint64_t snapshots() const = 0;
     //! Samples that the segments promise and the file does not hold.
     virtual std::uint64_t samples_missing() const = 0;
-    //! Samples at the end of the recording that make no whole frame.
-    virtual std::uint64_t samples_left_over() const = 0;
 };
 
 } // namespace gr::wiforce

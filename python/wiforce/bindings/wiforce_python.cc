@@ -205,10 +205,7 @@ static void bind_recording_source(py::module& m)
         .def("snapshots", &recording_source::snapshots, "Frames folded so far.")
         .def("samples_missing",
              &recording_source::samples_missing,
-             "Samples that the segments promise and the file does not hold.")
-        .def("samples_left_over",
-             &recording_source::samples_left_over,
-             "Samples at the end of the recording that make no whole frame.");
+             "Samples that the segments promise and the file does not hold.");
 }
 
 static void bind_latency_blocks(py::module& m)
