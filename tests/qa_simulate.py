@@ -148,7 +148,7 @@ def test_a_failure_half_way_leaves_nothing(tmp_path):
 def test_a_folder_that_is_not_there_and_an_unknown_datatype_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"none/x: cannot be written \(No such file"):
         simulator.simulate(short(), tmp_path / "none" / "x")
-    with pytest.raises(InputError, match="datatype: must be ci16_le or cf32_le, got 'ci8'"):
+    with pytest.raises(InputError, match="datatype: must be one of cf32_le, ci16_le, got 'ci8'"):
         simulator.simulate(short(), tmp_path / "x", datatype="ci8")
 
 

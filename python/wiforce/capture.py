@@ -9,10 +9,10 @@ import numpy as np
 from .carrier import same_carrier
 from .codes import samples_of
 from .errors import InputError
+from .item_types import DATATYPES
 from .textfile import read_bytes
 
 MAX_METADATA_BYTES = 8_000_000
-SAMPLE_BYTES = {"ci16_le": 4, "cf32_le": 8}
 
 
 @dataclass(frozen=True)
@@ -113,8 +113,8 @@ def open_capture(path, datatype=None):
 
 
 def _open_raw(path, datatype):
-    if datatype not in SAMPLE_BYTES:
-        raise InputError("datatype", f"must be one of {', '.join(SAMPLE_BYTES)}", datatype)
+    if datatype not in DATATYPES:
+        raise InputError("datatype", f"must be one of {', '.join(DATATYPES)}", datatype)
     if not path.is_file():
         raise InputError(path, "no such file")
     samples = _count(path, datatype, path.stat().st_size)
@@ -122,9 +122,10 @@ def _open_raw(path, datatype):
 
 
 def _count(path, datatype, size):
-    if size < SAMPLE_BYTES[datatype]:
+    sample_bytes = DATATYPES[datatype].sample_bytes
+    if size < sample_bytes:
         raise InputError(path, "is empty")
-    return size // SAMPLE_BYTES[datatype]
+    return size // sample_bytes
 
 
 def _open_sigmf(meta, data):
@@ -132,8 +133,8 @@ def _open_sigmf(meta, data):
     size = data.stat().st_size
     fields, captures = _metadata(meta)
     datatype = fields.get("core:datatype")
-    if datatype not in SAMPLE_BYTES:
-        rule = f"core:datatype must be one of {', '.join(SAMPLE_BYTES)}"
+    if datatype not in DATATYPES:
+        rule = f"core:datatype must be one of {', '.join(DATATYPES)}"
         raise InputError(meta, rule, datatype)
     if fields.get("core:num_channels", 1) != 1:
         raise InputError(meta, "core:num_channels must be 1", fields["core:num_channels"])

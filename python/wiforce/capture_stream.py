@@ -10,12 +10,12 @@ import pmt
 from gnuradio import gr
 
 from . import names
-from .capture import SAMPLE_BYTES, open_capture
+from .capture import open_capture
 from .errors import InputError
+from .item_types import DATATYPES
 from .stream_time import time_value
 
 _LOOK_S = 0.1
-_ITEMS = {"ci16_le": ("sc16", (np.int16, 2)), "cf32_le": ("fc32", np.complex64)}
 
 
 class capture_stream(gr.sync_block):
@@ -45,8 +45,9 @@ class capture_stream(gr.sync_block):
         self._source = (path, datatype)
         self._rate = sample_rate
         self._known = open_capture(path, datatype)
-        self.item_type, item = _ITEMS[self._known.datatype]
-        gr.sync_block.__init__(self, "capture_stream", in_sig=None, out_sig=[item])
+        kind = DATATYPES[self._known.datatype]
+        self.item_type, self._sample_bytes = kind.name, kind.sample_bytes
+        gr.sync_block.__init__(self, "capture_stream", in_sig=None, out_sig=[kind.item])
         self.ended, self.failure = threading.Event(), None
         self._file = open(self._known.path, "rb", buffering=0)
         self._segment, self._at = 0, self._known.segments[0].file_sample
@@ -101,8 +102,8 @@ class capture_stream(gr.sync_block):
         self.add_item_tag(0, self.nitems_written(0), pmt.intern(names.RX_TIME), value)
 
     def _read(self, out):
-        size = SAMPLE_BYTES[self._known.datatype]
-        read = os.preadv(self._file.fileno(), [out.view(np.uint8).data], self._at * size)
+        place = self._at * self._sample_bytes
+        read = os.preadv(self._file.fileno(), [out.view(np.uint8).data], place)
         if read < out.nbytes:
             raise InputError(self._known.path, "was cut short while it was read")
         return len(out)

@@ -11,10 +11,10 @@ from . import names
 from .codes import samples_of
 from .errors import InputError
 from .estimation.frame import find_frame_offset
+from .item_types import item_type_named
 from .stream_time import Timeline, time_value
 from .waveform import sounding_waveform
 
-ITEMS = {"fc32": np.complex64, "sc16": (np.int16, 2)}
 _RX_TIME = pmt.intern(names.RX_TIME)
 
 
@@ -64,14 +64,12 @@ class frame_alignment(gr.basic_block):
         item_type="fc32",
         search_frames=2000,
     ):
-        if item_type not in ITEMS:
-            raise InputError("item_type", f"must be one of {', '.join(ITEMS)}", item_type)
+        item = item_type_named(item_type).item
         if search_frames < 1:
             raise InputError("search_frames", "must be 1 or more", search_frames)
         self._waveform = sounding_waveform(waveform, frame_length, sample_rate)
         self._needed = search_frames * frame_length
         self._complex = item_type == "fc32"
-        item = ITEMS[item_type]
         gr.basic_block.__init__(self, "frame_alignment", in_sig=[item], out_sig=[item])
         self.set_tag_propagation_policy(gr.TPP_DONT)
         self.offset, self.start_time, self.searches = None, None, 0

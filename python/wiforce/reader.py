@@ -11,14 +11,14 @@ from .end_separation import end_separation
 from .errors import InputError
 from .estimation.estimators import estimator_named
 from .force_inversion import force_inversion
+from .item_types import ITEM_TYPES
 from .scene import Scene, load_scene
 from .scene.plan import plan as plan_of
 from .subcarrier_average import subcarrier_average
 from .wiforce_python import ofdm_channel_estimator, phase_group_doppler, preamble_fold
 
-_ITEM_SIZES = {
-    "fc32": gr.sizeof_gr_complex,
-    "sc16": 2 * gr.sizeof_short,
+_ITEM_BYTES = {
+    **{name: kind.sample_bytes for name, kind in ITEM_TYPES.items()},
     "folded": 64 * gr.sizeof_gr_complex,
 }
 
@@ -53,8 +53,8 @@ class reader(gr.hier_block2):
     """
 
     def __init__(self, scene, input_type="fc32", frame_offset=0, tracked=False, on_reading=None):
-        if input_type not in _ITEM_SIZES:
-            rule = f"must be one of {', '.join(_ITEM_SIZES)}"
+        if input_type not in _ITEM_BYTES:
+            rule = f"must be one of {', '.join(_ITEM_BYTES)}"
             raise InputError("input_type", rule, input_type)
         if frame_offset < 0:
             raise InputError("frame_offset", "must be 0 or more", frame_offset)
@@ -66,7 +66,7 @@ class reader(gr.hier_block2):
         gr.hier_block2.__init__(
             self,
             "reader",
-            gr.io_signature(1, 1, _ITEM_SIZES[input_type]),
+            gr.io_signature(1, 1, _ITEM_BYTES[input_type]),
             gr.io_signature(0, 0, 0),
         )
         self.message_port_register_hier_out(names.READINGS)

@@ -10,11 +10,10 @@ from gnuradio import gr
 
 from . import names
 from .errors import InputError
-from .frame_alignment import ITEMS
+from .item_types import item_type_named
 from .stream_time import Timeline
 from .textfile import check_output, write_whole
 
-_DATATYPES = {"fc32": "cf32_le", "sc16": "ci16_le"}
 _RX_TIME = pmt.intern(names.RX_TIME)
 
 
@@ -58,19 +57,18 @@ class sigmf_recorder(gr.sync_block):
     def __init__(
         self, path, sample_rate=12.5e6, center_frequency=900e6, item_type="fc32", fields=None
     ):
-        if item_type not in ITEMS:
-            raise InputError("item_type", f"must be one of {', '.join(ITEMS)}", item_type)
+        kind = item_type_named(item_type)
         if not sample_rate > 0:
             raise InputError("sample_rate", "must be positive", sample_rate)
         if not center_frequency > 0:
             raise InputError("center_frequency", "must be positive", center_frequency)
-        gr.sync_block.__init__(self, "sigmf_recorder", in_sig=[ITEMS[item_type]], out_sig=None)
+        gr.sync_block.__init__(self, "sigmf_recorder", in_sig=[kind.item], out_sig=None)
         self.failure = None
         self._center_frequency = center_frequency
         self._timeline = Timeline(sample_rate)
         self._captures, self._recorded = [], 0
         self._global = {
-            "core:datatype": _DATATYPES[item_type],
+            "core:datatype": kind.datatype,
             "core:sample_rate": sample_rate,
             "core:version": "1.0.0",
             "core:num_channels": 1,

@@ -5,9 +5,8 @@ import numpy as np
 from gnuradio import blocks, gr
 
 from .errors import InputError
+from .item_types import item_type_named
 from .waveform import sounding_waveform
-
-_ITEM_SIZES = {"fc32": gr.sizeof_gr_complex, "sc16": 2 * gr.sizeof_short}
 
 
 def largest_amplitude(frame):
@@ -48,12 +47,10 @@ class sounding_source(gr.hier_block2):
         amplitude=0.5,
         item_type="fc32",
     ):
-        if item_type not in _ITEM_SIZES:
-            raise InputError("item_type", f"must be one of {', '.join(_ITEM_SIZES)}", item_type)
+        size = item_type_named(item_type).sample_bytes
         self._frame = sounding_waveform(waveform, frame_length, sample_rate).frame()
         self._item_type = item_type
         data = self._data(amplitude)
-        size = _ITEM_SIZES[item_type]
         gr.hier_block2.__init__(
             self, "sounding_source", gr.io_signature(0, 0, 0), gr.io_signature(1, 1, size)
         )

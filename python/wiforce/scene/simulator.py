@@ -11,13 +11,13 @@ import numpy as np
 
 from ..codes import samples_of
 from ..errors import InputError, unwritable
+from ..item_types import DATATYPES
 from .adc import Adc
 from .channel import AirChannel
 
 TRUTH_COLUMNS = (
     "time_s", "sensor", "touch", "force_n", "location_mm", "phase1_deg", "phase2_deg",
 )  # fmt: skip
-DATATYPES = ("ci16_le", "cf32_le")
 _FRAMES_AT_ONCE = 500
 
 
@@ -52,7 +52,7 @@ def simulate(scene, name, datatype="ci16_le", progress=None, antenna=0):
         When the disk is full.
     """
     if datatype not in DATATYPES:
-        raise InputError("datatype", f"must be {' or '.join(DATATYPES)}", datatype)
+        raise InputError("datatype", f"must be one of {', '.join(DATATYPES)}", datatype)
     if not Path(name).name or str(name).endswith("/"):
         raise InputError("NAME", "must be a file name without suffix", str(name))
     paths = [Path(f"{name}{suffix}") for suffix in (".sigmf-data", ".truth.csv", ".sigmf-meta")]
