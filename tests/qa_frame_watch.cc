@@ -167,3 +167,14 @@ BOOST_AUTO_TEST_CASE(
         watch.take(&none, 1, i);
     BOOST_TEST(watch.decide() == 0);
 }
+
+BOOST_AUTO_TEST_CASE(frames_too_long_to_be_searched_are_not_watched)
+{
+    const fc32 one(1, 0);
+    frame_watch longest(frame_watch::LONGEST_FRAME, 0);
+    BOOST_TEST(longest.decision() == longest.averaged_samples());
+    frame_watch longer(frame_watch::LONGEST_FRAME + 1, 0);
+    longer.take(&one, 1, 0);
+    longer.restart(1000);
+    BOOST_TEST(longer.decision() == std::numeric_limits<std::uint64_t>::max());
+}

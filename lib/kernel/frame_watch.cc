@@ -34,16 +34,22 @@ float match(const std::vector<fc32>& a, const std::vector<fc32>& b, std::size_t 
 } // namespace
 
 frame_watch::frame_watch(int frame_length, std::uint64_t origin)
-    : d_length(frame_length), d_origin(origin), d_begin(origin)
+    : d_length(frame_length),
+      d_watches(frame_length <= LONGEST_FRAME),
+      d_origin(origin),
+      d_begin(origin)
 {
     require(
         frame_length >= 1, "frame_watch", "frame_length", "must be >= 1", frame_length);
-    d_sum.assign(2 * d_length, 0.0f);
+    if (d_watches)
+        d_sum.assign(2 * d_length, 0.0f);
 }
 
 template <class Sample>
 void frame_watch::take(const Sample* samples, std::uint64_t count, std::uint64_t position)
 {
+    if (!d_watches)
+        return;
     const std::uint64_t end = position + count;
     const auto* parts = reinterpret_cast<const typename Sample::value_type*>(samples);
     for (std::uint64_t at = std::max(position, d_begin); at < end;) {

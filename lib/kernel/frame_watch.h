@@ -16,16 +16,25 @@ namespace gr::wiforce::kernel {
  * average before: what stands still must come at the same sample. When it does not, the
  * average before is looked for at every cyclic shift. A shift counts when two averages in
  * a row agree on it and nearly all of the energy does.
+ *
+ * That search takes time by the square of the frame length: frames longer than
+ * LONGEST_FRAME are not watched.
  */
 class frame_watch
 {
 public:
+    static constexpr int LONGEST_FRAME = 8192;
+
     // The grid begins at position `origin`. Throws std::invalid_argument unless
     // frame_length >= 1.
     frame_watch(int frame_length, std::uint64_t origin);
 
-    // Position at which decide() is to be called; the first sample of a frame.
-    std::uint64_t decision() const { return d_begin + averaged_samples(); }
+    // Position at which decide() is to be called; the first sample of a frame, or one
+    // that never comes when frames are not watched.
+    std::uint64_t decision() const
+    {
+        return d_watches ? d_begin + averaged_samples() : NEVER;
+    }
     // Samples before it that are averaged; no others need to be given.
     std::uint64_t averaged_samples() const { return AVERAGED * d_length; }
 
@@ -41,6 +50,7 @@ public:
     void restart(std::uint64_t position);
 
 private:
+    static constexpr std::uint64_t NEVER = ~std::uint64_t(0);
     static constexpr std::uint64_t AVERAGED = 16; // frames
     static constexpr std::uint64_t PERIOD = 1024; // of them
     static constexpr int MOST_DOUBTS = 3;         // averages in a row
@@ -52,6 +62,7 @@ private:
     int judge(const profile& now);
 
     const std::uint64_t d_length;
+    const bool d_watches;
     const std::uint64_t d_origin;
     std::uint64_t d_begin;    // of the frames that are averaged
     std::vector<float> d_sum; // real and imaginary parts of a frame
