@@ -14,23 +14,9 @@ namespace {
 
 constexpr int INPUT_BUFFER_BYTES = 1 << 20;
 
-const pmt::pmt_t rx_time_key = pmt::mp(names::RX_TIME);
-const pmt::pmt_t rx_rate_key = pmt::mp(names::RX_RATE);
-const pmt::pmt_t rx_freq_key = pmt::mp(names::RX_FREQ);
 const pmt::pmt_t snapshot_key = pmt::mp(names::SNAPSHOT);
 const pmt::pmt_t saturated_key = pmt::mp(names::SATURATED);
 const pmt::pmt_t retuned_key = pmt::mp(names::RETUNED);
-
-// tuple(uint64 seconds, double fraction), as gr-uhd makes it.
-bool is_time(const pmt::pmt_t& value)
-{
-    if (!pmt::is_tuple(value) || pmt::length(value) != 2)
-        return false;
-    const pmt::pmt_t seconds = pmt::tuple_ref(value, 0);
-    return (pmt::is_uint64(seconds) ||
-            (pmt::is_integer(seconds) && pmt::to_long(seconds) >= 0)) &&
-           pmt::is_real(pmt::tuple_ref(value, 1));
-}
 
 void check(double sample_rate, const std::string& item_type)
 {
@@ -95,9 +81,8 @@ preamble_fold_impl<Sample>::preamble_fold_impl(const kernel::preamble_folder& fo
                                                double sample_rate,
                                                std::uint64_t frame_offset)
     : d_folder(folder),
-      d_sample_rate(sample_rate),
       d_first_window(frame_offset + folder.first_averaged()),
-      d_timeline(sample_rate),
+      d_events(sample_rate, this->d_logger),
       d_watch(folder.frame_length(), frame_offset)
 {
     // The scheduler gives the block before this one a buffer of twice what relative_rate
@@ -123,46 +108,6 @@ std::uint64_t preamble_fold_impl<Sample>::window_start() const
 }
 
 template <class Sample>
-void preamble_fold_impl<Sample>::note_time(const gr::tag_t& tag)
-{
-    using kind = kernel::timeline::verdict;
-    const auto [verdict, off] =
-        d_timeline.note(tag.offset,
-                        { pmt::to_uint64(pmt::tuple_ref(tag.value, 0)),
-                          pmt::to_double(pmt::tuple_ref(tag.value, 1)) });
-    if (verdict == kind::ignored) {
-        d_logger->warn("rx_time is off by {:g} samples: ignored", off);
-        return;
-    }
-    if (verdict == kind::restarts)
-        d_logger->warn("rx_time goes on elsewhere: taken as a new time reference");
-    if (off > 0)
-        d_event = event{ tag.offset, static_cast<std::uint64_t>(off), d_usable };
-}
-
-template <class Sample>
-void preamble_fold_impl<Sample>::note_setting(const gr::tag_t& tag)
-{
-    if (!pmt::is_real(tag.value) && !pmt::is_integer(tag.value))
-        return;
-    const double value = pmt::to_double(tag.value);
-    if (pmt::eq(tag.key, rx_rate_key)) {
-        d_rate_is_ours = std::abs(value - d_sample_rate) <= 1e-6 * d_sample_rate;
-    } else {
-        d_carrier = d_carrier.value_or(value);
-        d_carrier_is_ours = std::abs(value - *d_carrier) <= 1;
-    }
-    const bool is_ours = d_rate_is_ours && d_carrier_is_ours;
-    if (is_ours == d_usable)
-        return;
-    if (!is_ours)
-        d_logger->warn("{} changes to {:g}: nothing is read until it is set back",
-                       pmt::symbol_to_string(tag.key),
-                       value);
-    d_event = event{ tag.offset, 0, is_ours };
-}
-
-template <class Sample>
 void preamble_fold_impl<Sample>::collect_tags(int available)
 {
     const std::uint64_t begin = std::max(d_tags_read_to, this->nitems_read(0));
@@ -172,52 +117,43 @@ void preamble_fold_impl<Sample>::collect_tags(int available)
     std::vector<gr::tag_t> tags;
     this->get_tags_in_range(tags, 0, begin, end);
     d_tags_read_to = end;
-    std::stable_sort(tags.begin(), tags.end(), gr::tag_t::offset_compare);
-    d_tags.insert(d_tags.end(), tags.begin(), tags.end());
-}
-
-// The next thing that changes before an item of the input, if any.
-template <class Sample>
-void preamble_fold_impl<Sample>::find_event(std::uint64_t before)
-{
-    for (; !d_event && !d_tags.empty() && d_tags.front().offset < before;
-         d_tags.pop_front()) {
-        const gr::tag_t& tag = d_tags.front();
-        if (pmt::eq(tag.key, rx_rate_key) || pmt::eq(tag.key, rx_freq_key))
-            note_setting(tag);
-        else if (pmt::eq(tag.key, rx_time_key) && is_time(tag.value))
-            note_time(tag);
-        else if (pmt::eq(tag.key, rx_time_key))
-            d_logger->warn(
-                "rx_time is not a tuple of whole and fractional seconds: ignored");
-    }
+    d_events.add(std::move(tags));
 }
 
 template <class Sample>
-void preamble_fold_impl<Sample>::take_event(const event& event)
+void preamble_fold_impl<Sample>::take_event(const input_events::event& event)
 {
     if (event.usable && !d_usable)
         mark_retuned();
     d_usable = event.usable;
-    d_position += event.lost;
     d_samples_lost += event.lost;
     d_gaps += event.lost > 0;
-    catch_up();
-    d_watch.restart(d_position);
+    skip(event.lost);
 }
 
 // Samples were lost or repeated of which no tag told, or a tag told wrong: how many is
 // known but for whole frames.
 template <class Sample>
-void preamble_fold_impl<Sample>::follow_frames(std::uint64_t item)
+void preamble_fold_impl<Sample>::follow_frames()
 {
     const int shift = d_watch.decide();
     if (shift == 0)
         return;
     d_logger->warn("frames come {:d} samples late: followed", shift);
     const std::uint64_t lost = d_folder.frame_length() - shift;
-    d_timeline.foretell(lost);
-    take_event({ item, lost, d_usable });
+    d_events.foretell(lost);
+    d_frames_moved += 1;
+    d_samples_moved += lost;
+    skip(lost);
+}
+
+// The stream goes on so many samples later.
+template <class Sample>
+void preamble_fold_impl<Sample>::skip(std::uint64_t lost)
+{
+    d_position += lost;
+    catch_up();
+    d_watch.restart(d_position);
 }
 
 // Moves on to the first frame of the grid that is still whole.
@@ -259,10 +195,10 @@ int preamble_fold_impl<Sample>::general_work(int noutput_items,
             d_usable && d_watch.decision() - d_position <= end - consumed;
         if (decides)
             end = consumed + (d_watch.decision() - d_position);
-        find_event(first + end);
-        const bool changes = d_event.has_value();
+        const auto& event = d_events.next(first + end);
+        const bool changes = event.has_value();
         if (changes)
-            end = d_event->item - first;
+            end = event->item - first;
 
         if (!d_usable) {
             advance(end - consumed);
@@ -287,10 +223,10 @@ int preamble_fold_impl<Sample>::general_work(int noutput_items,
             break;
         advance(end - consumed); // what is left of a frame that it cuts
         if (changes) {
-            take_event(*d_event);
-            d_event.reset();
+            take_event(*event);
+            d_events.drop();
         } else {
-            follow_frames(first + consumed);
+            follow_frames();
         }
     }
     this->consume_each(consumed);

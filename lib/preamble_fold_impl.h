@@ -2,12 +2,11 @@
 #pragma once
 
 #include "group_stream.h"
+#include "input_events.h"
 #include "kernel/frame_watch.h"
 #include "kernel/preamble_folder.h"
-#include "kernel/timeline.h"
 #include <gnuradio/wiforce/preamble_fold.h>
 
-#include <deque>
 #include <optional>
 
 namespace gr::wiforce {
@@ -32,6 +31,9 @@ public:
     std::uint64_t snapshots() const override { return d_snapshots; }
     std::uint64_t samples_lost() const override { return d_samples_lost; }
     std::uint64_t gaps() const override { return d_gaps; }
+    std::uint64_t times_ignored() const override { return d_events.times_ignored(); }
+    std::uint64_t frames_moved() const override { return d_frames_moved; }
+    std::uint64_t samples_moved() const override { return d_samples_moved; }
 
 protected:
     // Folds some of the frames whose windows lie one frame length apart, the first at
@@ -48,23 +50,13 @@ protected:
     std::vector<int> d_saturated; // of the frames last folded
 
 private:
-    // What changes at an item of the input.
-    struct event {
-        std::uint64_t item;
-        std::uint64_t lost; // samples before it
-        bool usable;        // whether rate and carrier are ours from here on
-    };
-
     void collect_tags(int available);
-    void find_event(std::uint64_t before);
-    void note_time(const gr::tag_t& tag);
-    void note_setting(const gr::tag_t& tag);
-    void take_event(const event& event);
-    void follow_frames(std::uint64_t item);
+    void take_event(const input_events::event& event);
+    void follow_frames();
+    void skip(std::uint64_t lost);
     void catch_up();
     std::uint64_t window_start() const; // of the next frame, on the grid
 
-    const double d_sample_rate;
     const std::uint64_t
         d_first_window; // grid position of frame 0's first averaged sample
 
@@ -73,18 +65,15 @@ private:
         0; // next frame to fold; its window starts at or after d_position
 
     std::uint64_t d_tags_read_to = 0; // input offset up to which tags were read
-    kernel::timeline d_timeline;
-    bool d_rate_is_ours = true;
-    bool d_carrier_is_ours = true;
-    std::optional<double> d_carrier; // the first one told
-    bool d_usable = true;            // samples at d_position
-    std::deque<gr::tag_t> d_tags;    // not looked at yet
-    std::optional<event> d_event;    // the next one
+    input_events d_events;
+    bool d_usable = true; // samples at d_position
     kernel::frame_watch d_watch;
 
     counter d_snapshots;
     counter d_samples_lost;
     counter d_gaps;
+    counter d_frames_moved;
+    counter d_samples_moved;
 };
 
 // A folded vector per frame; its index is tagged when the one before it is not its

@@ -183,6 +183,7 @@ bool frame_walk::follow_frames()
     if (shift > 0) {
         gr::logger("recording_source")
             .warn("frames come {:d} samples late: followed", shift);
+        d_frames_moved += 1;
         d_recording->lose(position, d_folder.frame_length() - shift);
     }
     return true;

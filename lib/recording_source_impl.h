@@ -26,6 +26,7 @@ public:
         return d_recording->samples_missing() + d_samples_cut;
     }
     std::uint64_t folded() const { return d_folded; } // frames so far
+    std::uint64_t frames_moved() const { return d_frames_moved; }
     bool at_end() const { return d_run == d_recording->runs().size(); }
     bool at_run_start() const { return d_frame == 0; }
     std::uint64_t snapshot() const; // index of the next frame
@@ -52,6 +53,7 @@ private:
     std::size_t d_run = 0;
     std::uint64_t d_frame = 0; // in the run
     counter d_folded;
+    counter d_frames_moved;
     std::vector<int> d_saturated;
     counter d_samples_cut; // of whole frames that the file lost meanwhile
 };
@@ -61,6 +63,7 @@ class walking_source : public recording_source
 {
 public:
     std::uint64_t snapshots() const override { return d_walk.folded(); }
+    std::uint64_t frames_moved() const override { return d_walk.frames_moved(); }
     std::uint64_t samples_missing() const override { return d_walk.samples_missing(); }
 
 protected:

@@ -6,12 +6,13 @@ import json
 import numpy as np
 import pmt
 import pytest
-from device_times import rx_time
+from device_times import NO_TIMES, rx_time
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.capture import open_capture
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.frame import MARGIN
 from gnuradio.wiforce.estimation.levels import measure_levels
+from gnuradio.wiforce.stream_time import Timeline, time_value
 from gnuradio.wiforce.waveform import sounding_waveform
 
 RATE = 12.5e6
@@ -149,6 +150,15 @@ def test_a_clock_that_was_set_anew_is_believed_when_the_next_time_goes_on_from_i
     places = [(s.file_sample, s.global_index) for s in open_capture(tmp_path / "run").segments]
     first = [(9000, 9000 + lost)] if lost else []
     assert places == [(0, 0), *first, (12_000, 12_100 + lost)]
+
+
+def test_what_is_no_time_marks_no_gap():
+    for value in NO_TIMES.values():
+        times = Timeline(RATE)
+        times.note(0, time_value(1, 0.0))
+        assert times.note(3000, value) == times.lost == 0
+    whole = pmt.make_tuple(pmt.from_long(1), pmt.from_double((3000 + 70) / RATE))
+    assert times.note(3000, whole) == 70
 
 
 def test_nothing_is_overwritten(tmp_path):

@@ -6,7 +6,8 @@ from pathlib import Path
 
 from gnuradio.wiforce import names
 
-HEADER = Path(__file__).resolve().parent.parent / "include/gnuradio/wiforce/names.h"
+ROOT = Path(__file__).resolve().parent.parent
+HEADER = ROOT / "include/gnuradio/wiforce/names.h"
 
 
 def test_both_languages_use_the_same_names():
@@ -14,3 +15,13 @@ def test_both_languages_use_the_same_names():
     in_python = {k: v for k, v in vars(names).items() if k.isupper()}
     assert in_cpp == in_python
     assert len(in_cpp) >= 9
+
+
+def test_every_tag_and_port_has_a_row_in_the_table():
+    table = (ROOT / "docs/architecture.md").read_text().split("### Tags, ports and keys")[1]
+    rows = [
+        row.split("|")[1] for row in table.split("###")[0].splitlines() if row.startswith("| `")
+    ]
+    found = {name for row in rows for name in re.findall("`(.*?)`", row)}
+    # The mask is a key of the message on the port `incomplete`.
+    assert found == {v for k, v in vars(names).items() if k.isupper()} - {names.MASK}

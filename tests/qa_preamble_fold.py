@@ -4,7 +4,7 @@
 import numpy as np
 import pmt
 import pytest
-from device_times import rx_time
+from device_times import NO_TIMES, rx_time
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.errors import InputError
 
@@ -130,8 +130,9 @@ def test_frames_are_found_again_after_a_loss_that_no_tag_told(told_late, chunk):
     )
     there = np.abs(folded - frame[:64]).max(axis=1) < 1
     # Lost frames are on the count only where a tag tells of them, sooner or later.
-    assert fold.samples_lost() == (lost if told_late else lost % length)
-    assert fold.gaps() == 1 + told_late
+    assert fold.frames_moved() == 1 and fold.samples_moved() == lost % length
+    assert fold.samples_lost() == (lost - lost % length if told_late else 0)
+    assert fold.gaps() == told_late
     assert there[:300].all() and not there[300:500].any()
     back = 300 + np.argmax(there[300:])
     assert back < 1100 and there[back:].all()
@@ -215,12 +216,20 @@ def test_other_tags_stay_behind():
     assert [(t.offset, str(t.key)) for t in sink.tags()] == [(0, "snapshot")]
 
 
-def test_a_time_that_is_no_time_is_ignored():
+@pytest.mark.parametrize("value", NO_TIMES.values(), ids=NO_TIMES)
+def test_a_time_that_is_no_time_is_ignored(value):
     samples = noise(10 * 720)
-    bad = gr.tag_utils.python_to_tag((3000, pmt.intern("rx_time"), pmt.from_double(7), pmt.PMT_F))
+    bad = gr.tag_utils.python_to_tag((3000, pmt.intern("rx_time"), value, pmt.PMT_F))
     folded, _, fold = run_fold(samples, [rx_time(0, 1.0), bad], frame_length=720)
     assert len(folded) == 10
-    assert fold.gaps() == 0
+    assert fold.gaps() == 0 and fold.times_ignored() == 1
+
+
+def test_whole_seconds_may_be_any_integer():
+    value = pmt.make_tuple(pmt.from_long(1), pmt.from_double((3000 + 70) / 12.5e6))
+    tag = gr.tag_utils.python_to_tag((3000, pmt.intern("rx_time"), value, pmt.PMT_F))
+    _, _, fold = run_fold(noise(10 * 720), [rx_time(0, 1.0), tag], frame_length=720)
+    assert fold.samples_lost() == 70 and fold.times_ignored() == 0
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,9 @@
 import csv
 import json
 import shutil
+import signal
 import subprocess
+import time
 
 import pytest
 import yaml
@@ -82,6 +84,30 @@ def test_a_capture_cut_inside_a_frame_is_read_to_its_last_whole_group(
     assert len(rows) == 1 + 20
     # The last group has no neighbour after it; all others read as in the whole capture.
     assert rows[:-1] == whole[:20]
+
+
+@pytest.mark.parametrize("follow", [False, True])
+def test_samples_that_went_missing_untold_are_told_as_frames_that_came_elsewhere(
+    demo, read_args, tmp_path, follow
+):
+    capture = cut(demo, tmp_path, 0)
+    whole, lost = (demo[0] / "demo.sigmf-data").read_bytes(), 4 * (20 * 450_000 + 1234)
+    capture.with_suffix(".sigmf-data").write_bytes(whole[:lost] + whole[lost + 4 * 777 :])
+    command = ["gr-wiforce", "read", capture, *read_args[2:], "-o", tmp_path / "out.csv"]
+    reading = subprocess.Popen(
+        [*map(str, command), *(["--follow"] if follow else [])], stderr=subprocess.PIPE, text=True
+    )
+    if follow:
+        output, end = tmp_path / "out.csv", time.monotonic() + 60
+        while not output.exists() or output.read_text().count("\n") < 60:
+            assert time.monotonic() < end
+            time.sleep(0.1)
+        reading.send_signal(signal.SIGINT)
+    said = reading.communicate(timeout=100)[1].splitlines()
+    assert reading.returncode == 0
+    told = [line for line in said if "frames came elsewhere once: times may be off" in line]
+    assert len(told) == 1 and str(capture) in told[0]
+    assert not any("lost" in line for line in said)
 
 
 @pytest.mark.parametrize("size, told", [(0, "is empty"), (4 * 450_000 * 3, "must hold 14 phase")])

@@ -160,9 +160,18 @@ class LiveSession:
         return self.reader.fold.gaps()
 
     @property
+    def frames_moved(self):
+        return self.reader.fold.frames_moved()
+
+    @property
+    def times_ignored(self):
+        return self.reader.fold.times_ignored()
+
+    @property
     def time_s(self):
         """Stream time that has been received, lost samples included."""
-        return (self.samples + self.samples_lost) / self._scene.radio.sample_rate_hz
+        samples = self.samples + self.samples_lost + self.reader.fold.samples_moved()
+        return samples / self._scene.radio.sample_rate_hz
 
     @property
     def start_s(self):

@@ -13,6 +13,7 @@ from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.plan import plan
 from gnuradio.wiforce.scene.simulator import second_antenna
 
+from .mishaps import mishaps
 from .progress import progress
 
 _SEARCHED_FRAMES = 2000
@@ -108,12 +109,11 @@ def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False, on
         _run(reader, source, ratio, second=second)
     else:
         _run(reader, source)
-    if source.samples_missing():
-        click.echo(
-            f"gr-wiforce: warning: {recording.path}: was cut short while it was read, "
-            f"{source.samples_missing()} samples are missing",
-            err=True,
-        )
+    missing = source.samples_missing()
+    if missing:
+        _warn(recording.path, f"was cut short while it was read, {missing} samples are missing")
+    for said in mishaps(source.frames_moved()):
+        _warn(recording.path, said)
     return reader.counts
 
 
@@ -138,7 +138,13 @@ def follow_capture(capture, scene, on_reading, frame_offset, tracked):
     _run(reader, source)
     if source.failure is not None:
         raise source.failure
+    for said in mishaps(reader.fold.frames_moved(), reader.fold.times_ignored()):
+        _warn(capture[0], said)
     return reader.counts
+
+
+def _warn(capture, said):
+    click.echo(f"gr-wiforce: warning: {capture}: {said}", err=True)
 
 
 def _silence_gnuradio():
@@ -197,8 +203,5 @@ def warn_of_leftover(recording, scene, settings, frame_offset):
         raise InputError(recording.path, rule, max(0, groups))
     left = (recording.span - frame_offset) % scene.sounding.frame_length
     if left:
-        click.echo(
-            f"gr-wiforce: warning: {recording.path}: ends inside a frame, "
-            f"{left} samples are left over; whole phase groups are read",
-            err=True,
-        )
+        rule = "samples are left over; whole phase groups are read"
+        _warn(recording.path, f"ends inside a frame, {left} {rule}")

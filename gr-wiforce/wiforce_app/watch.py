@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from .live_session import DeviceLost
+from .mishaps import mishaps
 
 _LINE_S = 0.5
 _WARN_S = 1.0
@@ -36,6 +37,7 @@ class Watch:
         self._session, self._args, self._now = session, args, now
         self._started_s = self._line_s = self._warn_s = self._heard_s = now()
         self._heard, self._gaps, self._lost, self._clips = 0, 0, 0, False
+        self._moved = self._ignored = 0
         self._no_frames_told = self._recording_told = False
         self._quiet = quiet
         self._terminal = sys.stderr.isatty() and not quiet
@@ -94,6 +96,8 @@ class Watch:
             "device_start_s": session.start_s,
             "gaps": session.gaps,
             "samples_lost": session.samples_lost,
+            "frames_moved": session.frames_moved,
+            "times_ignored": session.times_ignored,
             "groups": session.reader.counts.asdict(),
             "frame_offset": session.alignment.offset,
             "clock_offset_ppm": [c.offset_ppm for c in states[-1].clocks] if states else [],
@@ -106,7 +110,7 @@ class Watch:
         text = f"{session.time_s:.3f} s, {session.reader.counts}"
         if session.gaps:
             text += f", {session.gaps} gaps, {session.samples_lost} samples lost"
-        return text
+        return ", ".join([text, *mishaps(session.frames_moved, session.times_ignored)])
 
     def _warn(self):
         session = self._session
@@ -117,6 +121,10 @@ class Watch:
                 text += f": this machine or its network cannot keep up{_buffer_advice()}"
             self._tell(f"{text} (at {session.time_s:.1f} s)")
         self._gaps, self._lost = gaps, lost
+        moved, ignored = session.frames_moved, session.times_ignored
+        for said in mishaps(moved - self._moved, ignored - self._ignored):
+            self._tell(f"{said} (at {session.time_s:.1f} s)")
+        self._moved, self._ignored = moved, ignored
         if self._clips:
             self._tell("the receiver clips: lower --rx-gain, --tx-gain or --amplitude")
             self._clips = False

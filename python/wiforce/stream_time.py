@@ -11,6 +11,15 @@ def time_value(seconds, fraction):
     return pmt.make_tuple(pmt.from_uint64(seconds), pmt.from_double(fraction))
 
 
+def _is_time(value):
+    """As gr-uhd makes it; preamble_fold has the same rule (input_events.cc)."""
+    if not pmt.is_tuple(value) or pmt.length(value) != 2:
+        return False
+    seconds = pmt.tuple_ref(value, 0)
+    whole = pmt.is_uint64(seconds) or (pmt.is_integer(seconds) and pmt.to_long(seconds) >= 0)
+    return whole and pmt.is_real(pmt.tuple_ref(value, 1))
+
+
 class Timeline:
     """Where the items of a stream lie on the device's count of samples, by its ``rx_time`` tags.
 
@@ -31,14 +40,13 @@ class Timeline:
     def note(self, offset, value):
         """Take the tag of an item; returns the samples lost just before it.
 
-        A time that cannot be read is ignored, and so is one that goes back or leaps ahead by more
+        What is no time is ignored, and so is one that goes back or leaps ahead by more
         than any gap, unless the next goes on from it: the rule of ``preamble_fold``.
         """
-        try:
-            time = pmt.to_uint64(pmt.tuple_ref(value, 0)), pmt.to_double(pmt.tuple_ref(value, 1))
-        except (RuntimeError, TypeError, ValueError):
+        if not _is_time(value):
             return 0
-        lost = self._timeline.note(offset, *time)
+        seconds, fraction = pmt.tuple_ref(value, 0), pmt.tuple_ref(value, 1)
+        lost = self._timeline.note(offset, pmt.to_uint64(seconds), pmt.to_double(fraction))
         self.lost += lost
         return lost
 

@@ -17,3 +17,19 @@ def value(seconds):
 def rx_time(offset, seconds):
     """Tag of an item."""
     return gr.tag_utils.python_to_tag((offset, KEY, value(seconds), pmt.PMT_F))
+
+
+# What must not be taken for 2 s and a half.
+NO_TIMES = {
+    "number": pmt.from_double(2.5),
+    "nothing": pmt.PMT_NIL,
+    "pair": pmt.cons(pmt.from_uint64(2), pmt.from_double(0.5)),
+    "vector": pmt.make_vector(2, pmt.from_double(2.5)),
+    "whole seconds only": pmt.make_tuple(pmt.from_uint64(2)),
+    "three parts": pmt.make_tuple(pmt.from_uint64(2), pmt.from_double(0.5), pmt.from_uint64(0)),
+    "real seconds": pmt.make_tuple(pmt.from_double(2.0), pmt.from_double(0.5)),
+    "negative seconds": pmt.make_tuple(pmt.from_long(-2), pmt.from_double(0.5)),
+    "integer fraction": pmt.make_tuple(pmt.from_uint64(2), pmt.from_long(1)),
+    "fraction that is no number": time_value(2, float("nan")),
+    "negative fraction": time_value(2, -0.5),
+}

@@ -54,7 +54,8 @@ def check(codes, seed, chosen, earliest=0):
     assert reader.failure is None, told
     # Every sample that came or was told lost lies in a group that is counted, but for the last,
     # and for silent ones just before it.
-    left = len(stream.codes) + reader.fold.samples_lost() - reader.counts.groups * faults.GROUP
+    lost = reader.fold.samples_lost() + reader.fold.samples_moved()
+    left = len(stream.codes) + lost - reader.counts.groups * faults.GROUP
     assert -faults.FRAME < left < faults.GROUP + stream.silent, told
     assert len(readings) == reader.counts.groups, told
     wrong = [(r.time_s, faults.wrong(r, stream.shift_s)) for r in readings]

@@ -21,6 +21,7 @@ import zmq
 from fuzzing import LIMIT_BYTES, peak_memory
 from gnuradio.wiforce.capture import open_capture
 from gnuradio.wiforce.estimation.frame import MARGIN
+from gnuradio.wiforce.readings import GroupCounts
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.channel import AirChannel
 from mutations import mutated
@@ -557,6 +558,46 @@ def command(*words):
     return done.returncode, done.stdout, done.stderr
 
 
+def session_in_words():
+    """What a Watch asks of a session."""
+    return SimpleNamespace(
+        gaps=0,
+        samples_lost=0,
+        frames_moved=0,
+        times_ignored=0,
+        samples_heard=0,
+        time_s=1.0,
+        recorder=None,
+        alignment=SimpleNamespace(searches=0, offset=0),
+        start_s=None,
+        reader=SimpleNamespace(counts=GroupCounts()),
+        probe=SimpleNamespace(states=[]),
+    )
+
+
+def test_times_that_may_be_off_are_told_and_no_loss_is_claimed(capsys):
+    now = [0.0]
+    session = session_in_words()
+    looking = watch.Watch(session, "addr=1", now=lambda: now[0])
+    cases = (
+        (1, 0, ["frames came elsewhere once: times may be off by whole frames"]),
+        (3, 1, ["frames came elsewhere 2 times: times", "a time that cannot be once"]),
+        (3, 1, []),
+    )
+    for moved, ignored, told in cases:
+        now[0] += 1.1
+        session.frames_moved, session.times_ignored = moved, ignored
+        looking.look()
+        lines = capsys.readouterr().err.splitlines()
+        assert len(lines) == len(told)
+        assert all(words in line for words, line in zip(told, lines, strict=True))
+        assert not any("lost" in line for line in lines)
+    assert "frames came elsewhere 3 times" in looking.summary()
+    assert "\n" not in looking.summary() and "lost" not in looking.summary()
+    status = looking.status()
+    assert (status["frames_moved"], status["times_ignored"]) == (3, 1)
+
+
 @pytest.mark.parametrize("buffer, advised", [(212_992, True), (50_000_000, False)])
 def test_a_machine_that_cannot_keep_up_is_told_what_may_help(
     buffer, advised, tmp_path, monkeypatch, capsys
@@ -565,14 +606,7 @@ def test_a_machine_that_cannot_keep_up_is_told_what_may_help(
     limit.write_text(f"{buffer}\n")
     monkeypatch.setattr(watch, "_BUFFER_LIMIT", limit)
     now = [0.0]
-    session = SimpleNamespace(
-        gaps=0,
-        samples_lost=0,
-        samples_heard=0,
-        time_s=1.0,
-        recorder=None,
-        alignment=SimpleNamespace(searches=0),
-    )
+    session = session_in_words()
     looking = watch.Watch(session, "addr=1", now=lambda: now[0])
     for gaps, lost, told in ((1, 100, False), (7, 600, True)):
         now[0] += 1.1

@@ -23,16 +23,18 @@ namespace gr::wiforce {
  *
  * Frames lie on a grid that starts at \p frame_offset. A tag `rx_time` that is later than
  * the samples before it account for means lost samples (an overflow): the frames that
- * miss averaged samples are dropped and the next whole one of the same grid follows. In
- * the first form the first output and the first one after every gap carry the tag
- * `snapshot`, the index of that frame on the grid; outputs of sc16 samples at full scale
- * carry the tag `saturated`. Input tags are not passed on:
- * 1/frame_length of their offsets means nothing once samples were lost.
+ * miss averaged samples are dropped and the next whole one of the same grid follows. When
+ * a tag `rx_rate` differs from \p sample_rate, or `rx_freq` from the first one, nothing
+ * is read until it is set back. In the first form the first output and the first one
+ * after every gap carry the tag `snapshot`, the index of that frame on the grid; outputs
+ * of sc16 samples at full scale carry the tag `saturated`, and the first one after
+ * another rate or carrier `retuned`. Input tags are not passed on: 1/frame_length of
+ * their offsets means nothing once samples were lost.
  *
  * The block does not find the first frame: \p frame_offset says where it is. When frames
  * come elsewhere later, because samples were lost or repeated of which no tag told, it
- * follows them: two averages over 16 frames must agree on the shift. That is counted as a
- * gap of less than a frame.
+ * follows them: two averages over 16 frames must agree on the shift. How many samples it
+ * were is known but for whole frames. Frames of more than 8192 samples are not watched.
  */
 class WIFORCE_API preamble_fold : virtual public gr::block
 {
@@ -71,10 +73,18 @@ public:
 
     //! Frames folded so far.
     virtual std::uint64_t snapshots() const = 0;
-    //! Samples that were lost before the input, by `rx_time`.
-    virtual std::uint64_t samples_lost() const = 0;
-    //! Times that samples were lost.
+
+    //! Times that `rx_time` told of lost samples.
     virtual std::uint64_t gaps() const = 0;
+    //! Samples lost then.
+    virtual std::uint64_t samples_lost() const = 0;
+    //! Values of `rx_time` that were no time, or one that could not be.
+    virtual std::uint64_t times_ignored() const = 0;
+
+    //! Times that frames came elsewhere, of which no `rx_time` told.
+    virtual std::uint64_t frames_moved() const = 0;
+    //! Samples that count as lost then: as many as were, but for whole frames.
+    virtual std::uint64_t samples_moved() const = 0;
 };
 
 } // namespace gr::wiforce

@@ -73,6 +73,9 @@ public:
 
     //! Frames folded so far.
     virtual std::uint64_t snapshots() const = 0;
+    //! Times that frames came elsewhere, because samples were lost or repeated of which
+    //! no segment told.
+    virtual std::uint64_t frames_moved() const = 0;
     //! Samples that the segments promise and the file does not hold.
     virtual std::uint64_t samples_missing() const = 0;
 };

@@ -85,10 +85,17 @@ static void bind_preamble_fold(py::module& m)
             "item_type"_a = "fc32",
             "Tones of phase groups at once, as of phase_group_doppler behind this block.")
         .def("snapshots", &preamble_fold::snapshots, "Frames folded so far.")
-        .def("samples_lost",
-             &preamble_fold::samples_lost,
-             "Samples lost before the input, by `rx_time`.")
-        .def("gaps", &preamble_fold::gaps, "Times that samples were lost.");
+        .def("gaps", &preamble_fold::gaps, "Times that `rx_time` told of lost samples.")
+        .def("samples_lost", &preamble_fold::samples_lost, "Samples lost then.")
+        .def("times_ignored",
+             &preamble_fold::times_ignored,
+             "Values of `rx_time` that were no time, or one that could not be.")
+        .def("frames_moved",
+             &preamble_fold::frames_moved,
+             "Times that frames came elsewhere, of which no `rx_time` told.")
+        .def("samples_moved",
+             &preamble_fold::samples_moved,
+             "Samples that count as lost then: as many as were, but for whole frames.");
 }
 
 static void bind_ofdm_channel_estimator(py::module& m)
@@ -203,6 +210,9 @@ static void bind_recording_source(py::module& m)
             "header_bytes"_a = 0,
             "The tones of phase groups, as of phase_group_doppler.")
         .def("snapshots", &recording_source::snapshots, "Frames folded so far.")
+        .def("frames_moved",
+             &recording_source::frames_moved,
+             "Times that frames came elsewhere, of which no segment told.")
         .def("samples_missing",
              &recording_source::samples_missing,
              "Samples that the segments promise and the file does not hold.");

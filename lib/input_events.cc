@@ -1,0 +1,103 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "input_events.h"
+
+#include <gnuradio/wiforce/names.h>
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace gr::wiforce {
+
+namespace {
+
+const pmt::pmt_t rx_time_key = pmt::mp(names::RX_TIME);
+const pmt::pmt_t rx_rate_key = pmt::mp(names::RX_RATE);
+const pmt::pmt_t rx_freq_key = pmt::mp(names::RX_FREQ);
+
+// tuple(uint64 seconds, double fraction), as gr-uhd makes it; stream_time.py has the same
+// rule.
+bool is_time(const pmt::pmt_t& value)
+{
+    if (!pmt::is_tuple(value) || pmt::length(value) != 2)
+        return false;
+    const pmt::pmt_t seconds = pmt::tuple_ref(value, 0);
+    return (pmt::is_uint64(seconds) ||
+            (pmt::is_integer(seconds) && pmt::to_long(seconds) >= 0)) &&
+           pmt::is_real(pmt::tuple_ref(value, 1));
+}
+
+} // namespace
+
+input_events::input_events(double sample_rate, gr::logger_ptr logger)
+    : d_sample_rate(sample_rate), d_logger(std::move(logger)), d_timeline(sample_rate)
+{
+}
+
+void input_events::add(std::vector<gr::tag_t> tags)
+{
+    std::stable_sort(tags.begin(), tags.end(), gr::tag_t::offset_compare);
+    d_tags.insert(d_tags.end(), tags.begin(), tags.end());
+}
+
+const std::optional<input_events::event>& input_events::next(std::uint64_t before)
+{
+    for (; !d_next && !d_tags.empty() && d_tags.front().offset < before;
+         d_tags.pop_front())
+        note(d_tags.front());
+    return d_next;
+}
+
+void input_events::note(const gr::tag_t& tag)
+{
+    if (pmt::eq(tag.key, rx_time_key))
+        note_time(tag);
+    else if (pmt::eq(tag.key, rx_rate_key) || pmt::eq(tag.key, rx_freq_key))
+        note_setting(tag);
+}
+
+void input_events::note_time(const gr::tag_t& tag)
+{
+    if (!is_time(tag.value)) {
+        d_logger->warn("rx_time is not a tuple of whole and fractional seconds: ignored");
+        d_times_ignored += 1;
+        return;
+    }
+    using kind = kernel::timeline::verdict;
+    const auto [verdict, off] =
+        d_timeline.note(tag.offset,
+                        { pmt::to_uint64(pmt::tuple_ref(tag.value, 0)),
+                          pmt::to_double(pmt::tuple_ref(tag.value, 1)) });
+    if (verdict == kind::ignored) {
+        d_logger->warn("rx_time is off by {:g} samples: ignored", off);
+        d_times_ignored += 1;
+        return;
+    }
+    if (verdict == kind::restarts)
+        d_logger->warn("rx_time goes on elsewhere: taken as a new time reference");
+    if (off > 0)
+        d_next = event{ tag.offset, static_cast<std::uint64_t>(off), usable() };
+}
+
+void input_events::note_setting(const gr::tag_t& tag)
+{
+    if (!pmt::is_real(tag.value) && !pmt::is_integer(tag.value))
+        return;
+    const double value = pmt::to_double(tag.value);
+    const bool was_usable = usable();
+    if (pmt::eq(tag.key, rx_rate_key)) {
+        d_rate_is_ours = std::abs(value - d_sample_rate) <= 1e-6 * d_sample_rate;
+    } else {
+        d_carrier = d_carrier.value_or(value);
+        d_carrier_is_ours = std::abs(value - *d_carrier) <= 1;
+    }
+    if (usable() == was_usable)
+        return;
+    if (!usable())
+        d_logger->warn("{} changes to {:g}: nothing is read until it is set back",
+                       pmt::symbol_to_string(tag.key),
+                       value);
+    d_next = event{ tag.offset, 0, usable() };
+}
+
+} // namespace gr::wiforce

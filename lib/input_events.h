@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include "counter.h"
+#include "kernel/timeline.h"
+#include <gnuradio/logger.h>
+#include <gnuradio/tags.h>
+
+#include <cstdint>
+#include <deque>
+#include <optional>
+#include <vector>
+
+namespace gr::wiforce {
+
+// The next thing that changes on a stream of samples, by the device's tags rx_time,
+// rx_rate and rx_freq.
+class input_events
+{
+public:
+    struct event {
+        std::uint64_t item;
+        std::uint64_t lost; // samples before it
+        bool usable;        // whether rate and carrier are ours from here on
+    };
+
+    input_events(double sample_rate, gr::logger_ptr logger);
+
+    // Takes the tags of further items, in any order.
+    void add(std::vector<gr::tag_t> tags);
+    // The next event before an item, if any; the same one until it is dropped.
+    const std::optional<event>& next(std::uint64_t before);
+    void drop() { d_next.reset(); }
+
+    // Samples lost after the items looked at, known otherwise: a time will tell of them.
+    void foretell(std::uint64_t lost) { d_timeline.foretell(lost); }
+
+    // Values of rx_time that were no time, or one that cannot be.
+    std::uint64_t times_ignored() const { return d_times_ignored; }
+
+private:
+    bool usable() const { return d_rate_is_ours && d_carrier_is_ours; }
+    void note(const gr::tag_t& tag);
+    void note_time(const gr::tag_t& tag);
+    void note_setting(const gr::tag_t& tag);
+
+    const double d_sample_rate;
+    const gr::logger_ptr d_logger;
+    std::deque<gr::tag_t> d_tags; // not looked at yet
+    kernel::timeline d_timeline;
+    bool d_rate_is_ours = true;
+    bool d_carrier_is_ours = true;
+    std::optional<double> d_carrier; // the first one told
+    std::optional<event> d_next;
+    counter d_times_ignored;
+};
+
+} // namespace gr::wiforce
