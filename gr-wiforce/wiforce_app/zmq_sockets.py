@@ -38,7 +38,6 @@ class _Endpoint:
             import zmq
         except ImportError as error:
             raise InputError(option, "needs pyzmq (python3-zmq)", endpoint) from error
-        self._zmq = zmq
         self._context = zmq.Context()
         self._socket = self._context.socket(getattr(zmq, kind))
         self._socket.setsockopt(zmq.MAXMSGSIZE, _LONGEST_REQUEST)

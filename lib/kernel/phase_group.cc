@@ -36,13 +36,6 @@ fc32* phase_group::reserve(int first_slot)
     return slot(first_slot);
 }
 
-void phase_group::add(int first_slot, const fc32* snapshots, int count)
-{
-    std::copy_n(
-        snapshots, static_cast<std::size_t>(count) * FFT_LENGTH, reserve(first_slot));
-    accept(count);
-}
-
 void phase_group::accept(int count)
 {
     const auto are_finite = [this](int slots) {

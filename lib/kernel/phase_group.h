@@ -28,9 +28,6 @@ public:
     fc32* reserve(int first_slot);
     void accept(int count);
 
-    // Both, for snapshots that lie elsewhere.
-    void add(int first_slot, const fc32* snapshots, int count);
-
     // Declares the slots that are left absent.
     void finish();
 

@@ -61,7 +61,7 @@ def warnings(scene, plan):
     ]
 
 
-def _assess(scene, plan):
+def _assess(plan):
     tolerance_ppm = max(clock.tolerance_ppm for clock in plan.clocks)
     return assess_clocks(
         [clock.clock_hz for clock in plan.clocks],
@@ -73,7 +73,7 @@ def _assess(scene, plan):
 
 
 def _clock_warnings(scene, plan):
-    report = _assess(scene, plan)
+    report = _assess(plan)
     names = scene.sensor_names
     yield from report.problems
     loss_db = {}

@@ -49,10 +49,10 @@ def steps(scene, plan):
     -------
     tuple of Step
     """
-    return (*_snapshot_steps(scene, plan), *_group_steps(scene, plan))
+    return (*_snapshot_steps(plan), *_group_steps(scene, plan))
 
 
-def _snapshot_steps(scene, plan):
+def _snapshot_steps(plan):
     """What runs per snapshot: 17 000 times a second and more."""
     waveform, tones = plan.waveform, len(plan.table.tones)
     rate = 1 / waveform.snapshot_period_s

@@ -74,7 +74,7 @@ def calibrate(
         carrier_data(table, frequency, length_mm, permittivity, mirror, assumed)
         for frequency in carriers_of(table)
     ]
-    data = [with_location_steps(d, location_steps, length_mm, permittivity) for d in data]
+    data = [with_location_steps(d, location_steps) for d in data]
     assumed += _assumed_steps(location_steps, data)
     validation = validate_forms(data)
     form = validation["best"].get(form, form)

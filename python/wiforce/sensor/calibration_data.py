@@ -138,7 +138,7 @@ def _curve(table, place, port, length_mm, permittivity, copied):
     forces, added, presses = [], [], []
     for press in dict.fromkeys(rows.press):
         one = rows.take(rows.press == press)
-        order, phase = continuous_phase(one, length_mm, permittivity)
+        order, phase = continuous_phase(one, permittivity)
         phase = phase - base
         if added:
             phase += 360.0 * np.round((np.median(added[0]) - np.median(phase)) / 360.0)
@@ -150,7 +150,7 @@ def _curve(table, place, port, length_mm, permittivity, copied):
     return ContactCurve(force[order], value[order], np.concatenate(presses)[order], copied)
 
 
-def with_location_steps(data, location_steps, length_mm, permittivity):
+def with_location_steps(data, location_steps):
     """The same data with the offsets of the locations brought in line, as asked."""
     if location_steps == "given":
         return data

@@ -90,7 +90,7 @@ def check_places(table):
             raise InputError(where, "must have forces that both ports share", spans)
 
 
-def continuous_phase(table, length_mm, permittivity):
+def continuous_phase(table, permittivity):
     """Phases of one carrier, location, port and press in order of force, without 360 deg jumps.
 
     Returns
