@@ -28,6 +28,18 @@ def test_a_tone_count_is_the_number_of_rows_of_its_weights():
         assert wiforce.tone_count(clocks) == len(wiforce.tone_weights(clocks))
 
 
+@pytest.mark.parametrize("estimator", ["harmonic", "paper", "sideband"])
+def test_the_same_settings_go_to_the_separation_and_to_all_that_is_before_it(estimator):
+    settings = {"clocks_hz": [1000.0, 1400.0], "group_length": 250, "estimator": estimator}
+    separation = wiforce.end_separation(**settings)
+    rows = wiforce.tone_count(**settings)
+    assert wiforce.tone_weights(**settings).shape == (rows, 250)
+    assert wiforce.tone_derotation(**settings).shape == (rows, 64)
+    assert separation.input_signature().sizeof_stream_item(0) == 8 * 64 * rows
+    with pytest.raises(InputError, match="estimator"):
+        wiforce.tone_count([1000.0], estimator="none")
+
+
 @pytest.mark.parametrize("name", shipped_scenes())
 def test_shipped_scenes_are_had_by_name(name):
     assert load_scene(name).path.stem == name

@@ -31,7 +31,7 @@ class reader(gr.hier_block2):
 
     The inner blocks are attributes (``estimator``, ``separation``, ``difference``, ``average``,
     ``inversion``) for who wants to tap their streams. Before them comes ``fold``, which takes the
-    tones of samples in one thread; folded vectors enter by ``doppler``.
+    tones of samples in one thread, or, for folded vectors, ``doppler``; the other is None.
 
     Parameters
     ----------

@@ -26,6 +26,7 @@ class Timeline:
     Parameters
     ----------
     sample_rate : float
+        Samples per second.
 
     Attributes
     ----------
@@ -38,10 +39,22 @@ class Timeline:
         self.lost = 0
 
     def note(self, offset, value):
-        """Take the tag of an item; returns the samples lost just before it.
+        """Take the tag of an item.
 
         What is no time is ignored, and so is one that goes back or leaps ahead by more
         than any gap, unless the next goes on from it: the rule of ``preamble_fold``.
+
+        Parameters
+        ----------
+        offset : int
+            The item's place in the stream; they rise from call to call.
+        value : pmt
+            Of the tag: tuple of whole seconds (uint64) and the fraction of one (double).
+
+        Returns
+        -------
+        int
+            Samples lost just before the item.
         """
         if not _is_time(value):
             return 0
@@ -51,5 +64,16 @@ class Timeline:
         return lost
 
     def time_at(self, offset):
-        """(whole seconds, fraction) of an item at or after the last tag; None before any."""
+        """Time of an item at or after the last tag.
+
+        Parameters
+        ----------
+        offset : int
+            Item of the stream.
+
+        Returns
+        -------
+        tuple of (int, float) or None
+            Whole seconds and the fraction of one, by the device's clock; None before any tag.
+        """
         return self._timeline.time_at(offset)

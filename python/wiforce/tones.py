@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The tones of some tags' clocks, as the blocks of the chain want them: without a scene.
 
-All take the settings of ``end_separation`` by the same names.
+All take those settings of ``end_separation`` that make the tones, by the same names.
 """
 
 import numpy as np
@@ -62,8 +62,10 @@ def tone_count(
     sample_rate=12.5e6,
     clutter_hz=0.0,
     harmonics=8,
+    estimator="harmonic",
 ):
-    """Rows M of ``tone_weights`` of the same settings."""
+    """Rows M of ``tone_weights`` of the same settings; as many with any estimator."""
+    estimator_named(estimator)
     period = _snapshot_period(frame_length, sample_rate)
     return len(tag_lines(clocks_hz, period, group_length, harmonics, clutter_hz))
 
@@ -75,6 +77,7 @@ def tone_derotation(
     sample_rate=12.5e6,
     clutter_hz=0.0,
     harmonics=8,
+    estimator="harmonic",
 ):
     """Factors for ``ofdm_channel_estimator`` that stop each tone's turning within a symbol.
 
@@ -83,4 +86,4 @@ def tone_derotation(
     ndarray of complex64, shape (M, 64)
     """
     settings = (clocks_hz, group_length, frame_length, sample_rate, clutter_hz, harmonics)
-    return tone_table(*settings, "harmonic").derotation(sample_rate).astype(np.complex64)
+    return tone_table(*settings, estimator).derotation(sample_rate).astype(np.complex64)

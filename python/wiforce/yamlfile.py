@@ -120,6 +120,7 @@ class Section:
         return InputError(self.where(key), rule, *value)
 
     def raw(self, key, default=None):
+        """The value as it stands in the file, unchecked; ``default`` where there is none."""
         self._asked[key] = True
         return self._values.get(key, default)
 
@@ -142,6 +143,7 @@ class Section:
         return number
 
     def integer(self, key, default=None, low=None, high=None, optional=False):
+        """An int with ``low <= n <= high``; None where ``optional``."""
         value = self.raw(key, default)
         if value is None and optional:
             return None
@@ -171,6 +173,7 @@ class Section:
         return value
 
     def choice(self, key, choices, default=None):
+        """One of some strings."""
         value = self.raw(key, default)
         if not isinstance(value, str) or value not in choices:
             rule = "must be " + " or ".join(f"'{c}'" for c in choices)
