@@ -71,6 +71,18 @@ def sequence(path, seed):
     return wrong, sum(not r.flags for r in readings)
 
 
+def test_losses_in_any_order_are_told_by_the_time_of_their_sample():
+    rng = np.random.default_rng(5)
+    stream = faults.Stream(np.repeat(np.arange(4_000_000)[:, None], 2, axis=1))
+    for fault in 4 * [faults.lost_and_told] + [faults.clock_set_anew, faults.lost_and_told]:
+        fault(stream, rng)
+    last = dict(stream.times)  # what a later loss swallowed is told with it
+    assert len(last) >= 6
+    assert [item for item, _ in stream.told] != sorted(item for item, _ in stream.told)
+    for item, seconds in last.items():
+        assert stream.codes[item, 0] == round((seconds - 7.25) * faults.RATE)
+
+
 def test_without_a_fault_all_is_read(path):
     readings, wrong = check(codes_in(path), 0, [])
     assert not wrong
