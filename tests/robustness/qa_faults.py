@@ -28,7 +28,7 @@ SHOWN_AS = {
 }
 
 
-# Every flowgraph with message ports leaves its buffers behind, of which a system has 4096.
+# Readers leave their buffers behind: see "processes of their own" in docs/architecture.md.
 PER_PROCESS = 100
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 CASES, LONG_CASES = 200, 10_000
-# Every flowgraph with message ports leaves its buffers behind, of which a system has 4096.
+# Readers leave their buffers behind: see "processes of their own" in docs/architecture.md.
 CASES_PER_PROCESS = {"metadata": 200, "samples": 200}
 PROCESSES, LONG_PROCESSES = 1, 100
 
