@@ -9,7 +9,7 @@ from gnuradio.wiforce.capture import open_capture
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.antennas import channel_ratio
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.scene.simulator import second_antenna, simulate
+from gnuradio.wiforce.scene.simulator import simulate
 from gnuradio.wiforce.waveform import sounding_waveform
 from wiforce_app.read import read_capture
 
@@ -60,7 +60,6 @@ def captures(tmp_path_factory):
     """Two antennas' captures of a press, with carrier offset and phase noise."""
     name, scene = tmp_path_factory.mktemp("two") / "press", load_scene(SCENE)
     simulate(scene, name)
-    simulate(scene, second_antenna(name), antenna=1)
     return name, scene
 
 

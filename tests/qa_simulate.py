@@ -2,6 +2,7 @@
 """Simulated captures: files, truth, codes; and that a second simulator means the same levels."""
 
 import csv
+import errno
 import json
 import subprocess
 
@@ -10,7 +11,7 @@ import pytest
 import second_simulator
 import sigmf
 import yaml
-from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.scene import load_scene, shipped_scenes, simulator
 from gnuradio.wiforce.sensor import load_sensor
 from gnuradio.wiforce.sensor.calibration import calibrate
@@ -143,6 +144,31 @@ def test_a_failure_half_way_leaves_nothing(tmp_path):
     with pytest.raises(KeyboardInterrupt):
         simulator.simulate(short(), tmp_path / "x", progress=fail)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_captures_of_two_antennas_never_come_from_two_simulations(tmp_path):
+    environment = {"reader_clock": "free", "receive_antennas": 2}
+    first, second = (
+        load_scene(
+            SHORT | {"environment": environment, "simulation": SHORT["simulation"] | {"seed": seed}}
+        )
+        for seed in (1, 2)
+    )
+    paths = simulator.simulate(first, tmp_path / "x")
+    assert [path.name for path in paths[::3]] == ["x.sigmf-data", "x.antenna2.sigmf-data"]
+    before = [path.read_bytes() for path in paths]
+    assert before[0] != before[3] and len(before[0]) == len(before[3])
+    left = 1.5 * len(before[0]) / 4
+
+    def fill_the_disk(samples):
+        nonlocal left
+        left -= samples
+        if left < 0:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    with pytest.raises(OutputError, match="No space left"):
+        simulator.simulate(second, tmp_path / "x", progress=fill_the_disk)
+    assert [path.read_bytes() for path in paths] == before
 
 
 def test_a_folder_that_is_not_there_and_an_unknown_datatype_are_refused(tmp_path):

@@ -33,11 +33,8 @@ def simulate(scene, name, datatype, seed):
         simulation = dataclasses.replace(scene.simulation, seed=seed)
         scene = dataclasses.replace(scene, simulation=simulation)
     samples = simulator.frame_count(scene) * scene.sounding.frame_length
-    names = [name, simulator.second_antenna(name)][: scene.environment.receive_antennas]
-    paths = []
-    with progress("simulating", samples * len(names)) as done:
-        for antenna, capture in enumerate(names):
-            paths += simulator.simulate(scene, capture, datatype, done, antenna)
+    with progress("simulating", samples * scene.environment.receive_antennas) as done:
+        paths = simulator.simulate(scene, name, datatype, done)
     for path in paths:
         click.echo(path)
     told = scene.simulation

@@ -19,7 +19,7 @@ from gnuradio.wiforce.scene.channel import AirChannel
 from gnuradio.wiforce.scene.expected import MEDIAN, phase_std_deg
 from gnuradio.wiforce.scene.plan import check_lines, plan
 from gnuradio.wiforce.scene.score import read_truth, score
-from gnuradio.wiforce.scene.simulator import second_antenna, simulate, write_truth
+from gnuradio.wiforce.scene.simulator import simulate, write_truth
 from gnuradio.wiforce.scene.steps import steps
 
 from ..measure import measure_steps
@@ -127,12 +127,10 @@ def measure_scene(name, folder, runs):
     scene = load_scene(name)
     with tempfile.TemporaryDirectory(dir=folder, prefix=".tradeoff-") as place:
         place = Path(place)
-        names = [place / "capture"]
-        simulate(scene, names[0])
-        if scene.environment.receive_antennas == 2:
-            names.append(second_antenna(names[0]))
-            simulate(scene, names[1], antenna=1)
-        recordings = [_both_types(open_capture(name)) for name in names]
+        written = simulate(scene, place / "capture")
+        recordings = [
+            _both_types(open_capture(path)) for path in written if path.suffix == ".sigmf-meta"
+        ]
         signal_s = recordings[0].samples / scene.radio.sample_rate_hz
         scene_run = _SceneRun(scene, recordings, place / "truth.csv", signal_s, runs)
         points = scene_run.measure(settings_of(scene))

@@ -13,7 +13,7 @@ from gnuradio.wiforce.scene.expected import expect, why_not_readable
 from gnuradio.wiforce.scene.load import about_scene
 from gnuradio.wiforce.scene.plan import plan
 from gnuradio.wiforce.scene.score import read_truth, score
-from gnuradio.wiforce.scene.simulator import second_antenna, simulate
+from gnuradio.wiforce.scene.simulator import simulate
 
 from ..read import read_capture
 from .doppler_spectrum import doppler_spectrum
@@ -45,8 +45,6 @@ def run(scene_name, work_folder):
     with tempfile.TemporaryDirectory(dir=work_folder, prefix=".capture-") as folder:
         capture = Path(folder) / "capture"
         simulate(scene, capture)
-        if scene.environment.receive_antennas == 2:
-            simulate(scene, second_antenna(capture), antenna=1)
         truth = _with_mean_phases(scene, read_truth(f"{capture}.truth.csv"))
         recording = open_capture(capture)
         readings = []

@@ -18,14 +18,15 @@ from .channel import AirChannel
 TRUTH_COLUMNS = (
     "time_s", "sensor", "touch", "force_n", "location_mm", "phase1_deg", "phase2_deg",
 )  # fmt: skip
+_SUFFIXES = (".sigmf-data", ".truth.csv", ".sigmf-meta")
 _FRAMES_AT_ONCE = 500
 
 
-def simulate(scene, name, datatype="ci16_le", progress=None, antenna=0):
-    """Write the capture of a scene, and its truth.
+def simulate(scene, name, datatype="ci16_le", progress=None):
+    """Write the capture of a scene, and its truth; of each receive antenna.
 
-    The files ``NAME.sigmf-data``, ``NAME.sigmf-meta`` and ``NAME.truth.csv`` appear when they are
-    complete, the metadata last; on failure nothing is left.
+    The files ``NAME.sigmf-data``, ``NAME.sigmf-meta`` and ``NAME.truth.csv``, and those of
+    :func:`second_antenna`, appear when all are complete; on failure nothing is left.
 
     Parameters
     ----------
@@ -36,13 +37,11 @@ def simulate(scene, name, datatype="ci16_le", progress=None, antenna=0):
         ``ci16_le``: ADC codes, left-justified. ``cf32_le``: the same over 32768.
     progress : callable, optional
         Called with the number of samples written since the last call.
-    antenna : int
-        Which of the scene's receive antennas.
 
     Returns
     -------
     list of Path
-        Data, truth, metadata.
+        Data, truth, metadata, antenna by antenna.
 
     Raises
     ------
@@ -55,20 +54,27 @@ def simulate(scene, name, datatype="ci16_le", progress=None, antenna=0):
         raise InputError("datatype", f"must be one of {', '.join(DATATYPES)}", datatype)
     if not Path(name).name or str(name).endswith("/"):
         raise InputError("NAME", "must be a file name without suffix", str(name))
-    paths = [Path(f"{name}{suffix}") for suffix in (".sigmf-data", ".truth.csv", ".sigmf-meta")]
-    channel = AirChannel(scene, antenna=antenna)
+    names = [name, second_antenna(name)][: scene.environment.receive_antennas]
+    paths = [Path(f"{name}{suffix}") for name in names for suffix in _SUFFIXES]
+    channels = [AirChannel(scene, antenna=antenna) for antenna in range(len(names))]
     try:
-        with _all_or_nothing(paths) as (data, truth, meta):
-            with open(data, "wb") as stream:
-                for samples in capture(scene, channel, datatype):
-                    stream.write(samples.data)
-                    if progress is not None:
-                        progress(samples.size // (2 if datatype == "ci16_le" else 1))
-            write_truth(scene, channel, truth)
-            _write_metadata(scene, datatype, data, meta)
+        with _all_or_nothing(paths) as temporary:
+            for antenna, channel in enumerate(channels):
+                own = temporary[antenna * len(_SUFFIXES) :][: len(_SUFFIXES)]
+                _write_capture(scene, channel, datatype, *own, progress)
     except OSError as error:
         raise unwritable(name, error) from error
     return paths
+
+
+def _write_capture(scene, channel, datatype, data, truth, meta, progress):
+    with open(data, "wb") as stream:
+        for samples in capture(scene, channel, datatype):
+            stream.write(samples.data)
+            if progress is not None:
+                progress(samples.size // (2 if datatype == "ci16_le" else 1))
+    write_truth(scene, channel, truth)
+    _write_metadata(scene, datatype, data, meta)
 
 
 def second_antenna(name):
