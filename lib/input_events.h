@@ -33,7 +33,10 @@ public:
     void drop() { d_next.reset(); }
 
     // Samples lost after the items looked at, known otherwise: a time will tell of them.
-    void foretell(std::uint64_t lost) { d_timeline.foretell(lost); }
+    void foretell(std::uint64_t lost, std::uint64_t frame_length)
+    {
+        d_timeline.foretell(lost, frame_length);
+    }
 
     // Values of rx_time that were no time, or one that cannot be.
     std::uint64_t times_ignored() const { return d_times_ignored; }

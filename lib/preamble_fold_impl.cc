@@ -141,7 +141,7 @@ void preamble_fold_impl<Sample>::follow_frames()
         return;
     d_logger->warn("frames come {:d} samples late: followed", shift);
     const std::uint64_t lost = d_folder.frame_length() - shift;
-    d_events.foretell(lost);
+    d_events.foretell(lost, d_folder.frame_length());
     d_frames_moved += 1;
     d_samples_moved += lost;
     skip(lost);

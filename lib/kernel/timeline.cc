@@ -38,12 +38,28 @@ bool timeline::is_loss(double lead, double longest_s) const
     return lead >= 0 && lead <= longest_s * d_sample_rate;
 }
 
+void timeline::foretell(std::uint64_t lost, std::uint64_t frame_length)
+{
+    d_foretold += lost;
+    d_foretold_most += frame_length;
+    d_frame_length = frame_length;
+}
+
+// Samples lost before an item beside those foretold; below 0 for a time that goes back.
+double timeline::lost_before(const mark& now) const
+{
+    const double lost = lead(now, *d_last) - d_foretold;
+    const bool foretold = lost < 0 && lost >= -static_cast<double>(d_foretold_most) &&
+                          std::fmod(lost, d_frame_length) == 0;
+    return foretold ? 0 : lost;
+}
+
 timeline::judgement timeline::note(std::uint64_t item, time time)
 {
     if (!(time.fraction >= 0 && time.fraction < LARGEST_FRACTION_S))
         return { verdict::ignored, std::numeric_limits<double>::quiet_NaN() };
     const mark now{ item, time };
-    const double lost = d_last ? lead(now, *d_last) - d_foretold : 0;
+    const double lost = d_last ? lost_before(now) : 0;
     judgement judgement{ lost > 0 ? verdict::gap : verdict::agrees, lost };
     if (!is_loss(lost, LONGEST_GAP_S)) {
         // A loss foretold since the doubtful time lies before it: it came with that loss.
@@ -56,7 +72,7 @@ timeline::judgement timeline::note(std::uint64_t item, time time)
     }
     d_last = now;
     d_doubtful.reset();
-    d_foretold = 0;
+    d_foretold = d_foretold_most = 0;
     return judgement;
 }
 

@@ -44,8 +44,9 @@ public:
     // Takes the time of an item; items come in order.
     judgement note(std::uint64_t item, time time);
 
-    // Samples lost since the last time, known otherwise: the next one is to tell of them.
-    void foretell(std::uint64_t lost) { d_foretold += lost; }
+    // Frames show that samples were lost since the last time, or came twice: `lost`, but
+    // for whole frames. The next time tells how many.
+    void foretell(std::uint64_t lost, std::uint64_t frame_length);
 
     // Time of an item at or after the last that had one; empty before any.
     std::optional<time> time_at(std::uint64_t item) const;
@@ -57,12 +58,15 @@ private:
     };
 
     double lead(const mark& now, const mark& since) const;
+    double lost_before(const mark& now) const;
     bool is_loss(double lead, double longest_s) const;
 
     const double d_sample_rate;
     std::optional<mark> d_last;
-    std::optional<mark> d_doubtful; // the next decides
-    std::uint64_t d_foretold = 0;
+    std::optional<mark> d_doubtful;    // the next decides
+    std::uint64_t d_foretold = 0;      // samples lost since d_last, ...
+    std::uint64_t d_foretold_most = 0; // or fewer by whole frames up to this
+    std::uint64_t d_frame_length = 1;
 };
 
 } // namespace gr::wiforce::kernel
