@@ -8,7 +8,7 @@ import pmt
 import pytest
 from device_times import NO_TIMES, rx_time
 from gnuradio import blocks, gr, wiforce
-from gnuradio.wiforce.capture import open_capture
+from gnuradio.wiforce.capture import Segment, open_capture
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.frame import MARGIN
 from gnuradio.wiforce.estimation.levels import measure_levels
@@ -128,6 +128,18 @@ def test_a_flowgraph_that_is_started_again_goes_on_with_the_recording(tmp_path):
     assert np.array_equal(capture.read(len(samples)), samples)
     places = [(s.file_sample, s.global_index) for s in capture.segments]
     assert places == [(0, 0), (4000, 4100), (5000, 6000), (9000, 10_100)]
+
+
+@pytest.mark.parametrize("start_s", [None, 0.5, 5000.0])
+def test_a_recording_never_joins_what_may_lie_any_time_apart(tmp_path, start_s):
+    samples = stream(0, 30)
+    recorder = wiforce.sigmf_recorder(tmp_path / "run")
+    for tags in ([rx_time(0, 1.0)], [] if start_s is None else [rx_time(0, start_s)]):
+        flowgraph = gr.top_block()
+        flowgraph.connect(blocks.vector_source_c(samples.tolist(), False, 1, tags), recorder)
+        flowgraph.run()
+    assert "no time tells what was lost" in recorder.failure.strerror
+    assert open_capture(tmp_path / "run").segments == (Segment(0, 0, len(samples)),)
 
 
 def test_times_that_come_twice_or_late_mark_no_gap(tmp_path):

@@ -234,7 +234,7 @@ def test_a_message_that_is_no_group_ends_the_flowgraph_with_a_word():
     flowgraph.connect(blocks.null_source(gr.sizeof_gr_complex), reader)
     flowgraph.start()
     # Dead air without end: only the failure ends it.
-    reader.inversion.ended.wait(60)
+    assert reader.inversion.ended.wait(60)
     flowgraph.stop()
     flowgraph.wait()
     assert reader.separation.failure is not None and reader.failure is reader.separation.failure

@@ -3,6 +3,8 @@
 
 import csv
 import json
+import os
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from gnuradio.wiforce.errors import InputError
@@ -64,6 +66,24 @@ def test_a_run_without_a_reading_leaves_no_earlier_ones(earlier):
     with open_writer(earlier):
         pass
     assert earlier.read_text() == ",".join(COLUMNS) + "\n"
+
+
+def test_a_run_that_has_begun_shows_no_earlier_readings_whatever_becomes_of_it(earlier):
+    with pytest.raises(InputError), open_writer(earlier) as writer:
+        assert writer.begin() is writer
+        raise InputError("a device", "is lost")
+    assert earlier.read_text() == ",".join(COLUMNS) + "\n"
+
+
+def test_a_pipe_is_opened_at_once_while_a_run_can_be_interrupted(tmp_path):
+    pipe = tmp_path / "out.csv"
+    os.mkfifo(pipe)
+    with ThreadPoolExecutor(1) as pool:
+        listener = pool.submit(pipe.open)
+        writer = open_writer(pipe)
+        with listener.result(timeout=10) as stream:
+            writer.close()
+            assert stream.read() == ",".join(COLUMNS) + "\n"
 
 
 @pytest.mark.parametrize("name", ["out.txt", "out", "missing/out.csv", "x" * 300 + "out.csv"])

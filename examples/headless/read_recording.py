@@ -19,6 +19,8 @@ def main(capture, scene, output):
         flowgraph.connect(source, reader)
         flowgraph.run()
         reader.finish()
+        if reader.failure is not None:
+            raise reader.failure
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ from gnuradio.wiforce.estimation.levels import measure_levels
 from gnuradio.wiforce.scene import load_scene
 
 from .live import leave, open_radio, radio_options
+from .mishaps import mishaps
 
 _FRAMES = 2000
 _SEARCHES = 16
@@ -38,6 +39,8 @@ class Findings:
     levels: dict | None = None
     delay_us: float | None = None
     samples_lost: int = 0
+    frames_moved: int = 0
+    times_ignored: int = 0
     sensors: list = field(default_factory=list)
     advice: list = field(default_factory=list)
 
@@ -61,7 +64,7 @@ def check(scene_path, args, as_json, amplitude, **radio):
         leave(lost)
     if samples is not None:
         _judge(findings, scene, session, samples)
-    findings.advice = _advice(findings, scene)
+    findings.advice = advice_on(findings, scene)
     click.echo(json.dumps(asdict(findings), indent=2) if as_json else _text(findings))
 
 
@@ -97,6 +100,8 @@ def _judge(findings, scene, session, samples):
     delay = (session.alignment.offset + MARGIN) % waveform.frame_length
     findings.delay_us = delay / waveform.sample_rate_hz * 1e6
     findings.samples_lost = session.samples_lost
+    findings.frames_moved = session.frames_moved
+    findings.times_ignored = session.times_ignored
     states = list(session.probe.states)
     for index, sensor in enumerate(scene.sensors):
         findings.sensors.append(_heard(sensor.name, index, states))
@@ -119,7 +124,7 @@ def _heard(name, index, states):
     )
 
 
-def _advice(findings, scene):
+def advice_on(findings, scene):
     """What to change, the most important first; list of str."""
     if findings.levels is None:
         return [
@@ -127,7 +132,7 @@ def _advice(findings, scene):
         ]
     return [
         *_advice_on_levels(findings.levels),
-        *_advice_on_loss(findings.samples_lost),
+        *_advice_on_loss(findings),
         *(text for sensor in scene.sensors for text in _advice_on_sensor(findings, sensor)),
     ]
 
@@ -143,9 +148,12 @@ def _advice_on_levels(levels):
         yield f"a DC offset of {levels['dc_dbfs']:.1f} dBFS takes range: calibrate the device"
 
 
-def _advice_on_loss(samples):
-    if samples:
-        yield f"{samples} samples were lost: a faster machine, larger socket buffers or frames"
+def _advice_on_loss(findings):
+    help_ = "a faster machine, larger socket buffers or frames"
+    if findings.samples_lost:
+        yield f"{findings.samples_lost} samples were lost: {help_}"
+    for said in mishaps(findings.frames_moved, findings.times_ignored):
+        yield f"{said}: {help_}"
 
 
 def _advice_on_sensor(findings, sensor):

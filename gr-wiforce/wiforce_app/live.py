@@ -113,6 +113,10 @@ class _Outputs:
         if self._publisher is not None:
             self._publisher.close()
 
+    def begin(self):
+        """From here on the file holds this run's readings and no others."""
+        self._writer.begin()
+
     def take(self, reading):
         """Write and publish one reading."""
         self._writer.write(reading)
@@ -143,6 +147,7 @@ def _run(session, args, outputs, control, duration):
     requests = _requests(control, session, watch, ended) if control else None
     try:
         session.start()
+        outputs.begin()
         while not ended.wait(_LOOK_S) and session.failure is None:
             watch.look()
             if requests is not None:

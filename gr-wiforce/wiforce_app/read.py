@@ -101,19 +101,21 @@ def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False, on
     source = wiforce.capture_source(recording, scene, frame_offset)
     reader = wiforce.reader(scene, input_type="folded", tracked=tracked, on_reading=on_reading)
     reader.inversion.on_ratios = on_ratios
+    sources = {recording.path: source}
     if scene.environment.receive_antennas == 2:
         beside = second_antenna(recording.path.with_suffix(""))
-        second = wiforce.capture_source(beside, scene, frame_offset)
+        sources[beside] = second = wiforce.capture_source(beside, scene, frame_offset)
         settings = scene.sounding.waveform, scene.sounding.frame_length
         ratio = wiforce.antenna_ratio(*settings, scene.radio.sample_rate_hz)
         _run(reader, source, ratio, second=second)
     else:
         _run(reader, source)
-    missing = source.samples_missing()
-    if missing:
-        _warn(recording.path, f"was cut short while it was read, {missing} samples are missing")
-    for said in mishaps(source.frames_moved()):
-        _warn(recording.path, said)
+    for path, read in sources.items():
+        missing = read.samples_missing()
+        if missing:
+            _warn(path, f"was cut short while it was read, {missing} samples are missing")
+        for said in mishaps(read.frames_moved()):
+            _warn(path, said)
     return reader.counts
 
 

@@ -8,6 +8,7 @@ import math
 import sys
 from collections import Counter
 from dataclasses import asdict, dataclass
+from pathlib import Path
 
 from .errors import InputError, OutputError
 from .textfile import check_output
@@ -129,9 +130,9 @@ class GroupCounts:
 class ReadingsWriter:
     """Writes readings a row each: what was written is in the file at once, and in whole rows.
 
-    What a file held before is kept until the first row comes, or the writer is closed without one:
-    whoever is refused or fails before that loses nothing. As a context it is closed when all went
-    well, and else keeps what it has written.
+    What a file held before is kept until the first row comes, or the writer is closed without one,
+    or :meth:`begin` is called: whoever is refused or fails before that loses nothing. As a context
+    it is closed when all went well, and else keeps what it has written.
 
     Parameters
     ----------
@@ -149,6 +150,9 @@ class ReadingsWriter:
         self._whole, self._refusal = 0, None
         if path is not None:
             check_output(path)
+            if Path(path).exists() and not Path(path).is_file():
+                # A pipe holds nothing that could be lost, and may have to be waited for.
+                self.begin()
 
     def __enter__(self):
         return self
@@ -168,17 +172,26 @@ class ReadingsWriter:
             When it cannot be written, as on a full disk; the file then ends with the row before,
             and takes no other.
         """
-        self._begin()
+        self.begin()
         self._put(self._form(reading.row()))
 
     def close(self):
-        self._begin()
+        self.begin()
         if self._file is not None:
             self._file.close()
 
-    def _begin(self):
+    def begin(self):
+        """Empties the file but for its header, unless it has begun; returns the writer.
+
+        Raises
+        ------
+        InputError
+            When the file cannot be opened.
+        OutputError
+            When it cannot be written to.
+        """
         if self._begun:
-            return
+            return self
         if self._path is not None:
             try:
                 self._file = open(self._path, "wb", buffering=0)
@@ -187,6 +200,7 @@ class ReadingsWriter:
                 raise InputError(self._path, f"cannot be written ({reason})") from error
         self._begun = True
         self._put(self._header)
+        return self
 
     def _put(self, text):
         if self._path is None:

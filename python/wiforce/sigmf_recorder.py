@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Block: records samples as SigMF, gaps marked, readable at any time."""
 
+import errno
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -24,7 +25,8 @@ class sigmf_recorder(gr.sync_block):
     the recording can be read at any time, also after a crash. Where ``rx_time`` tells of lost
     samples a new entry of ``captures`` begins, whose ``core:global_index`` jumps.
 
-    A flowgraph that is started again goes on with the recording.
+    A flowgraph that is started again goes on with the recording where its first ``rx_time`` tells
+    what was lost meanwhile, and records no further where none does.
 
     A disk that fails stops the recording, not the flowgraph: see ``failure``.
 
@@ -66,7 +68,7 @@ class sigmf_recorder(gr.sync_block):
         self.failure = None
         self._center_frequency = center_frequency
         self._timeline = Timeline(sample_rate)
-        self._captures, self._recorded = [], 0
+        self._captures, self._recorded, self._resumes = [], 0, False
         self._global = {
             "core:datatype": kind.datatype,
             "core:sample_rate": sample_rate,
@@ -83,6 +85,7 @@ class sigmf_recorder(gr.sync_block):
             self._file = open(self._data, "xb" if self._file is None else "ab", buffering=0)
         except OSError as error:
             self._give_up(error)
+        self._resumes = self._recorded > 0
         return True
 
     def work(self, input_items, _):
@@ -113,6 +116,10 @@ class sigmf_recorder(gr.sync_block):
         for tag in self.get_tags_in_window(0, 0, count, _RX_TIME):
             if self._timeline.note(before + tag.offset, tag.value):
                 begins.append((before + tag.offset, self._timeline.lost))
+        if self._resumes and self._recorded not in (item for item, _ in begins):
+            rule = "started again, and no time tells what was lost meanwhile"
+            raise OSError(errno.ENODATA, rule)
+        self._resumes = False
         for item, lost in begins:
             self._captures.append(
                 {

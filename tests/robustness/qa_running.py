@@ -138,13 +138,14 @@ def test_a_killed_reader_leaves_whole_rows_and_no_hindrance(sandbox, readings, l
     sandbox.run("read", "killed", *READ, "-o", output)
     usual_s = time.monotonic() - began
     for _ in range(LONG_KILLS if long_run else KILLS):
+        output.unlink(missing_ok=True)
         reader = follow(sandbox, "killed", output)
         time.sleep(rng.random() * 1.2 * usual_s)
-        seen = output.read_text()
+        seen = output.read_text() if output.exists() else ""
         reader.kill()
         reader.communicate(timeout=60)
-        left = output.read_text()
+        left = output.read_text() if output.exists() else ""
         assert left == whole[: len(left)] and left[-1:] in ("", "\n")
-        assert len(left) >= len(seen) or seen == whole
+        assert len(left) >= len(seen)
     done = sandbox.run("read", "killed", *READ, "-o", output)
     assert done.returncode == 0 and output.read_text() == whole

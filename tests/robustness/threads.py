@@ -31,6 +31,7 @@ def main():
         if rng.random() < 0.02:
             reader.tare()
         reader.fold.snapshots(), reader.fold.gaps(), reader.fold.samples_lost()
+        reader.fold.frames_moved(), reader.fold.samples_moved(), reader.fold.times_ignored()
     flowgraph.wait()
     reader.finish()
     if reader.failure is not None:

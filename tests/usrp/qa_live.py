@@ -27,6 +27,7 @@ from gnuradio.wiforce.scene.channel import AirChannel
 from mutations import mutated
 from software_usrp import SoftwareUsrp
 from wiforce_app import watch
+from wiforce_app.check import Findings, Sensor, advice_on
 
 GROUP_S = 0.036
 FRAMES = "recv_frame_size=8000,send_frame_size=8000"
@@ -375,6 +376,7 @@ def test_killed_at_any_moment_it_leaves_all_but_the_last_second_and_hinders_no_r
 
     for kill in range(LONG_KILLS if long_run else KILLS):
         recording = tmp_path / f"run{kill}"
+        output.unlink(missing_ok=True)
         received_s = run_until(rng.uniform(-2.0, 2.5), signal.SIGKILL, "--record", recording)
         lines = output.read_text().splitlines() if output.exists() else []
         times = [json.loads(line)["time_s"] for line in lines]
@@ -689,3 +691,10 @@ def test_a_check_finds_levels_delay_and_clock(slow_scene, slow_device):
     status, out, _ = command(*check, "--tx-gain", 0, "--rx-gain", 0)
     advice = " ".join(json.loads(out)["advice"])
     assert status == 0 and "raise --rx-gain" in advice and "no tag heard" in advice
+
+
+def test_a_check_tells_of_losses_that_only_the_frames_show(slow_scene):
+    levels = {"peak_dbfs": -6.0, "clipped": 0.0, "dc_dbfs": -90.0}
+    findings = Findings("a device", {}, levels, frames_moved=2, sensors=[Sensor("arm", 1.0)])
+    (advice,) = advice_on(findings, load_scene(slow_scene))
+    assert "frames came elsewhere 2 times" in advice
