@@ -113,6 +113,24 @@ def test_the_clock_is_never_taken_half_a_turn_off(table, likelihood, gamma_db, t
         assert fit.found and abs(error) < 0.25
 
 
+def test_a_clock_that_jumps_while_it_is_searched_is_not_taken_for_one_out_of_tolerance(
+    table, likelihood
+):
+    """Ends would be mixed, and a press read as motion, for as long as it is believed."""
+    fastest = 0.0
+    for jump in np.linspace(0.1, 0.9, 17):
+        parts = []
+        for start in (0.3, 0.3 + jump):
+            tag = TagOnAir(offset_ppm=-20.0, start_cycles=start, untouched_deg=(20.0, -130.0))
+            parts.append(covariances_of(likelihood, table, make_air(625, [tag], 5, 20.0), 12))
+        times, covariances = parts[0][0], np.concatenate([parts[0][1][:6], parts[1][1][6:]])
+        fit = acquire(times, covariances, likelihood, RATE, 50.0, SUBCARRIERS)
+        rate_std = np.sqrt(fit.variance / np.sum((times - times.mean()) ** 2))
+        fastest = max(fastest, abs(fit.rate) / RATE)
+        assert not fit.found or abs(fit.rate) < 75e-6 * RATE + 5 * rate_std
+    assert fastest > 90e-6  # some seem to be
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_no_clock_is_found_where_there_is_no_tag(table, likelihood, seed):
     air = make_air(625, [], seed, 0.0, static_db=60)

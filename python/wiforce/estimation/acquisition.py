@@ -19,6 +19,8 @@ OVERLAP = np.pi / 8
 _ENERGY_RATIO = 1.25
 # ... and the groups agree on the clock by so many standard deviations.
 _AGREEMENT = 5.0
+# Standard deviations by which its rate may lie beyond what is tried.
+_RATE_SLACK = 4.0
 
 
 @dataclass(frozen=True)
@@ -95,6 +97,9 @@ def acquire(times_s, covariances, likelihood, nominal_rate, tolerance_ppm, subca
     variance = (kappa + subcarriers * likelihood.noise_variance) / kappa**2
     total = np.trace(covariances, axis1=1, axis2=2).real.sum()
     found = _believable(values.sum(), total, coefficients, len(likelihood.lines), subcarriers)
+    # A clock that jumps within the block seems to run at a rate which no such crystal has.
+    rate_std = np.sqrt(variance / np.sum(elapsed**2))
+    found = found and abs(rate) <= limit + _RATE_SLACK * rate_std
     return ClockFit(center, phase, rate, variance, likelihood, coefficients, found)
 
 
