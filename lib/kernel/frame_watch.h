@@ -17,8 +17,8 @@ namespace gr::wiforce::kernel {
  * average before is looked for at every cyclic shift. A shift counts when two averages in
  * a row agree on it and nearly all of the energy does.
  *
- * That search takes time by the square of the frame length, 2 ms for 720 samples and 0.2 s
- * for LONGEST_FRAME: longer frames are not watched.
+ * That search takes time by the square of the frame length, 2 ms for 720 samples and 0.2
+ * s for LONGEST_FRAME: longer frames are not watched.
  */
 class frame_watch
 {
