@@ -146,8 +146,8 @@ def _run(session, args, outputs, control, duration):
     outputs.seen = watch.note
     requests = _requests(control, session, watch, ended) if control else None
     try:
-        session.start()
         outputs.begin()
+        session.start()
         while not ended.wait(_LOOK_S) and session.failure is None:
             watch.look()
             if requests is not None:
