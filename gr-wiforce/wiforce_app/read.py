@@ -110,11 +110,11 @@ def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False, on
         _run(reader, source, ratio, second=second)
     else:
         _run(reader, source)
-    for path, read in sources.items():
-        missing = read.samples_missing()
+    for path, source in sources.items():
+        missing = source.samples_missing()
         if missing:
             _warn(path, f"was cut short while it was read, {missing} samples are missing")
-        for said in mishaps(read.frames_moved()):
+        for said in mishaps(source.frames_moved()):
             _warn(path, said)
     return reader.counts
 

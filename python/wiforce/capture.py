@@ -199,22 +199,18 @@ def _segments(meta, captures, total):
     for capture, start, end in zip(captures, starts, ends, strict=True):
         if capture.get("core:header_bytes", 0):
             raise InputError(meta, "core:header_bytes must be 0", capture["core:header_bytes"])
+        last = segments[-1] if segments else Segment(start, start, 0)
         index = capture.get("core:global_index", None)
         if index is None:
-            index = (
-                start
-                if not segments
-                else segments[-1].global_index + (start - segments[-1].file_sample)
-            )
+            index = last.global_index + (start - last.file_sample)
         # A file cut short keeps the captures that it still holds.
         length = min(end, total) - start
         if length <= 0:
             continue
-        last = segments[-1] if segments else Segment(start, index, 0)
         lost = index - (last.global_index + last.length)
-        if lost < 0:
+        if segments and lost < 0:
             raise InputError(meta, "core:global_index must not go back", index)
-        if lost == 0 and segments:
+        if segments and lost == 0:
             segments[-1] = replace(last, length=last.length + length)
         else:
             segments.append(Segment(start, index, length))

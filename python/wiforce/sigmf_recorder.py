@@ -68,7 +68,7 @@ class sigmf_recorder(gr.sync_block):
         self.failure = None
         self._center_frequency = center_frequency
         self._timeline = Timeline(sample_rate)
-        self._captures, self._recorded, self._resumes = [], 0, False
+        self._captures, self._recorded = [], 0
         self._global = {
             "core:datatype": kind.datatype,
             "core:sample_rate": sample_rate,
@@ -85,7 +85,6 @@ class sigmf_recorder(gr.sync_block):
             self._file = open(self._data, "xb" if self._file is None else "ab", buffering=0)
         except OSError as error:
             self._give_up(error)
-        self._resumes = self._recorded > 0
         return True
 
     def work(self, input_items, _):
@@ -113,13 +112,13 @@ class sigmf_recorder(gr.sync_block):
         begins = [] if self._captures else [(0, 0)]
         # GNU Radio counts items from 0 whenever a flowgraph starts.
         before = self._recorded - self.nitems_read(0)
+        resumes = before == self._recorded > 0
         for tag in self.get_tags_in_window(0, 0, count, _RX_TIME):
             if self._timeline.note(before + tag.offset, tag.value):
                 begins.append((before + tag.offset, self._timeline.lost))
-        if self._resumes and self._recorded not in (item for item, _ in begins):
+        if resumes and self._recorded not in (item for item, _ in begins):
             rule = "started again, and no time tells what was lost meanwhile"
             raise OSError(errno.ENODATA, rule)
-        self._resumes = False
         for item, lost in begins:
             self._captures.append(
                 {
