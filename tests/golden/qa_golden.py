@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Readings are what they were: changed code, the same numbers."""
+
+import cases
+import faults
+import numpy as np
+import pytest
+
+# What a reading may change by, as a part of its standard deviation: far below what anybody could
+# notice, far above rounding (1e-9), which batches of other sizes or another order of sums bring.
+ALLOWED = 1e-3
+STD = {"force_n": "force_std_n", "location_mm": "location_std_mm"}
+# The best of the stored captures are read to 0.01 deg; an SNR need not be known that well.
+SCALE = {"time_s": 1e-6, "phase1_deg": 0.01, "phase2_deg": 0.01, "snr_db": 0.1}
+QUICK = [*cases.QUICK, "tabletop_two-tracked"]
+QUICK += [fault.__name__ for fault in faults.FAULTS[::3]] + ["sequence2"]
+
+
+def pytest_generate_tests(metafunc):
+    every = metafunc.config.getoption("--long")
+    metafunc.parametrize("case", cases.all_cases() if every else QUICK)
+
+
+@pytest.fixture(scope="module")
+def captures(tmp_path_factory):
+    return tmp_path_factory.mktemp("captures")
+
+
+def differences(case, folder):
+    """What differs between the stored readings of a case and those made now, in words."""
+    old, new = cases.stored(case), cases.make(case, folder)
+    if len(old["time_s"]) != len(new["time_s"]):
+        return [f"{len(new['time_s'])} readings instead of {len(old['time_s'])}"]
+    found = []
+    for name in ("sensor", "touch", "flags"):
+        rows = np.flatnonzero(old[name] != new[name])
+        found += [f"{name} of row {i}: {new[name][i]!r}, was {old[name][i]!r}" for i in rows]
+    for name in cases.NUMBERS:
+        # Standard deviations are compared with themselves.
+        scale = old[STD[name]] if name in STD else SCALE.get(name, np.abs(old[name]))
+        apart = np.abs(new[name] - old[name]) > ALLOWED * scale
+        apart |= np.isnan(new[name]) != np.isnan(old[name])
+        found += [
+            f"{name} of row {i}: {new[name][i]!r}, was {old[name][i]!r}"
+            for i in np.flatnonzero(apart)
+        ]
+    return found
+
+
+def test_readings_are_those_stored(case, captures):
+    found = differences(case, captures)
+    assert not found, "\n".join(found[:10] + [f"{len(found)} differences"])
