@@ -4,9 +4,9 @@ set(package ${GR_PYTHON_DIR}/gnuradio/wiforce)
 set(without_caches PATTERN __pycache__ EXCLUDE PATTERN bindings EXCLUDE)
 
 install(DIRECTORY python/wiforce/ DESTINATION ${package} FILES_MATCHING PATTERN *.py ${without_caches})
-install(DIRECTORY gr-wiforce/wiforce_app DESTINATION ${GR_PYTHON_DIR} ${without_caches})
+install(DIRECTORY gr-wiforce/wiforce_app gr-wiforce/software_n210 DESTINATION ${GR_PYTHON_DIR} ${without_caches})
 install(DIRECTORY gr-wiforce/ DESTINATION ${WIFORCE_DATA_DIR}
-  PATTERN wiforce_app EXCLUDE PATTERN completions EXCLUDE ${without_caches})
+  PATTERN wiforce_app EXCLUDE PATTERN software_n210 EXCLUDE PATTERN completions EXCLUDE ${without_caches})
 install(DIRECTORY grc/ DESTINATION ${GRC_BLOCKS_DIR} FILES_MATCHING PATTERN *.yml)
 install(DIRECTORY include/gnuradio/wiforce DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/gnuradio)
 

@@ -8,13 +8,13 @@ build/run python3 docs/make_clock_spectra.py
 from pathlib import Path
 
 import numpy as np
-from gnuradio.wiforce.scene.clocks import (
+from gnuradio.wiforce.planning.clocks import (
     assess_clocks,
     double_rate_pulses,
     line_coefficients,
     one_rate_pulses,
 )
-from gnuradio.wiforce.waveform import sounding_waveform
+from gnuradio.wiforce.signal.waveform import sounding_waveform
 from matplotlib.figure import Figure
 
 PICTURE = Path(__file__).resolve().parent / "images" / "clock_spectra.png"

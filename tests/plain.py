@@ -2,11 +2,11 @@
 """Plain references for the estimation: square waves by counting, and what tests share."""
 
 import numpy as np
-from gnuradio.wiforce.angles import wrap_deg
-from gnuradio.wiforce.estimation.bound import phase_bound_deg
 from gnuradio.wiforce.estimation.tracked_tag import TagClock
-from gnuradio.wiforce.scene.plan import Plan
-from gnuradio.wiforce.waveform import sounding_waveform
+from gnuradio.wiforce.planning.plan import Plan
+from gnuradio.wiforce.signal.bound import phase_bound_deg
+from gnuradio.wiforce.signal.carrier import wrap_deg
+from gnuradio.wiforce.signal.waveform import sounding_waveform
 from wiforce_app.bench.air import Air, PathLevels, TagOnAir
 from wiforce_app.bench.chain import SnapshotChain
 

@@ -4,13 +4,13 @@
 import numpy as np
 import pytest
 from gnuradio import blocks, gr, wiforce
-from gnuradio.wiforce.angles import wrap_deg
-from gnuradio.wiforce.capture import open_capture
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.antennas import channel_ratio
+from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.scene.simulator import simulate
-from gnuradio.wiforce.waveform import sounding_waveform
+from gnuradio.wiforce.signal.carrier import wrap_deg
+from gnuradio.wiforce.signal.waveform import sounding_waveform
+from gnuradio.wiforce.simulation.simulator import simulate
 from wiforce_app.read import read_capture
 
 SCENE = {

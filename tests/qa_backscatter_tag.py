@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.sensor import load_sensor
-from gnuradio.wiforce.waveform import sounding_waveform
+from gnuradio.wiforce.signal.waveform import sounding_waveform
 
 FRAME = 720
 RATE = 12.5e6

@@ -4,8 +4,8 @@
 import json
 
 import pytest
-from gnuradio.wiforce.capture import Segment, open_capture
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.capture import Segment, open_capture
 from gnuradio.wiforce.scene import load_scene
 
 

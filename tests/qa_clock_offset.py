@@ -5,7 +5,8 @@ import numpy as np
 import pmt
 import pytest
 from gnuradio import blocks, gr, wiforce
-from gnuradio.wiforce import names, state_tag
+from gnuradio.wiforce import names
+from gnuradio.wiforce.blocks import state_tag
 from gnuradio.wiforce.estimation.state import ClockState, GroupState
 
 

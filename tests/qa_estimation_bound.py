@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from gnuradio.wiforce.estimation.bound import phase_bound_deg
+from gnuradio.wiforce.signal.bound import phase_bound_deg
 from plain import TA, T, averaged_switches
 
 SUBCARRIERS = 3

@@ -6,8 +6,8 @@ import pytest
 from gnuradio.wiforce.estimation.acquisition import acquire
 from gnuradio.wiforce.estimation.clock import ClockTracker
 from gnuradio.wiforce.estimation.likelihood import PhaseLikelihood, evaluate, turned_by
-from gnuradio.wiforce.estimation.tag_clock import harmonics
-from gnuradio.wiforce.estimation.weights import design_weights
+from gnuradio.wiforce.signal.switching import harmonics
+from gnuradio.wiforce.signal.weights import design_weights
 from plain import TA, T, make_air, random_tag
 from wiforce_app.bench.air import TagOnAir
 

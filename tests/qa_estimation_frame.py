@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 from gnuradio.wiforce.estimation.frame import MARGIN, find_frame_offset, keeps_alignment
-from gnuradio.wiforce.waveform import sounding_waveform
+from gnuradio.wiforce.signal.waveform import sounding_waveform
 
 
 def stream(waveform, offset, frames=200, snr_db=-10.0, seed=1):

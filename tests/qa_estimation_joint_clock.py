@@ -3,11 +3,7 @@
 
 import numpy as np
 import pytest
-from gnuradio.wiforce.estimation.joint_clock import (
-    likelihood_bias,
-    phase_errors,
-    phase_information,
-)
+from gnuradio.wiforce.estimation.joint_clock import likelihood_bias, phase_errors, phase_information
 from gnuradio.wiforce.estimation.likelihood import PhaseLikelihood
 from gnuradio.wiforce.estimation.tracked_tag import TagClock
 from plain import TA, bound_of, errors_deg, make_air, make_plan, random_tag, run_chain

@@ -3,11 +3,11 @@
 
 import numpy as np
 import pytest
-from gnuradio.wiforce.angles import wrap_deg
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.estimators import RatioUnfolder, estimator_named
 from gnuradio.wiforce.estimation.state import GroupState
-from gnuradio.wiforce.estimation.weights import design_weights
+from gnuradio.wiforce.signal.carrier import wrap_deg
+from gnuradio.wiforce.signal.weights import design_weights
 from plain import TA, WAVEFORM, T, errors_deg, make_air, make_plan, run_chain
 from wiforce_app.bench.air import TagOnAir
 

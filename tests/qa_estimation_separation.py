@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from gnuradio.wiforce.estimation.separation import EndSeparator
 from gnuradio.wiforce.estimation.tracked_tag import TagClock
-from gnuradio.wiforce.estimation.weights import design_weights
+from gnuradio.wiforce.signal.weights import design_weights
 from plain import (
     TA,
     WAVEFORM,

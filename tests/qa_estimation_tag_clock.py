@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from gnuradio.wiforce.estimation.tag_clock import harmonics, switch_averages
+from gnuradio.wiforce.signal.switching import harmonics, switch_averages
 from plain import TA, averaged_switches
 from wiforce_app.bench.air import switches
 

@@ -3,9 +3,9 @@
 
 import numpy as np
 import pytest
-from gnuradio.wiforce.angles import wrap_deg
 from gnuradio.wiforce.estimation.touch import TouchDetector, TouchedMotion
 from gnuradio.wiforce.sensor import load_sensor
+from gnuradio.wiforce.signal.carrier import wrap_deg
 
 PERIOD_S = 0.036
 MODEL = load_sensor("line-900mhz")

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.estimation.weights import clutter_basis, design_weights, tag_lines
+from gnuradio.wiforce.signal.weights import clutter_basis, design_weights, tag_lines
 from plain import WAVEFORM, T
 
 # Weights are rounded to single precision (24 bits): relative error of a sum about 1e-7.

@@ -174,8 +174,8 @@ def test_two_sensors_are_read_side_by_side_without_disturbing_each_other(generat
 @pytest.fixture(scope="module")
 def capture(tmp_path_factory):
     """A recording as a user makes it, cut to 3 s; its name and its truth."""
-    from gnuradio.wiforce.scene.score import read_truth
-    from gnuradio.wiforce.scene.simulator import simulate
+    from gnuradio.wiforce.simulation.score import read_truth
+    from gnuradio.wiforce.simulation.simulator import simulate
 
     scene = wiforce.load_scene("tabletop").as_dict()
     scene["simulation"] |= {"duration_s": 3.0, "presses": scene["simulation"]["presses"][:1]}

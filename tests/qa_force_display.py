@@ -9,9 +9,9 @@ import numpy as np
 import pmt
 import pytest
 from gnuradio import blocks, gr, wiforce
-from gnuradio.wiforce.display import Trend, track, widget, words
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.readings import Reading
+from gnuradio.wiforce.gui import Trend, track, widget, words
+from gnuradio.wiforce.io.readings import Reading
 from PyQt5 import QtCore, QtWidgets
 from PyQt5.QtGui import QColor
 
@@ -123,7 +123,7 @@ def test_what_is_no_reading_at_all_is_passed_over(display, qt):
 
 
 def test_every_flag_is_survived_alone_and_all_at_once(display, qt):
-    from gnuradio.wiforce.readings import FLAGS
+    from gnuradio.wiforce.io.readings import FLAGS
 
     for flags in (*FLAGS, " ".join(FLAGS), FLAGS, "unheard-of"):
         picture(display, qt, PRESSED | {"flags": flags})

@@ -6,7 +6,7 @@ import pmt
 import pytest
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.waveform import sounding_waveform
+from gnuradio.wiforce.signal.waveform import sounding_waveform
 
 
 def estimate(vectors, factors, rows=1, tags=(), **settings):

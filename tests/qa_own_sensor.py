@@ -6,9 +6,9 @@ import subprocess
 import numpy as np
 import pytest
 import yaml
-from gnuradio.wiforce.capture import open_capture
+from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.scene.score import read_truth, score
+from gnuradio.wiforce.simulation.score import read_truth, score
 from second_simulator import Tag, write_vna
 from wiforce_app.read import read_capture
 

@@ -5,7 +5,7 @@ import numpy as np
 import pmt
 import pytest
 from gnuradio import blocks, gr, wiforce
-from gnuradio.wiforce.waveform import sounding_waveform
+from gnuradio.wiforce.signal.waveform import sounding_waveform
 
 
 def snapshot_tag(offset, index):

@@ -8,14 +8,14 @@ import pmt
 import pytest
 from device_times import rx_time
 from gnuradio import blocks, gr, wiforce
-from gnuradio.wiforce.angles import wrap_deg
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.average import AdaptiveAverage, SubcarrierAverage
 from gnuradio.wiforce.estimation.reference import ConjugateDifference
 from gnuradio.wiforce.estimation.separation import EndSeparator
+from gnuradio.wiforce.planning.plan import ACCEPTED_LOSS_DB, HARMONICS, plan
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.scene.plan import ACCEPTED_LOSS_DB, HARMONICS, plan
-from gnuradio.wiforce.scene.simulator import simulate
+from gnuradio.wiforce.signal.carrier import wrap_deg
+from gnuradio.wiforce.simulation.simulator import simulate
 from wiforce_app.bench.chain import SnapshotChain
 
 GROUP = 450_000

@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.readings import COLUMNS, Reading, open_writer
+from gnuradio.wiforce.io.readings import COLUMNS, Reading, open_writer
 
 TOUCHED = Reading(0.018, "arm", 1, 4.123456, 0.05, 45.0, 0.1, 91.5, -12.25, 9.876, ("gap", "weak"))
 UNTOLD = Reading(0.054, "arm", None, None, None, None, None, None, None, None, ("gap",))

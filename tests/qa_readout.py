@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gnuradio.wiforce.angles import wrap_deg
+from gnuradio.wiforce.estimation.readout import Readout
 from gnuradio.wiforce.estimation.state import ClockState, GroupState
-from gnuradio.wiforce.readout import Readout
 from gnuradio.wiforce.sensor import load_sensor
+from gnuradio.wiforce.signal.carrier import wrap_deg
 
 PERIOD_S = 0.036
 CARRIER_HZ = 900e6

@@ -4,11 +4,11 @@
 import numpy as np
 import pytest
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.scene.adc import Adc
-from gnuradio.wiforce.scene.channel import PEAK, AirChannel
-from gnuradio.wiforce.scene.paths import Fir, MovingPath, delay_taps, response, tag_taps
-from gnuradio.wiforce.scene.switching import SWITCHES, SwitchingClock, switch_states
-from gnuradio.wiforce.waveform import sounding_waveform
+from gnuradio.wiforce.signal.waveform import sounding_waveform
+from gnuradio.wiforce.simulation.adc import Adc
+from gnuradio.wiforce.simulation.channel import PEAK, AirChannel
+from gnuradio.wiforce.simulation.paths import Fir, MovingPath, delay_taps, response, tag_taps
+from gnuradio.wiforce.simulation.switching import SWITCHES, SwitchingClock, switch_states
 
 TA = 256 / 12.5e6
 T = 720 / 12.5e6

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.scene.clocks import (
+from gnuradio.wiforce.planning.clocks import (
     assess_clocks,
     double_rate_pulses,
     line_coefficients,
@@ -12,7 +12,7 @@ from gnuradio.wiforce.scene.clocks import (
     propose_clocks,
     switch_waveform,
 )
-from gnuradio.wiforce.waveform import sounding_waveform
+from gnuradio.wiforce.signal.waveform import sounding_waveform
 
 WAVEFORM = sounding_waveform("repeated", 720, 12.5e6)
 SCHEMES = {

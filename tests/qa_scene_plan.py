@@ -7,16 +7,16 @@ import subprocess
 
 import numpy as np
 import pytest
-from gnuradio.wiforce.estimation.loss import line_loss_db
 from gnuradio.wiforce.estimation.tracked_tag import TagClock
-from gnuradio.wiforce.estimation.weights import design_weights
+from gnuradio.wiforce.planning.advice import improve, warnings
+from gnuradio.wiforce.planning.expected import expect, receive_levels
+from gnuradio.wiforce.planning.loss import line_loss_db
+from gnuradio.wiforce.planning.plan import plan
+from gnuradio.wiforce.planning.steps import steps
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.scene.advice import improve, warnings
-from gnuradio.wiforce.scene.expected import expect, receive_levels
-from gnuradio.wiforce.scene.plan import plan
-from gnuradio.wiforce.scene.score import read_truth, score
-from gnuradio.wiforce.scene.simulator import simulate
-from gnuradio.wiforce.scene.steps import steps
+from gnuradio.wiforce.signal.weights import design_weights
+from gnuradio.wiforce.simulation.score import read_truth, score
+from gnuradio.wiforce.simulation.simulator import simulate
 
 T, TA = 57.6e-6, 20.48e-6
 
@@ -137,7 +137,7 @@ SECOND = {
 
 @pytest.mark.parametrize("sections", [SHORT, SECOND], ids=["still", "moving"])
 def test_errors_are_as_large_as_the_plan_says(sections, tmp_path):
-    from gnuradio.wiforce.capture import open_capture
+    from gnuradio.wiforce.io.capture import open_capture
     from wiforce_app.read import read_capture
 
     scene = scene_of(**sections)
@@ -168,7 +168,7 @@ def test_expected_noise_falls_with_energy_and_with_nothing_else():
 
 
 def test_adc_steps_are_those_of_the_simulator():
-    from gnuradio.wiforce.scene.channel import AirChannel
+    from gnuradio.wiforce.simulation.channel import AirChannel
 
     scene = scene_of()
     levels = receive_levels(scene)

@@ -6,8 +6,8 @@ import copy
 import pytest
 import yaml
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.yamlfile import as_number
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.yamlfile import as_number
 
 MINIMAL = {"sensors": [{"name": "arm", "model": "wiforce-900mhz"}]}
 PRESS = {"start_s": 0.8, "hold_s": 0.5, "force_n": 4.0, "location_mm": 45.0}

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.waveform import sounding_waveform
+from gnuradio.wiforce.signal.waveform import sounding_waveform
 
 
 def test_repeated_preamble_is_five_chirps_of_unit_power():

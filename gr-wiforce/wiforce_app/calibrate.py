@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 import numpy as np
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.textfile import check_output
+from gnuradio.wiforce.io.textfile import check_output
 
 from .ranges import CARRIER_HZ
 

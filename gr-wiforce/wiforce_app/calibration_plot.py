@@ -2,7 +2,7 @@
 """Picture of a calibration: what was measured, and the model's curves."""
 
 import numpy as np
-from gnuradio.wiforce.carrier import same_carrier
+from gnuradio.wiforce.signal.carrier import same_carrier
 
 
 def plot_calibration(table, model, path):

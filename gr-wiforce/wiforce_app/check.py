@@ -6,9 +6,9 @@ from dataclasses import asdict, dataclass, field
 
 import click
 import numpy as np
-from gnuradio.wiforce.codes import samples_of
 from gnuradio.wiforce.estimation.frame import MARGIN
 from gnuradio.wiforce.estimation.levels import measure_levels
+from gnuradio.wiforce.io.samples import samples_of
 from gnuradio.wiforce.scene import load_scene
 
 from .live import leave, open_radio, radio_options
@@ -72,7 +72,7 @@ def _listen(scene, radio, amplitude, args):
     """A session that has run for the reference and a little more, and the first frames of it."""
     import time
 
-    from gnuradio.wiforce.sample_keeper import sample_keeper
+    from gnuradio.wiforce.blocks.sample_keeper import sample_keeper
 
     from .live_session import LiveSession
     from .watch import Watch

@@ -7,14 +7,14 @@ import click
 import numpy as np
 import yaml
 from gnuradio.wiforce._config import DATA_DIR
-from gnuradio.wiforce.capture import open_capture
-from gnuradio.wiforce.readings import open_writer
+from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.io.readings import open_writer
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.scene.score import read_truth, score
-from gnuradio.wiforce.scene.simulator import frame_count, simulate
 from gnuradio.wiforce.sensor import load_sensor, write_sensor
 from gnuradio.wiforce.sensor.calibration import calibrate
 from gnuradio.wiforce.sensor.tables import measure_vna, read_vna_csv, write_vna_csv
+from gnuradio.wiforce.simulation.score import read_truth, score
+from gnuradio.wiforce.simulation.simulator import frame_count, simulate
 
 from .plots import plot_readings
 from .progress import progress

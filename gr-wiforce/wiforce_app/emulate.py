@@ -7,14 +7,14 @@ from contextlib import closing
 
 import click
 from gnuradio.wiforce.errors import InputError
+from software_n210.air import Cable, Counter
+from software_n210.console import Console, LineControl, ZmqControl
+from software_n210.engine import Device
+from software_n210.faults import GRAMMAR, parse_fault
+from software_n210.frontend import DAUGHTERBOARDS
+from software_n210.wire import TICK_RATE
 
 from .ranges import FiniteRange
-from .usrp.air import Cable, Counter
-from .usrp.console import Console, LineControl, ZmqControl
-from .usrp.engine import Device
-from .usrp.faults import GRAMMAR, parse_fault
-from .usrp.frontend import DAUGHTERBOARDS
-from .usrp.wire import TICK_RATE
 
 _DEFAULT_DELAY_US = 5.12
 
@@ -100,8 +100,7 @@ def _air(kind, scene, delay_ticks):
         raise InputError("SCENE", "is needed, unless --air says otherwise")
     # Imported when it is needed: a cable must not wait for the scene's mathematics.
     from gnuradio.wiforce.scene import load_scene
-
-    from .usrp.scene_air import SceneAir
+    from software_n210.scene_air import SceneAir
 
     return SceneAir(load_scene(scene), delay_ticks)
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import click
 import numpy as np
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.textfile import check_output
 from gnuradio.wiforce.sensor import published
-from gnuradio.wiforce.textfile import check_output
 
 from .progress import progress
 

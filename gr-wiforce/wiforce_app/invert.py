@@ -5,11 +5,11 @@ import math
 
 import click
 import numpy as np
-from gnuradio.wiforce.angles import wrap_deg
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.readings import WEAK_FORCE_N, WEAK_PHASE_DEG, Reading, open_writer
+from gnuradio.wiforce.io.readings import WEAK_FORCE_N, WEAK_PHASE_DEG, Reading, open_writer
+from gnuradio.wiforce.io.textfile import read_csv
 from gnuradio.wiforce.sensor.inversion import DEFAULT_STD_DEG
-from gnuradio.wiforce.textfile import read_csv
+from gnuradio.wiforce.signal.carrier import wrap_deg
 
 from .ranges import CARRIER_HZ
 

@@ -4,9 +4,9 @@
 import time
 
 from gnuradio import gr, wiforce
-from gnuradio.wiforce.codes import FULL_SCALE
-from gnuradio.wiforce.level_meter import level_meter
-from gnuradio.wiforce.state_probe import state_probe
+from gnuradio.wiforce.blocks.level_meter import level_meter
+from gnuradio.wiforce.blocks.state_probe import state_probe
+from gnuradio.wiforce.io.samples import FULL_SCALE
 
 # GNU Radio logs to standard output, where readings may go.
 gr.logging().set_default_level(gr.log_levels.error)

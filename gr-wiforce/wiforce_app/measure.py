@@ -14,11 +14,11 @@ from pathlib import Path
 
 import numpy as np
 from gnuradio.wiforce.estimation.average import AdaptiveAverage
-from gnuradio.wiforce.scene.plan import HARMONICS
+from gnuradio.wiforce.planning.plan import HARMONICS
+from gnuradio.wiforce.planning.steps import steps
 from gnuradio.wiforce.scene.schema import Press
-from gnuradio.wiforce.scene.simulator import simulate
-from gnuradio.wiforce.scene.steps import steps
-from gnuradio.wiforce.waveform import FFT_LENGTH
+from gnuradio.wiforce.signal.waveform import FFT_LENGTH
+from gnuradio.wiforce.simulation.simulator import simulate
 
 # Signal behind the untouched reference: long enough that a block's start does not count.
 _PRESSED_S = 1.0
@@ -36,7 +36,7 @@ def measure_steps(scene, plan):
     Returns
     -------
     dict
-        Name of the step (see ``scene.steps``) to seconds per second of signal.
+        Name of the step (see ``planning.steps``) to seconds per second of signal.
     """
     # Read by GNU Radio when it is imported.
     os.environ["GR_CONF_PERFCOUNTERS_ON"] = "True"

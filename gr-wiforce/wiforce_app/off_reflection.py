@@ -3,11 +3,11 @@
 
 import click
 import numpy as np
-from gnuradio.wiforce.capture import open_capture
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.off_state import estimate_off_reflection
+from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.scene.plan import plan
 
 from .progress import progress
 from .read import find_offset, read_capture, warn_of_leftover

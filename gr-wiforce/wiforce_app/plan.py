@@ -5,12 +5,12 @@ import dataclasses
 import json
 
 import click
+from gnuradio.wiforce.planning.advice import improve as proposals_for
+from gnuradio.wiforce.planning.advice import warnings as warnings_of
+from gnuradio.wiforce.planning.expected import expect
+from gnuradio.wiforce.planning.plan import plan as plan_of
+from gnuradio.wiforce.planning.steps import steps as steps_of
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.scene.advice import improve as proposals_for
-from gnuradio.wiforce.scene.advice import warnings as warnings_of
-from gnuradio.wiforce.scene.expected import expect
-from gnuradio.wiforce.scene.plan import plan as plan_of
-from gnuradio.wiforce.scene.steps import steps as steps_of
 
 
 @click.command()

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.textfile import check_output
+from gnuradio.wiforce.io.textfile import check_output
 
 _SUFFIXES = (".png", ".pdf", ".svg")
 

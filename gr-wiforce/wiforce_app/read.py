@@ -5,13 +5,13 @@ import signal
 import time
 
 import click
-from gnuradio.wiforce.capture import open_capture
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.frame import find_frame_offset, keeps_alignment
-from gnuradio.wiforce.readings import open_writer
+from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.io.readings import open_writer
+from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.scene.plan import plan
-from gnuradio.wiforce.scene.simulator import second_antenna
+from gnuradio.wiforce.simulation.simulator import second_antenna
 
 from .mishaps import mishaps
 from .progress import progress
@@ -128,7 +128,7 @@ def follow_capture(capture, scene, on_reading, frame_offset, tracked):
         Arguments of ``open_capture``.
     """
     from gnuradio import wiforce
-    from gnuradio.wiforce.capture_stream import capture_stream
+    from gnuradio.wiforce.blocks.capture_stream import capture_stream
 
     _silence_gnuradio()
     source = capture_stream(*capture, scene.radio.sample_rate_hz)

@@ -26,7 +26,8 @@ from .progress import progress
 def simulate(scene, name, datatype, seed):
     """Write the capture of a scene as NAME.sigmf-data and NAME.sigmf-meta, and what was pressed
     as NAME.truth.csv."""
-    from gnuradio.wiforce.scene import load_scene, simulator
+    from gnuradio.wiforce.scene import load_scene
+    from gnuradio.wiforce.simulation import simulator
 
     scene = load_scene(scene)
     if seed is not None:

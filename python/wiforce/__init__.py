@@ -1,73 +1,61 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """GNU Radio blocks that read contact force and its location from a passive wireless sensor.
 
-Blocks are imported when they are first named, so that the numpy rooms (``estimation``,
-``sensor``, ``scene``) can be used where GNU Radio's runtime is not wanted.
+Names are imported when they are first used: only the blocks load GNU Radio's runtime.
 """
 
 import importlib
-import sys
-import types
 
-_HOMES = {
-    # C++ blocks
-    "preamble_fold": "wiforce_python",
-    "ofdm_channel_estimator": "wiforce_python",
-    "phase_group_doppler": "wiforce_python",
-    "recording_source": "wiforce_python",
-    # Python blocks
-    "sounding_source": "sounding_source",
-    "antenna_ratio": "antenna_ratio",
-    "end_separation": "end_separation",
-    "conjugate_difference": "conjugate_difference",
-    "subcarrier_average": "subcarrier_average",
-    "force_inversion": "force_inversion",
-    "reader": "reader",
-    "capture_source": "capture_source",
-    "clock_offset": "clock_offset",
-    "frame_alignment": "frame_alignment",
-    "sigmf_recorder": "sigmf_recorder",
-    "backscatter_tag": "backscatter_tag",
-    "force_display": "force_display",
-    "trend_display": "trend_display",
-    "ForceDisplay": "display",
-    # what their parameters are made with, and checked by
-    "tone_weights": "tones",
-    "tone_derotation": "tones",
-    "tone_count": "tones",
+_BLOCKS_IN_CPP = (
+    "ofdm_channel_estimator",
+    "phase_group_doppler",
+    "preamble_fold",
+    "recording_source",
+)
+_BLOCKS_IN_PYTHON = (
+    "antenna_ratio",
+    "backscatter_tag",
+    "capture_source",
+    "clock_offset",
+    "conjugate_difference",
+    "end_separation",
+    "force_display",
+    "force_inversion",
+    "frame_alignment",
+    "reader",
+    "sigmf_recorder",
+    "sounding_source",
+    "subcarrier_average",
+    "trend_display",
+)
+_MODULES = {
+    **dict.fromkeys(_BLOCKS_IN_CPP, "wiforce_python"),
+    **{name: f"blocks.{name}" for name in _BLOCKS_IN_PYTHON},
+    "ForceDisplay": "gui",
     "load_scene": "scene",
     "load_sensor": "sensor",
-    "open_writer": "readings",
-    "is_scene": "rules",
-    "is_capture": "rules",
-    "is_sensor": "rules",
-    "is_carrier_of": "rules",
-    "is_amplitude_of": "rules",
-    "is_tone_design": "rules",
+    "open_writer": "io.readings",
+    "sounding_waveform": "signal.waveform",
+    # what the blocks' parameters are made with, and checked by
+    "tone_weights": "estimation.tones",
+    "tone_derotation": "estimation.tones",
+    "tone_count": "estimation.tones",
+    "is_scene": "blocks.rules",
+    "is_capture": "blocks.rules",
+    "is_sensor": "blocks.rules",
+    "is_carrier_of": "blocks.rules",
+    "is_amplitude_of": "blocks.rules",
+    "is_tone_design": "blocks.rules",
 }
 
-__all__ = list(_HOMES)
+__all__ = list(_MODULES)
 
 
 def __getattr__(name):
-    if name not in _HOMES:
+    if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    module = importlib.import_module(f".{_HOMES[name]}", __name__)
-    return getattr(module, name)
-
-
-class _Package(types.ModuleType):
-    """Lets the name of a block mean the block, not the file of that name it lives in."""
-
-    def __setattr__(self, name, value):
-        # What the import system does to a package when one of its files has been loaded.
-        if _HOMES.get(name) == name and isinstance(value, types.ModuleType):
-            value = getattr(value, name)
-        super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Package
+    return getattr(importlib.import_module(f".{_MODULES[name]}", __name__), name)
 
 
 def __dir__():
-    return sorted([*globals(), *_HOMES])
+    return sorted([*globals(), *_MODULES])

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import faults
 import numpy as np
-from gnuradio.wiforce.capture import open_capture
+from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.scene.simulator import simulate
+from gnuradio.wiforce.simulation.simulator import simulate
 from wiforce_app.read import read_capture
 
 FOLDER = Path(__file__).parent

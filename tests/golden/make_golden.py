@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Stores the readings of all cases, or of those named: build/run python3 tests/golden/make_golden.py
+"""Stores the readings of all cases, or of those named.
+
+build/run python3 tests/golden/make_golden.py [CASE...]
 
 Run only when readings are meant to change; the commit says how they changed and why.
 """
@@ -11,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parent.parent / "robustness")]
-import cases
+import cases  # noqa: E402
 
 with tempfile.TemporaryDirectory() as folder:
     for case in sys.argv[1:] or cases.all_cases():

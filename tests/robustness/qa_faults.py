@@ -9,7 +9,7 @@ import faults
 import numpy as np
 import pytest
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.scene.simulator import simulate
+from gnuradio.wiforce.simulation.simulator import simulate
 
 SEQUENCES, LONG_SEQUENCES = 50, 1000
 

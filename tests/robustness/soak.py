@@ -17,7 +17,7 @@ import faults
 import numpy as np
 from gnuradio import gr, wiforce
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.scene.simulator import simulate
+from gnuradio.wiforce.simulation.simulator import simulate
 
 MOST_GROWTH_KB = 5000
 PERIOD = 25 * faults.GROUP  # a whole number of tag periods at an offset of 0 ppm

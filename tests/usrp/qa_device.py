@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 import zmq
 from gnuradio import blocks, gr, uhd
-from wiforce_app.usrp.air import Cable
-from wiforce_app.usrp.console import ZmqControl
-from wiforce_app.usrp.engine import Device
+from software_n210.air import Cable
+from software_n210.console import ZmqControl
+from software_n210.engine import Device
 
 CONTROL, RX0, TX, FIFO = 49152, 49156, 49157, 49159
 PORTS = (49152, 49156, 49157, 49158, 49159, 49172)

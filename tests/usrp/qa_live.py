@@ -19,11 +19,11 @@ import numpy as np
 import pytest
 import zmq
 from fuzzing import LIMIT_BYTES, peak_memory
-from gnuradio.wiforce.capture import open_capture
 from gnuradio.wiforce.estimation.frame import MARGIN
-from gnuradio.wiforce.readings import GroupCounts
+from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.io.readings import GroupCounts
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.scene.channel import AirChannel
+from gnuradio.wiforce.simulation.channel import AirChannel
 from mutations import mutated
 from software_usrp import SoftwareUsrp
 from wiforce_app import watch

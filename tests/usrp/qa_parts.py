@@ -8,19 +8,19 @@ from collections import deque
 import numpy as np
 import pytest
 from gnuradio.wiforce.errors import InputError
-from wiforce_app.usrp import wire
-from wiforce_app.usrp.air import Cable, SampleHistory
-from wiforce_app.usrp.clock import DeviceClock
-from wiforce_app.usrp.control import Control
-from wiforce_app.usrp.eeprom import I2cBus, daughterboard_image, motherboard_image
-from wiforce_app.usrp.faults import FaultQueue, parse_fault
-from wiforce_app.usrp.fifo import Fifo
-from wiforce_app.usrp.frontend import Synthesizer
-from wiforce_app.usrp.pacing import HostBacklog, Throttle, WallClock
-from wiforce_app.usrp.receive import ReceiveChain
-from wiforce_app.usrp.registers import Registers
-from wiforce_app.usrp.transmit import TransmitChain
-from wiforce_app.usrp.wire import Malformed
+from software_n210 import wire
+from software_n210.air import Cable, SampleHistory
+from software_n210.clock import DeviceClock
+from software_n210.control import Control
+from software_n210.eeprom import I2cBus, daughterboard_image, motherboard_image
+from software_n210.faults import FaultQueue, parse_fault
+from software_n210.fifo import Fifo
+from software_n210.frontend import Synthesizer
+from software_n210.pacing import HostBacklog, Throttle, WallClock
+from software_n210.receive import ReceiveChain
+from software_n210.registers import Registers
+from software_n210.transmit import TransmitChain
+from software_n210.wire import Malformed
 
 SECOND = 100_000_000
 CIC_2_BOTH_HALF_BANDS = 0x302

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from gnuradio import blocks, gr, uhd
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.scene.channel import AirChannel
-from gnuradio.wiforce.scene.simulator import capture
-from wiforce_app.usrp.scene_air import SceneAir
+from gnuradio.wiforce.simulation.channel import AirChannel
+from gnuradio.wiforce.simulation.simulator import capture
+from software_n210.scene_air import SceneAir
 
 REFERENCE_AMPLITUDE = 0.5  # of the sounding waveform, at gains of 15 dB
 

@@ -12,7 +12,7 @@ class SnapshotChain:
 
     Parameters
     ----------
-    plan : scene.plan.Plan
+    plan : planning.plan.Plan
     derotated : bool
         Whether tones that are given were stopped from turning within a symbol.
     """

@@ -6,7 +6,7 @@ import time
 
 import click
 import numpy as np
-from gnuradio.wiforce.angles import wrap_deg
+from gnuradio.wiforce.signal.carrier import wrap_deg
 
 from ..progress import progress
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from gnuradio.wiforce.angles import wrap_deg
-from gnuradio.wiforce.estimation.bound import phase_bound_deg
 from gnuradio.wiforce.estimation.off_state import corrected_phase_deg
 from gnuradio.wiforce.estimation.tracked_tag import TagClock
-from gnuradio.wiforce.scene.plan import Plan
-from gnuradio.wiforce.waveform import sounding_waveform
+from gnuradio.wiforce.planning.plan import Plan
+from gnuradio.wiforce.signal.bound import phase_bound_deg
+from gnuradio.wiforce.signal.carrier import wrap_deg
+from gnuradio.wiforce.signal.waveform import sounding_waveform
 
 from .air import Air, PathLevels, TagOnAir
 from .chain import SnapshotChain

@@ -92,8 +92,8 @@ def _lines(only):
 
 def _planned(scene):
     """Weights that the plan of a shipped scene asks for."""
+    from gnuradio.wiforce.planning.plan import plan
     from gnuradio.wiforce.scene import load_scene
-    from gnuradio.wiforce.scene.plan import plan
 
     return plan(load_scene(scene)).table.weights
 

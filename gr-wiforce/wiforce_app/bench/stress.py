@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 import numpy as np
-from gnuradio.wiforce.textfile import check_output
+from gnuradio.wiforce.io.textfile import check_output
 
 from ..progress import progress
 from .cases import Case
@@ -222,7 +222,7 @@ def _near_clocks(name, path, search, seed, readable):
 
     Pairs that the plan calls readable, or the others.
     """
-    from gnuradio.wiforce.scene.clocks import assess_clocks
+    from gnuradio.wiforce.planning.clocks import assess_clocks
 
     from .stress_paths import WAVEFORM, read_case
 
@@ -277,7 +277,7 @@ def _any_setting(name, path, search, seed):
 def _searched(name, path, search, trial, label, read_case):
     """Worst of many tries: by errors in stated standard deviations, of what is not flagged."""
     from gnuradio.wiforce.errors import InputError
-    from gnuradio.wiforce.readings import WEAK_PHASE_DEG
+    from gnuradio.wiforce.io.readings import WEAK_PHASE_DEG
 
     worst, reason, refused, not_finite, unread = 0.0, "", 0, 0, 0
     for run in range(search):

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from gnuradio.wiforce.readings import WEAK_PHASE_DEG
-from gnuradio.wiforce.waveform import FFT_LENGTH, sounding_waveform
+from gnuradio.wiforce.io.readings import WEAK_PHASE_DEG
+from gnuradio.wiforce.signal.waveform import FFT_LENGTH, sounding_waveform
 
 from .chain import SnapshotChain
 from .montecarlo import air_of, errors_of, plan_of

@@ -7,7 +7,7 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import click
-from gnuradio.wiforce.textfile import check_output
+from gnuradio.wiforce.io.textfile import check_output
 
 from ..progress import progress
 from .front import beat_the_plan, front

@@ -10,17 +10,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from gnuradio.wiforce.angles import wrap_deg
-from gnuradio.wiforce.capture import open_capture
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.readout import Readout
+from gnuradio.wiforce.estimation.readout import Readout
+from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.planning.expected import MEDIAN, phase_std_deg
+from gnuradio.wiforce.planning.plan import check_lines, plan
+from gnuradio.wiforce.planning.steps import steps
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.scene.channel import AirChannel
-from gnuradio.wiforce.scene.expected import MEDIAN, phase_std_deg
-from gnuradio.wiforce.scene.plan import check_lines, plan
-from gnuradio.wiforce.scene.score import read_truth, score
-from gnuradio.wiforce.scene.simulator import simulate, write_truth
-from gnuradio.wiforce.scene.steps import steps
+from gnuradio.wiforce.signal.carrier import wrap_deg
+from gnuradio.wiforce.simulation.channel import AirChannel
+from gnuradio.wiforce.simulation.score import read_truth, score
+from gnuradio.wiforce.simulation.simulator import simulate, write_truth
 
 from ..measure import measure_steps
 from .chain import SnapshotChain

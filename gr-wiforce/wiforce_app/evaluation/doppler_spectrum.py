@@ -5,7 +5,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from gnuradio.wiforce.waveform import FFT_LENGTH
+from gnuradio.wiforce.signal.waveform import FFT_LENGTH
 
 _LENGTH = 5000  # snapshots per stretch
 _KAISER_BETA = 14  # side lobes below -100 dB: a strong static path hides no line

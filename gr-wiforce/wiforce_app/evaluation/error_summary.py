@@ -2,7 +2,7 @@
 """A method's errors in a scene as plain figures, and what a calibration adds to them."""
 
 import numpy as np
-from gnuradio.wiforce.angles import wrap_deg
+from gnuradio.wiforce.signal.carrier import wrap_deg
 
 
 def summary(phase_deg, force_n, location_mm):

@@ -5,15 +5,15 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from gnuradio.wiforce.angles import wrap_deg
-from gnuradio.wiforce.capture import open_capture
+from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.planning.expected import expect, why_not_readable
+from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.scene.channel import AirChannel
-from gnuradio.wiforce.scene.expected import expect, why_not_readable
 from gnuradio.wiforce.scene.load import about_scene
-from gnuradio.wiforce.scene.plan import plan
-from gnuradio.wiforce.scene.score import read_truth, score
-from gnuradio.wiforce.scene.simulator import simulate
+from gnuradio.wiforce.signal.carrier import wrap_deg
+from gnuradio.wiforce.simulation.channel import AirChannel
+from gnuradio.wiforce.simulation.score import read_truth, score
+from gnuradio.wiforce.simulation.simulator import simulate
 
 from ..read import read_capture
 from .doppler_spectrum import doppler_spectrum

@@ -4,9 +4,9 @@
 import dataclasses
 
 import numpy as np
-from gnuradio.wiforce.angles import wrap_deg
 from gnuradio.wiforce.estimation.estimators import RatioUnfolder, estimator_named
 from gnuradio.wiforce.estimation.off_state import corrected_phase_deg
+from gnuradio.wiforce.signal.carrier import wrap_deg
 
 from ..read import read_capture
 from .error_summary import calibration_bias_deg, summary

@@ -12,9 +12,9 @@ import click
 import yaml
 from gnuradio.wiforce._config import DATA_DIR, VERSION
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.textfile import write_whole
 from gnuradio.wiforce.scene import load_scene, shipped_scenes
 from gnuradio.wiforce.sensor.file import sensor_to_dict
-from gnuradio.wiforce.textfile import write_whole
 
 from ..progress import progress
 from .report import table, write_report

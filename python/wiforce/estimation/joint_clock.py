@@ -10,8 +10,8 @@ squares over the ends and the clocks of all tags together.
 
 import numpy as np
 
+from ..signal.switching import switch_averages
 from .likelihood import evaluate, turned_by
-from .tag_clock import switch_averages
 
 _PHASES = 0.1 + 2 * np.pi * np.arange(6) / 6
 # Channels of the two ends that are tried.

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..waveform import PREAMBLE_LENGTH
+from ..signal.waveform import PREAMBLE_LENGTH
 from .frame import MARGIN
 
 _ECHOES = 24  # samples after the preamble that may hold what comes late

@@ -13,7 +13,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from ..errors import InputError
-from .tag_clock import harmonics
+from ..signal.switching import harmonics
 
 # Lines beyond this carry too little energy to help the clock.
 _HIGHEST_LINE = 8

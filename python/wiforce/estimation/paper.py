@@ -7,8 +7,8 @@ Same interface as :class:`separation.EndSeparator`.
 import numpy as np
 
 from ..errors import InputError
+from ..signal.switching import harmonics
 from .state import ClockState, GroupState
-from .tag_clock import harmonics
 
 # Lines on which the paper reads end 1 and end 2.
 _LINES = (1, 4)

@@ -12,11 +12,11 @@ from copy import copy
 
 import numpy as np
 
+from ..signal.switching import harmonics
 from .acquisition import DELAY_EVIDENCE, acquire
 from .group_fit import GroupFit, GroupTones, inverse_of, power_of, without_loud
 from .joint_clock import likelihood_bias, phase_errors, phase_information
 from .state import GroupState
-from .tag_clock import harmonics
 from .tracked_tag import TrackedTag
 
 # Acquisition: at least so many groups and so much time.

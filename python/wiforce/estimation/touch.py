@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..angles import wrap_deg
-from ..readings import WEAK_PHASE_DEG
+from ..io.readings import WEAK_PHASE_DEG
+from ..signal.carrier import wrap_deg
 
 # Spread of phases that counts as the same state however good the SNR, in degrees.
 _STATE_SPREAD_DEG = 1.5

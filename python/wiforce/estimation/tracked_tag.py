@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..signal.switching import switch_averages
 from .clock import ClockTracker
 from .likelihood import PhaseLikelihood
 from .state import ClockState
-from .tag_clock import switch_averages
 
 _STEP_RAD = 1e-4
 

@@ -5,7 +5,7 @@ from itertools import takewhile
 from pathlib import Path
 
 from ..errors import InputError
-from ..yamlfile import Section, read_yaml
+from ..io.yamlfile import Section, read_yaml
 from .contradictions import check_scene
 from .schema import Scene
 from .sections import parse_scene

@@ -9,7 +9,7 @@ import dataclasses
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ..waveform import sounding_waveform
+from ..signal.waveform import sounding_waveform
 
 
 @dataclass(frozen=True)

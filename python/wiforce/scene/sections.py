@@ -2,8 +2,8 @@
 """The sections of a scene file, key by key: types, ranges, defaults."""
 
 from ..errors import InputError
-from ..waveform import sounding_waveform
-from ..yamlfile import Section
+from ..io.yamlfile import Section
+from ..signal.waveform import sounding_waveform
 from .schema import (
     Environment,
     Move,

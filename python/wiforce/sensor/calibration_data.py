@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..carrier import same_carrier
 from ..errors import InputError
+from ..signal.carrier import same_carrier
 from . import curves, line
 from .checks import check_places, continuous_phase, split_untouched
 from .model import LEAST_FREQUENCY_HZ

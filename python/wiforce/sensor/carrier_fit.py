@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from ..angles import wrap_deg
+from ..signal.carrier import wrap_deg
 from . import curves, line
 from .calibration_data import compared_forces
 from .fit import CurveFitter, noise_and_misfit

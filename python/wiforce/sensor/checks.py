@@ -3,8 +3,8 @@
 
 import numpy as np
 
-from ..angles import wrap_deg
 from ..errors import InputError
+from ..signal.carrier import wrap_deg
 from . import line
 from .model import LEAST
 

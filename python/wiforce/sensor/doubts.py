@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from ..carrier import same_carrier
+from ..signal.carrier import same_carrier
 from . import line
 
 _ENOUGH_LOCATIONS = 5

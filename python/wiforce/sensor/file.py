@@ -10,8 +10,8 @@ import numpy as np
 import yaml
 
 from ..errors import InputError, unwritable
-from ..textfile import write_whole
-from ..yamlfile import Section, as_number, read_yaml
+from ..io.textfile import write_whole
+from ..io.yamlfile import Section, as_number, read_yaml
 from . import curves, line
 from .checks import check_onset
 from .location import SHAPES

@@ -8,7 +8,7 @@ Student-t. The grid closes in as the location becomes known.
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
-from ..angles import wrap_deg
+from ..signal.carrier import wrap_deg
 
 # Degrees of freedom of the phase noise: published readings scatter so.
 NOISE_FREEDOM = 4.0

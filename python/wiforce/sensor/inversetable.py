@@ -10,7 +10,7 @@ step: a Newton step whose Jacobian was computed beforehand.
 
 import numpy as np
 
-from ..angles import wrap_deg
+from ..signal.carrier import wrap_deg
 
 # Columns of a row that are read again here.
 _FORCE, _JACOBIAN, _VARIANCE, _TRUSTED_DEG = 0, 2, 12, 15

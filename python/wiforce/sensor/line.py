@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..carrier import SPEED_OF_LIGHT_M_S
+from ..signal.carrier import SPEED_OF_LIGHT_M_S
 
 
 def round_trip_deg_per_mm(frequency_hz, permittivity=1.0):

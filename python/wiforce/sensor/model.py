@@ -6,8 +6,8 @@ from functools import cached_property
 
 import numpy as np
 
-from ..angles import wrap_deg
 from ..errors import InputError
+from ..signal.carrier import wrap_deg
 from . import line
 
 # A carrier given within this fraction of a calibrated one is taken for it: 0.1 % changes 2 beta L

@@ -13,7 +13,7 @@ and the location at each node. Where a turn of phase brings another location nea
 
 import numpy as np
 
-from ..angles import wrap_deg
+from ..signal.carrier import wrap_deg
 from ..wiforce_numerics import likelihood_profile
 
 _FORCES = 24

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..angles import wrap_deg
 from ..errors import InputError
+from ..signal.carrier import wrap_deg
 from .calibration import calibrate
 from .curves import FORMS
 from .refine import refine

@@ -12,9 +12,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import block_diag
 
-from ..angles import wrap_deg
-from ..carrier import same_carrier
 from ..errors import InputError
+from ..signal.carrier import same_carrier, wrap_deg
 from . import curves
 from .checks import check_table
 from .filter_bank import NOISE_FREEDOM

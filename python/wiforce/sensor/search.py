@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..angles import wrap_deg
+from ..signal.carrier import wrap_deg
 
 _GRID_LOCATION_STEP = 2
 _FINE_FORCES = 4

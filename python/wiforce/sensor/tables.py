@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..carrier import same_carrier
 from ..errors import InputError
-from ..textfile import read_bytes, read_csv
+from ..io.textfile import read_bytes, read_csv
+from ..signal.carrier import same_carrier
 
 _MAX_TOUCHSTONE_BYTES = 8_000_000
 _LARGEST = 1e6  # of any number in a table: MHz, mm, N, degrees

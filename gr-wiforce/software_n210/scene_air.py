@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A scene on the air between the device's connectors, at absolute levels."""
+
+from dataclasses import replace
+
+import numpy as np
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.simulation.adc import Adc
+from gnuradio.wiforce.simulation.channel import AirChannel
+
+from .air import Cable, SampleHistory, amplitude
+from .dsp import FULL_SCALE
+from .wire import TICK_RATE
+
+# A sounding waveform of this amplitude (its mean preamble power is the square), at the board's
+# middle gains, gives the levels of the scene.
+REFERENCE_AMPLITUDE = 0.5
+_CARRIER_TOLERANCE = 1e-6
+
+
+class SceneAir(Cable):
+    """The scene's channel, applied to what the host transmits; see docs/software-n210.md.
+
+    Time 0 of the scene is the first sample of the first stream that a host receives after
+    opening the device; a new session begins the scene anew.
+
+    Parameters
+    ----------
+    scene : Scene
+    delay_ticks : int
+        Of the device itself, from transmit to receive.
+    """
+
+    def __init__(self, scene, delay_ticks):
+        super().__init__(delay_ticks)
+        self._scene = scene
+        self._adc = Adc(scene.simulation.adc_bits)
+        AirChannel(scene)  # refuses a scene that it cannot put on the air
+        self._prepare(
+            round(TICK_RATE / scene.radio.sample_rate_hz), scene.radio.center_frequency_hz
+        )
+
+    def restart(self):
+        super().restart()
+        self._prepare(self._spacing, self._carrier_hz)
+
+    def forget(self, tick):
+        super().forget(tick)
+        self._received.forget(tick)
+
+    def transmit(self, tick, spacing, samples):
+        level = amplitude(self.tuning.tx_gain_db - self.tuning.reference_gain_db)
+        self._sent.append(tick, spacing, samples * np.float32(level / REFERENCE_AMPLITUDE))
+
+    def receive(self, chain, tick, spacing, count):
+        if chain.stream_start is None:
+            return np.zeros(count, np.complex64)
+        if self._leader is None or self._leader is chain:
+            self._follow(chain, tick, spacing)
+        self._advance(chain, tick + (count - 1) * spacing)
+        return self._received.take(tick, spacing, count)
+
+    def check_sensor(self, sensor):
+        if sensor not in self._channel.sensors:
+            known = ", ".join(self._channel.sensors)
+            raise InputError("sensor", f"must be one of the scene's ({known})", sensor)
+
+    def status(self):
+        """Force, location and touch of each sensor now."""
+        states = self._channel.touch_state([self._next * self._spacing / TICK_RATE])
+        return {"sensors": {name: _plain(state) for name, state in states.items()}}
+
+    def press(self, sensor, force_n, location_mm):
+        """Press a sensor from now on, whatever the scene says.
+
+        Raises
+        ------
+        InputError
+            For an unknown sensor or a force that is none.
+        """
+        if not (0 <= force_n < 1000 and 0 <= location_mm <= 10_000):
+            raise InputError("press", "force and location must not be negative or absurd")
+        self._sensor(sensor).pressed.hold(force_n, location_mm)
+
+    def release(self, sensor):
+        """Touch a sensor no more."""
+        self._sensor(sensor).pressed.hold(0.0, np.nan)
+
+    def set_clock_offset(self, sensor, ppm):
+        """The tag's clock is from now on fast by `ppm`."""
+        self._sensor(sensor).clock.retune(self._next * self._spacing / TICK_RATE, ppm)
+
+    def switch_tag(self, sensor, on):
+        """Stop or start a tag's switches."""
+        self._sensor(sensor).on = on
+
+    def _sensor(self, name):
+        self.check_sensor(name)
+        return self._channel.sensors[name]
+
+    def _prepare(self, spacing, carrier_hz):
+        """A channel of its own for this sample spacing and carrier.
+
+        At a carrier that the scene's sensors don't know nothing comes back but noise.
+        """
+        self._spacing, self._carrier_hz = spacing, carrier_hz
+        try:
+            self._channel = AirChannel(self._scene_at(spacing, carrier_hz))
+            self._silent = False
+        except InputError:
+            own_hz = self._scene.radio.center_frequency_hz
+            self._channel = AirChannel(self._scene_at(spacing, own_hz))
+            self._silent = True
+        self._received = SampleHistory()
+        self._leader, self._origin, self._next = None, None, 0
+
+    def _scene_at(self, spacing, carrier_hz):
+        rate_hz = TICK_RATE / spacing
+        radio = replace(self._scene.radio, sample_rate_hz=rate_hz, center_frequency_hz=carrier_hz)
+        return replace(self._scene, radio=radio)
+
+    def _follow(self, chain, tick, spacing):
+        """Run at the rate and carrier of the first chain that receives, and go on from `tick`."""
+        carrier_hz = self._known_carrier()
+        if (spacing, carrier_hz) != (self._spacing, self._carrier_hz):
+            self._prepare(spacing, carrier_hz)
+        if self._leader is None:
+            self._leader, self._origin = chain, chain.stream_start
+        position = -(-(tick - self._origin) // spacing)
+        if position != self._next:
+            self._channel.restart(position)
+            self._next = position
+
+    def _known_carrier(self):
+        """The transmit carrier; the scene's own where the driver's differs by rounding."""
+        wanted = self._scene.radio.center_frequency_hz
+        actual = self.tuning.tx_carrier_hz
+        return wanted if abs(actual - wanted) <= _CARRIER_TOLERANCE * wanted else actual
+
+    def _advance(self, chain, last_tick):
+        """Let the air go on until it covers `last_tick`."""
+        spacing = self._spacing
+        count = (last_tick - self._origin) // spacing + 1 - self._next
+        if count <= 0:
+            return
+        tick = self._origin + self._next * spacing
+        sent = self._sent.take(tick - self._delay, spacing, count)
+        if self._silent:
+            sent[:] = 0
+        received = self._channel.process(sent, self._next)
+        received = self.tuning.to_receive_carrier(received, chain, tick, spacing)
+        level = amplitude(self.tuning.rx_gain_db - self.tuning.reference_gain_db)
+        codes = self._adc.codes(received * level)
+        samples = codes.astype(np.float32) / np.float32(FULL_SCALE)
+        self._received.append(tick, spacing, samples.view(np.complex64))
+        self._next += count
+
+
+def _plain(state):
+    """A touch state of one moment as plain values."""
+    location_mm = float(state.location_mm[0])
+    return {
+        "touch": bool(state.touch[0]),
+        "force_n": float(state.force_n[0]),
+        "location_mm": None if np.isnan(location_mm) else location_mm,
+    }

@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Block: two receive antennas' folded vectors to those of their ratio."""
+
+import numpy as np
+from gnuradio import gr
+
+from ..estimation.antennas import channel_ratio
+from ..signal.waveform import FFT_LENGTH, sounding_waveform
+
+
+class antenna_ratio(gr.sync_block):
+    """The channel of one receive antenna over that of another, as folded vectors.
+
+    For a transmitter and a receiver on clocks of their own (``reader_clock: free``): the phase of
+    the receiver's oscillator is the same on both antennas and leaves the ratio. What comes out
+    enters a ``reader`` with the input ``folded``.
+
+    Input 0 and 1: vectors of 64 complex, a frame each (``preamble_fold``, ``capture_source``), of
+    the same frames; gaps must be the same. Output: vectors of 64; tags are those of input 0.
+
+    Parameters
+    ----------
+    waveform : str
+        ``repeated`` or ``wifi``, as it was sent.
+    frame_length : int
+        Samples per frame.
+    sample_rate : float
+        Samples per second.
+
+    Raises
+    ------
+    InputError
+        For a sounding frame that cannot be.
+    """
+
+    def __init__(self, waveform="repeated", frame_length=720, sample_rate=12.5e6):
+        vector = (np.complex64, FFT_LENGTH)
+        gr.sync_block.__init__(self, "antenna_ratio", in_sig=[vector, vector], out_sig=[vector])
+        made = sounding_waveform(waveform, frame_length, sample_rate)
+        self._bins = made.bins
+        self._equalizer = made.equalizer()[made.bins]
+        self.set_tag_propagation_policy(gr.TPP_DONT)
+
+    def work(self, input_items, output_items):
+        first, second = (np.fft.fft(items)[:, self._bins] for items in input_items)
+        spectrum = np.zeros((len(first), FFT_LENGTH), complex)
+        # The sounding symbol cancels in the ratio and is put back for the channel estimator.
+        spectrum[:, self._bins] = channel_ratio(first, second) / self._equalizer
+        output_items[0][:] = np.fft.ifft(spectrum)
+        start = self.nitems_read(0)
+        for tag in self.get_tags_in_window(0, 0, len(first)):
+            self.add_item_tag(0, self.nitems_written(0) + tag.offset - start, tag.key, tag.value)
+        return len(first)

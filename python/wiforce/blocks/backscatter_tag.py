@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Block: a sensor with its tag on the air."""
+
+from collections import deque
+
+import numpy as np
+from gnuradio import gr
+
+from ..errors import InputError
+from ..scene import load_scene
+from ..simulation.channel import AirChannel
+
+_WORK_ITEMS = 16384  # as many samples at once as keep the cost of a call small
+
+
+class backscatter_tag(gr.sync_block):
+    """Adds the reflection of a pressed sensor, and noise, to the samples that pass.
+
+    Input: complex transmit samples, as they are or behind a channel (of stock blocks, say).
+    Output: input + tag + noise. The tag's clock runs free, its switches are exact to a fraction of
+    a sample, and its phases are those of a sensor model at the force and location that are set.
+
+    Parameters
+    ----------
+    model : str
+        Name of a shipped sensor, or path of a sensor file.
+    clock_hz : float
+        Clock of the tag, fs; 4 fs below half the frame rate.
+    clock_offset_ppm : float
+        Error of the tag's clock; positive when it is fast.
+    force_n : float
+        0 or more; the line is touched from the model's ``onset_force_n`` on.
+    location_mm : float
+        From port 1, on the line.
+    snr_db : float
+        |c1[1] G1|^2 against the noise, per subcarrier and snapshot.
+    static_clutter_db : float
+        Power of the input against that of the tag's line, |c1[1] G1|^2.
+    amplitude : float
+        Root of the mean preamble power of the input, as set in ``sounding_source``.
+    off_reflection : complex
+        G_off / rho of the open switches, below 1 in magnitude.
+    center_frequency, sample_rate : float
+        In Hz and samples per second.
+    waveform : str
+        ``repeated`` or ``wifi``: what ``snr_db`` counts for.
+    frame_length : int
+        Samples per frame.
+    seed : int
+        Of the noise and of the clock's start phase.
+
+    Raises
+    ------
+    InputError
+        (A ValueError) naming parameter, rule and value.
+    """
+
+    def __init__(
+        self,
+        model="line-900mhz",
+        clock_hz=1000.0,
+        clock_offset_ppm=40.0,
+        force_n=0.0,
+        location_mm=40.0,
+        snr_db=10.0,
+        static_clutter_db=60.0,
+        amplitude=0.5,
+        off_reflection=0j,
+        center_frequency=900e6,
+        sample_rate=12.5e6,
+        waveform="repeated",
+        frame_length=720,
+        seed=1,
+    ):
+        if not (np.isfinite(amplitude) and amplitude > 0):
+            raise InputError("amplitude", "must be above 0", amplitude)
+        if static_clutter_db is None:
+            raise InputError("static_clutter_db", "must be a number", static_clutter_db)
+        off = complex(off_reflection)
+        scene = load_scene(
+            {
+                "radio": {"center_frequency_hz": center_frequency, "sample_rate_hz": sample_rate},
+                "sounding": {"waveform": waveform, "frame_length": int(frame_length)},
+                "sensors": [
+                    {
+                        "name": "tag",
+                        "model": model,
+                        "clock_hz": clock_hz,
+                        "off_reflection": [off.real, off.imag],
+                    }
+                ],
+                "simulation": {
+                    "duration_s": 1e6,
+                    "clock_offset_ppm": clock_offset_ppm,
+                    "clock_drift_ppm_per_s": 0.0,
+                    "static_clutter_db": static_clutter_db,
+                    "snr_db": snr_db,
+                    "seed": seed,
+                },
+            }
+        )
+        gr.sync_block.__init__(self, "backscatter_tag", [np.complex64], [np.complex64])
+        self._length_mm = scene.load_model(model).length_mm
+        self._rate = scene.radio.sample_rate_hz
+        self._air = AirChannel(scene, amplitude, through=True)
+        self._tag = self._air.sensors["tag"]
+        self._changes = deque()
+        self._force_n, self._location_mm = 0.0, 0.0
+        self.set_location_mm(location_mm)
+        self.set_force_n(force_n)
+        self._ask_for_buffer(4 * _WORK_ITEMS)
+
+    def set_force_n(self, force_n):
+        """Press with this force from now on."""
+        self._force_n = _checked("force_n", force_n, 0, 1000)
+        self._press()
+
+    def set_location_mm(self, location_mm):
+        """Press here from now on."""
+        self._location_mm = _checked("location_mm", location_mm, 0, self._length_mm)
+        self._press()
+
+    def set_clock_offset_ppm(self, offset_ppm):
+        """Change the rate of the tag's clock; its phase goes on without a step."""
+        offset_ppm = _checked("clock_offset_ppm", offset_ppm, -1000, 1000)
+        self._changes.append(lambda now_s: self._tag.clock.retune(now_s, offset_ppm))
+
+    def set_snr_db(self, snr_db):
+        """Change the noise; the tag stays as strong as it is."""
+        snr_db = _checked("snr_db", snr_db, -100, 140)
+        self._changes.append(lambda now_s: self._air.set_snr_db(snr_db))
+
+    def set_on(self, on):
+        """Take the tag off the air, or put it back."""
+        self._tag.on = bool(on)
+
+    def force_n(self):
+        return self._force_n
+
+    def location_mm(self):
+        return self._location_mm
+
+    def _ask_for_buffer(self, items):
+        """As set_min_output_buffer, which tells the console of it, does in silence."""
+        level = self.log_level()
+        self.set_log_level("warn")
+        self.set_min_output_buffer(items)
+        self.set_log_level(level)
+
+    def _press(self):
+        self._tag.pressed.hold(self._force_n, self._location_mm)
+
+    def start(self):
+        self._air.restart(self.nitems_read(0))
+        return True
+
+    def work(self, input_items, output_items):
+        first = self.nitems_read(0)
+        while self._changes:  # set by other threads, made between two calls
+            self._changes.popleft()(first / self._rate)
+        output_items[0][:] = self._air.process(input_items[0], first)
+        return len(output_items[0])
+
+
+def _checked(name, value, low, high):
+    if not low <= value <= high:
+        raise InputError(name, f"must be from {low:g} to {high:g}", value)
+    return float(value)

@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Block: a capture's folded frames, gaps and all, as its metadata and a scene describe it."""
+
+import os
+
+from ..errors import InputError
+from ..io.capture import Capture, open_capture
+from ..scene import load_scene
+from ..wiforce_python import recording_source
+
+
+def capture_source(recording, scene, frame_offset=0, datatype=None):
+    """A ``recording_source`` for a capture of a scene.
+
+    Output: one vector of 64 complex per frame, for a ``reader`` with the input ``folded``.
+
+    Parameters
+    ----------
+    recording : str, Path or Capture
+        SigMF pair, by either file's name or their common stem; raw samples with ``datatype``.
+    scene : str, dict or Scene
+        Says the sounding frame; must agree with the capture on sample rate and carrier.
+    frame_offset : int
+        Samples before the first frame.
+    datatype : str, optional
+        ``ci16_le`` or ``cf32_le``: the file is raw samples of this type.
+
+    Returns
+    -------
+    recording_source
+
+    Raises
+    ------
+    InputError
+        Naming file, rule and value, when a file is missing, broken, or contradicts the scene.
+    """
+    if frame_offset < 0:
+        raise InputError("frame_offset", "must be 0 or more", frame_offset)
+    if not isinstance(recording, Capture):
+        recording = open_capture(recording, datatype)
+    scene = load_scene(scene)
+    recording.check_against(scene)
+    waveform = scene.waveform()
+    return recording_source(
+        path=os.fsencode(recording.path),
+        datatype=recording.datatype,
+        segments=[(s.file_sample, s.global_index, s.length) for s in recording.segments],
+        frame_length=waveform.frame_length,
+        first_averaged=waveform.first_averaged,
+        repetitions=waveform.repetitions,
+        frame_offset=frame_offset,
+    )

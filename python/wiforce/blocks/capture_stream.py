@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Block: a capture's samples while they are still being written."""
+
+import os
+import threading
+import time
+
+import numpy as np
+import pmt
+from gnuradio import gr
+
+from .. import names
+from ..errors import InputError
+from ..io.capture import open_capture
+from ..io.samples import DATATYPES
+from .stream_time import time_value
+
+_LOOK_S = 0.1
+
+
+class capture_stream(gr.sync_block):
+    """Samples of a capture that grows, with ``rx_time`` at its start and after every gap.
+
+    A gap must be in the metadata before the samples behind it are in the data, as
+    ``sigmf_recorder`` writes them.
+
+    Parameters
+    ----------
+    path : str or Path
+        See ``open_capture``.
+    datatype : str, optional
+    sample_rate : float
+
+    Attributes
+    ----------
+    item_type : str
+        ``sc16`` or ``fc32``.
+    ended : threading.Event
+        When set, the stream ends with what is in the file.
+    failure : Exception or None
+        What ended the stream otherwise.
+    """
+
+    def __init__(self, path, datatype=None, sample_rate=12.5e6):
+        self._source = (path, datatype)
+        self._rate = sample_rate
+        self._known = open_capture(path, datatype)
+        kind = DATATYPES[self._known.datatype]
+        self.item_type, self._sample_bytes = kind.name, kind.sample_bytes
+        gr.sync_block.__init__(self, "capture_stream", in_sig=None, out_sig=[kind.item])
+        self.ended, self.failure = threading.Event(), None
+        self._file = open(self._known.path, "rb", buffering=0)
+        self._segment, self._at = 0, self._known.segments[0].file_sample
+
+    def work(self, input_items, output_items):
+        out = output_items[0]
+        try:
+            count = min(len(out), self._left())
+            if count == 0:
+                ended = self.ended.is_set()
+                if not self._look_again():
+                    if ended:
+                        return -1
+                    time.sleep(_LOOK_S)
+                return 0
+            self._tag_segment()
+            count = self._read(out[:count])
+        except (InputError, OSError) as error:
+            self.failure = error
+            return -1
+        self._at += count
+        return count
+
+    def stop(self):
+        self._file.close()
+        return True
+
+    def _left(self):
+        """Samples left of the segment at hand, as far as is known; moves on to the next."""
+        segments = self._known.segments
+        segment = segments[self._segment]
+        if self._at == segment.file_sample + segment.length and self._segment + 1 < len(segments):
+            self._segment += 1
+            segment = segments[self._segment]
+            self._at = segment.file_sample
+        return segment.file_sample + segment.length - self._at
+
+    def _look_again(self):
+        """Whether the capture has grown. Its size is looked at before its metadata."""
+        known, self._known = self._known.samples, open_capture(*self._source)
+        if self._known.samples < known:
+            raise InputError(self._known.path, "was cut short while it was read")
+        return self._known.samples > known
+
+    def _tag_segment(self):
+        segment = self._known.segments[self._segment]
+        if self._at != segment.file_sample:
+            return
+        since = segment.global_index - self._known.segments[0].global_index
+        whole = int(since // self._rate)
+        value = time_value(whole, since / self._rate - whole)
+        self.add_item_tag(0, self.nitems_written(0), pmt.intern(names.RX_TIME), value)
+
+    def _read(self, out):
+        place = self._at * self._sample_bytes
+        read = os.preadv(self._file.fileno(), [out.view(np.uint8).data], place)
+        if read < out.nbytes:
+            raise InputError(self._known.path, "was cut short while it was read")
+        return len(out)

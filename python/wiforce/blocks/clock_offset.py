@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Block: how far off each tag's clock is, out of what the separation found."""
+
+import numpy as np
+import pmt
+from gnuradio import gr
+
+from .. import names
+from ..errors import InputError
+from . import state_tag
+
+_STATE = pmt.intern(names.STATE)
+
+
+class clock_offset(gr.sync_block):
+    """Offset of every tag's clock against its nominal frequency.
+
+    Input: vectors tagged ``state``, from ``end_separation`` or any block behind it. Output: vectors
+    of S floats, ppm, + for a fast tag; NaN while a clock is not found.
+
+    Parameters
+    ----------
+    sensors : int
+        S.
+    length : int
+        Complex numbers per input vector: 128 S behind ``end_separation``.
+
+    Raises
+    ------
+    InputError
+        (A ValueError) naming parameter, rule and value.
+    """
+
+    def __init__(self, sensors=1, length=128):
+        for name, value in (("sensors", sensors), ("length", length)):
+            if value < 1:
+                raise InputError(name, "must be at least 1", value)
+        item = np.float32 if sensors == 1 else (np.float32, sensors)
+        gr.sync_block.__init__(self, "clock_offset", [(np.complex64, length)], [item])
+        self.set_tag_propagation_policy(gr.TPP_DONT)
+        self._sensors = sensors
+
+    def work(self, input_items, output_items):
+        out = output_items[0]
+        out[:] = np.nan
+        for tag in self.get_tags_in_window(0, 0, len(out), _STATE):
+            state = state_tag.from_pmt(tag.value)
+            row = out.reshape(len(out), -1)[tag.offset - self.nitems_read(0)]
+            for sensor, clock in enumerate(state.clocks[: self._sensors]):
+                if clock.locked:
+                    row[sensor] = clock.offset_ppm
+        return len(out)

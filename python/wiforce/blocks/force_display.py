@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Block: a window on the readings."""
+
+import pmt
+from gnuradio import gr
+
+from .. import names
+from ..gui import ForceDisplay
+
+
+class force_display(gr.basic_block):
+    """Shows readings: every sensor with its press, force and location over time, SNR and flags.
+
+    Message port ``readings`` (in): dicts as ``reader`` and ``force_inversion`` give them. Message
+    port ``tare`` (out): sent when the tare button is pressed. The attribute ``widget`` is the Qt
+    widget, to be put into a window; a QApplication must exist.
+
+    Parameters
+    ----------
+    length_mm : float
+        Length of the sensors.
+    force_span_n : float
+        Force of the longest arrow.
+    history_s : float
+        Seconds of signal in the histories.
+
+    Raises
+    ------
+    InputError
+        (A ValueError) naming parameter, rule and value.
+    """
+
+    def __init__(self, length_mm=80.0, force_span_n=8.0, history_s=20.0):
+        gr.basic_block.__init__(self, "force_display", in_sig=None, out_sig=None)
+        self.widget = ForceDisplay(length_mm, force_span_n, history_s)
+        self.message_port_register_in(pmt.intern(names.READINGS))
+        self.message_port_register_out(pmt.intern(names.TARE))
+        self.set_msg_handler(pmt.intern(names.READINGS), self._on_reading)
+        self.widget.tare_requested.connect(self._on_tare)
+
+    def _on_reading(self, message):
+        if pmt.is_dict(message):
+            self.widget.add(pmt.to_python(message))
+
+    def _on_tare(self):
+        self.message_port_pub(pmt.intern(names.TARE), pmt.PMT_T)

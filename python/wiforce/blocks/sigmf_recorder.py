@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Block: records samples as SigMF, gaps marked, readable at any time."""
+
+import errno
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pmt
+from gnuradio import gr
+
+from .. import names
+from ..errors import InputError
+from ..io.samples import item_type_named
+from ..io.textfile import check_output, write_whole
+from .stream_time import Timeline
+
+_RX_TIME = pmt.intern(names.RX_TIME)
+
+
+class sigmf_recorder(gr.sync_block):
+    """Writes ``PATH.sigmf-data`` and ``PATH.sigmf-meta`` while samples come in.
+
+    Samples are handed to the system as they come and the metadata is replaced as a whole, so that
+    the recording can be read at any time, also after a crash. Where ``rx_time`` tells of lost
+    samples a new entry of ``captures`` begins, whose ``core:global_index`` jumps.
+
+    A flowgraph that is started again goes on with the recording where its first ``rx_time`` tells
+    what was lost meanwhile, and records no further where none does.
+
+    A disk that fails stops the recording, not the flowgraph: see ``failure``.
+
+    Input: samples, complex or complex 16-bit integers.
+
+    Parameters
+    ----------
+    path : str or Path
+        Without suffix. Nothing is overwritten.
+    sample_rate : float
+        Samples per second.
+    center_frequency : float
+        Carrier in Hz.
+    item_type : str
+        ``fc32`` or ``sc16``.
+    fields : dict, optional
+        More of the metadata's ``global`` object: ``core:hw``, ``wiforce:scene``, ...
+
+    Attributes
+    ----------
+    failure : OSError or None
+        Why recording stopped.
+
+    Raises
+    ------
+    InputError
+        (A ValueError) for files that exist already or cannot be written, and bad parameters.
+    """
+
+    def __init__(
+        self, path, sample_rate=12.5e6, center_frequency=900e6, item_type="fc32", fields=None
+    ):
+        kind = item_type_named(item_type)
+        if not sample_rate > 0:
+            raise InputError("sample_rate", "must be positive", sample_rate)
+        if not center_frequency > 0:
+            raise InputError("center_frequency", "must be positive", center_frequency)
+        gr.sync_block.__init__(self, "sigmf_recorder", in_sig=[kind.item], out_sig=None)
+        self.failure = None
+        self._center_frequency = center_frequency
+        self._timeline = Timeline(sample_rate)
+        self._captures, self._recorded = [], 0
+        self._global = {
+            "core:datatype": kind.datatype,
+            "core:sample_rate": sample_rate,
+            "core:version": "1.0.0",
+            "core:num_channels": 1,
+            **(fields or {}),
+        }
+        self._meta, self._data = Path(f"{path}.sigmf-meta"), Path(f"{path}.sigmf-data")
+        _check_new(self._meta, self._data)
+        self._file = None
+
+    def start(self):
+        try:
+            self._file = open(self._data, "xb" if self._file is None else "ab", buffering=0)
+        except OSError as error:
+            self._give_up(error)
+        return True
+
+    def work(self, input_items, _):
+        items = input_items[0]
+        if self.failure is None:
+            try:
+                self._note(len(items))
+                self._write(np.ascontiguousarray(items).view(np.uint8).data)
+                self._recorded += len(items)
+            except OSError as error:
+                self._give_up(error)
+        return len(items)
+
+    def stop(self):
+        if self._file is not None:
+            self._file.close()
+        return True
+
+    def _give_up(self, error):
+        self.failure = error
+        gr.log.error(f"sigmf_recorder: {self._data}: {error.strerror}; not recorded further")
+
+    def _note(self, count):
+        """A new entry of the metadata for the first item, and for each after lost samples."""
+        begins = [] if self._captures else [(0, 0)]
+        # GNU Radio counts items from 0 whenever a flowgraph starts.
+        before = self._recorded - self.nitems_read(0)
+        resumes = before == self._recorded > 0
+        for tag in self.get_tags_in_window(0, 0, count, _RX_TIME):
+            if self._timeline.note(before + tag.offset, tag.value):
+                begins.append((before + tag.offset, self._timeline.lost))
+        if resumes and self._recorded not in (item for item, _ in begins):
+            rule = "started again, and no time tells what was lost meanwhile"
+            raise OSError(errno.ENODATA, rule)
+        for item, lost in begins:
+            self._captures.append(
+                {
+                    "core:sample_start": item,
+                    "core:global_index": item + lost,
+                    "core:frequency": self._center_frequency,
+                    "core:datetime": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ"),
+                }
+            )
+        if begins:
+            self._write_metadata()
+
+    def _write(self, data):
+        while data:
+            data = data[self._file.write(data) :]
+
+    def _write_metadata(self):
+        import json
+
+        whole = {"global": self._global, "captures": self._captures, "annotations": []}
+        write_whole(self._meta, json.dumps(whole, indent=2) + "\n")
+
+
+def _check_new(*paths):
+    for path in paths:
+        if path.exists():
+            raise InputError(path, "exists already")
+        check_output(path)

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Block: the sounding frame, again and again."""
+
+import numpy as np
+from gnuradio import blocks, gr
+
+from ..errors import InputError
+from ..io.samples import item_type_named
+from ..signal.waveform import sounding_waveform
+
+
+def largest_amplitude(frame):
+    """The amplitude at which the largest component of a frame reaches full scale."""
+    return 1 / np.abs(frame.view(float)).max()
+
+
+class sounding_source(gr.hier_block2):
+    """Transmit samples: preamble and guard zeros, repeated without end.
+
+    Output: complex samples, or pairs of 16-bit integers (full scale 32767) for ``sc16``. The
+    first sample is the first of a frame.
+
+    Parameters
+    ----------
+    waveform : str
+        ``repeated`` or ``wifi``.
+    frame_length : int
+        Samples per frame, at least 320.
+    sample_rate : float
+        In samples per second.
+    amplitude : float
+        Root of the mean preamble power, above 0 and such that no component exceeds full scale.
+    item_type : str
+        ``fc32`` or ``sc16``.
+
+    Raises
+    ------
+    InputError
+        (A ValueError) naming parameter, rule and value.
+    """
+
+    def __init__(
+        self,
+        waveform="repeated",
+        frame_length=720,
+        sample_rate=12.5e6,
+        amplitude=0.5,
+        item_type="fc32",
+    ):
+        size = item_type_named(item_type).sample_bytes
+        self._frame = sounding_waveform(waveform, frame_length, sample_rate).frame()
+        self._item_type = item_type
+        data = self._data(amplitude)
+        gr.hier_block2.__init__(
+            self, "sounding_source", gr.io_signature(0, 0, 0), gr.io_signature(1, 1, size)
+        )
+        if item_type == "fc32":
+            self._source = blocks.vector_source_c(data, True)
+        else:
+            self._source = blocks.vector_source_s(data, True, 2)
+        self.connect(self._source, self)
+
+    def set_amplitude(self, amplitude):
+        """Change the amplitude while running."""
+        self._source.set_data(self._data(amplitude))
+
+    def _data(self, amplitude):
+        parts = self._frame.view(float)
+        largest = largest_amplitude(self._frame)
+        if not 0 < amplitude <= largest:
+            raise InputError("amplitude", f"must be above 0 and at most {largest:.4f}", amplitude)
+        if self._item_type == "fc32":
+            return (amplitude * self._frame).astype(np.complex64).tolist()
+        return np.rint(32767 * amplitude * parts).astype(np.int16).tolist()

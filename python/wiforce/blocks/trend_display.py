@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Block: a rolling plot of slow streams."""
+
+import numpy as np
+from gnuradio import gr
+
+from ..gui import Trend
+
+
+class trend_display(gr.sync_block):
+    """Shows slow streams, a value per phase group say, over the last seconds.
+
+    Input: one float stream per label. The attribute ``widget`` is the Qt widget, to be put into a
+    window; a QApplication must exist. (GNU Radio's time sink waits for its buffer to fill, which
+    takes many seconds at such rates.)
+
+    Parameters
+    ----------
+    labels : sequence of str
+        One per stream.
+    y_label : str
+        With its unit.
+    rate : float
+        Items per second.
+    history_s : float
+        Seconds shown.
+    title : str
+        Above the plot.
+    y_range : (float, float), optional
+        Fixed; by default as the values ask for.
+
+    Raises
+    ------
+    InputError
+        (A ValueError) naming parameter, rule and value.
+    """
+
+    def __init__(
+        self, labels=("value",), y_label="", rate=28.0, history_s=10.0, title="", y_range=None
+    ):
+        self.widget = Trend(labels, y_label, rate, history_s, title, y_range)
+        gr.sync_block.__init__(self, "trend_display", [np.float32] * len(labels), None)
+
+    def work(self, input_items, output_items):
+        for line, items in enumerate(input_items):
+            self.widget.add(line, items)
+        return len(input_items[0])

@@ -1,0 +1,218 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Recordings on disk: SigMF pairs and raw sample files, checked before anything is read."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError
+from ..signal.carrier import same_carrier
+from .samples import DATATYPES, samples_of
+from .textfile import read_bytes
+
+MAX_METADATA_BYTES = 8_000_000
+
+
+@dataclass(frozen=True)
+class Segment:
+    """An unbroken run of samples: where it lies in the file and on the device's sample count."""
+
+    file_sample: int
+    global_index: int
+    length: int
+
+
+@dataclass(frozen=True)
+class Capture:
+    """A checked recording.
+
+    Attributes
+    ----------
+    path : Path
+        The data file.
+    datatype : str
+        ``ci16_le`` or ``cf32_le``.
+    sample_rate_hz, center_frequency_hz : float or None
+        None when the file does not say.
+    segments : tuple of Segment
+        In order of time; a gap lies between two of them.
+    """
+
+    path: Path
+    datatype: str
+    sample_rate_hz: float | None
+    center_frequency_hz: float | None
+    segments: tuple
+
+    @property
+    def samples(self):
+        """Samples in the file."""
+        return sum(segment.length for segment in self.segments)
+
+    @property
+    def span(self):
+        """Samples from the first to the last, those lost in gaps included."""
+        first, last = self.segments[0], self.segments[-1]
+        return last.global_index + last.length - first.global_index
+
+    def read(self, count):
+        """The first samples of the file as complex64, full scale 1; at most ``count``."""
+        if self.datatype == "cf32_le":
+            return np.fromfile(self.path, "<c8", count)
+        codes = np.fromfile(self.path, "<i2", 2 * count)
+        return samples_of(codes[: len(codes) // 2 * 2])
+
+    def check_against(self, scene):
+        """Refuses a scene that disagrees on sample rate or carrier.
+
+        Raises
+        ------
+        InputError
+        """
+        own, wanted = self.sample_rate_hz, scene.radio.sample_rate_hz
+        if own is not None and abs(own - wanted) > 1e-6 * wanted:
+            raise InputError(self.path, f"sample rate must be the scene's {wanted:g} Hz", own)
+        own, wanted = self.center_frequency_hz, scene.radio.center_frequency_hz
+        if own is not None and not same_carrier(own, wanted):
+            raise InputError(self.path, f"carrier must be the scene's {wanted:g} Hz", own)
+
+
+def open_capture(path, datatype=None):
+    """Opens a SigMF capture by either file's name or their common stem, or a raw file.
+
+    Parameters
+    ----------
+    path : str or Path
+    datatype : str, optional
+        ``ci16_le`` or ``cf32_le``: the file is raw samples of this type.
+
+    Returns
+    -------
+    Capture
+
+    Raises
+    ------
+    InputError
+        When a file is missing, empty or not what it says it is.
+    """
+    path = Path(path)
+    if not path.name:
+        raise InputError(repr(str(path)), "is not the name of a capture")
+    if datatype is not None:
+        return _open_raw(path, datatype)
+    stem = path.with_suffix("") if path.suffix in (".sigmf-meta", ".sigmf-data") else path
+    meta, data = (stem.with_name(stem.name + suffix) for suffix in (".sigmf-meta", ".sigmf-data"))
+    if path.is_file() and not meta.is_file():
+        raise InputError(path, "has no .sigmf-meta beside it: give --datatype for raw samples")
+    for file in (meta, data):
+        if not file.is_file():
+            raise InputError(file, "no such file")
+    return _open_sigmf(meta, data)
+
+
+def _open_raw(path, datatype):
+    if datatype not in DATATYPES:
+        raise InputError("datatype", f"must be one of {', '.join(DATATYPES)}", datatype)
+    if not path.is_file():
+        raise InputError(path, "no such file")
+    samples = _count(path, datatype, path.stat().st_size)
+    return Capture(path, datatype, None, None, (Segment(0, 0, samples),))
+
+
+def _count(path, datatype, size):
+    sample_bytes = DATATYPES[datatype].sample_bytes
+    if size < sample_bytes:
+        raise InputError(path, "is empty")
+    return size // sample_bytes
+
+
+def _open_sigmf(meta, data):
+    # While a recorder writes, the metadata read next tells every gap in the samples counted here.
+    size = data.stat().st_size
+    fields, captures = _metadata(meta)
+    datatype = fields.get("core:datatype")
+    if datatype not in DATATYPES:
+        rule = f"core:datatype must be one of {', '.join(DATATYPES)}"
+        raise InputError(meta, rule, datatype)
+    if fields.get("core:num_channels", 1) != 1:
+        raise InputError(meta, "core:num_channels must be 1", fields["core:num_channels"])
+    total = _count(data, datatype, size)
+    rate = _positive(meta, "core:sample_rate", fields.get("core:sample_rate"))
+    carriers = [c["core:frequency"] for c in captures if "core:frequency" in c]
+    carrier = _positive(meta, "core:frequency", carriers[0]) if carriers else None
+    if any(other != carriers[0] for other in carriers):
+        raise InputError(meta, "core:frequency must be the same in all captures", carriers[1])
+    return Capture(data, datatype, rate, carrier, _segments(meta, captures, total))
+
+
+def _metadata(meta):
+    """Global and capture fields of a metadata file, held to SigMF's own schema."""
+    import json
+
+    try:
+        import sigmf
+        from sigmf.error import SigMFError
+    except ImportError as error:
+        raise InputError(meta, "needs the Python package sigmf: pip install sigmf") from error
+
+    try:
+        parsed = json.loads(read_bytes(meta, MAX_METADATA_BYTES))
+        if not isinstance(parsed, dict):
+            raise InputError(meta, "must hold a SigMF object", type(parsed).__name__)
+        checked = sigmf.SigMFFile(metadata=parsed)
+        checked.validate()
+    except (OSError, UnicodeDecodeError, ValueError, RecursionError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(meta, f"is not valid SigMF ({_first_line(error)})") from error
+    except (SigMFError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(meta, f"is not valid SigMF ({_first_line(error)})") from error
+    except Exception as error:
+        # The schema's checker has its own family of errors and no common base with SigMF's.
+        if type(error).__module__.split(".")[0] != "jsonschema":
+            raise
+        raise InputError(meta, f"is not valid SigMF ({_first_line(error)})") from error
+    return parsed.get("global", {}), parsed.get("captures", [])
+
+
+def _first_line(error):
+    return str(error).strip().splitlines()[0][:120] if str(error).strip() else "no reason given"
+
+
+def _positive(meta, name, value):
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not number or not 0 < value < 1e15:
+        raise InputError(meta, f"{name} must be a positive number", value)
+    return float(value)
+
+
+def _segments(meta, captures, total):
+    """Samples between losses; captures that go on from each other are one."""
+    captures = captures or [{"core:sample_start": 0}]
+    starts = [capture.get("core:sample_start", 0) for capture in captures]
+    if any(later < earlier for earlier, later in zip(starts, starts[1:], strict=False)):
+        raise InputError(meta, "core:sample_start must rise from capture to capture", starts)
+    ends = [*starts[1:], max(total, starts[-1])]
+    segments = []
+    for capture, start, end in zip(captures, starts, ends, strict=True):
+        if capture.get("core:header_bytes", 0):
+            raise InputError(meta, "core:header_bytes must be 0", capture["core:header_bytes"])
+        last = segments[-1] if segments else Segment(start, start, 0)
+        index = capture.get("core:global_index", None)
+        if index is None:
+            index = last.global_index + (start - last.file_sample)
+        # A file cut short keeps the captures that it still holds.
+        length = min(end, total) - start
+        if length <= 0:
+            continue
+        lost = index - (last.global_index + last.length)
+        if segments and lost < 0:
+            raise InputError(meta, "core:global_index must not go back", index)
+        if segments and lost == 0:
+            segments[-1] = replace(last, length=last.length + length)
+        else:
+            segments.append(Segment(start, index, length))
+    if not segments:
+        raise InputError(meta, "no capture lies inside the data file", total)
+    return tuple(segments)

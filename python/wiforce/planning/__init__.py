@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a scene needs computed, what that costs, and which errors to expect."""
