@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include "kernel/phase_group.h"
-#include "kernel/tone_accumulator.h"
+#include "kernel/doppler/phase_group.h"
+#include "kernel/doppler/tone_accumulator.h"
 #include <gnuradio/fft/fft.h>
 
 namespace gr::wiforce {

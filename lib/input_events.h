@@ -2,7 +2,7 @@
 #pragma once
 
 #include "counter.h"
-#include "kernel/timeline.h"
+#include "kernel/timing/timeline.h"
 #include <gnuradio/logger.h>
 #include <gnuradio/tags.h>
 

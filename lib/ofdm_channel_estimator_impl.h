@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include "kernel/channel_equalizer.h"
+#include "kernel/doppler/channel_equalizer.h"
 #include <gnuradio/fft/fft.h>
 #include <gnuradio/wiforce/ofdm_channel_estimator.h>
 

@@ -3,8 +3,8 @@
 
 #include "group_stream.h"
 #include "input_events.h"
-#include "kernel/frame_watch.h"
-#include "kernel/preamble_folder.h"
+#include "kernel/fold/preamble_folder.h"
+#include "kernel/timing/frame_watch.h"
 #include <gnuradio/wiforce/preamble_fold.h>
 
 #include <optional>

@@ -3,9 +3,9 @@
 
 #include "counter.h"
 #include "group_stream.h"
-#include "kernel/frame_watch.h"
-#include "kernel/mapped_read.h"
-#include "kernel/recording.h"
+#include "kernel/fold/mapped_read.h"
+#include "kernel/fold/recording.h"
+#include "kernel/timing/frame_watch.h"
 #include <gnuradio/wiforce/recording_source.h>
 
 #include <memory>

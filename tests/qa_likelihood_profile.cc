@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "kernel/likelihood_profile.h"
+#include "kernel/inversion/likelihood_profile.h"
 
 #include <boost/test/unit_test.hpp>
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "kernel/phase_inverter.h"
+#include "kernel/inversion/phase_inverter.h"
 
 #include <boost/test/unit_test.hpp>
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "kernel/simd_kernels.h"
+#include "kernel/fold/simd_kernels.h"
 #include "kernel/types.h"
 
 #include <boost/test/data/monomorphic.hpp>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "kernel/timeline.h"
+#include "kernel/timing/timeline.h"
 
 #include <boost/test/unit_test.hpp>
 

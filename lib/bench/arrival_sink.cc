@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "arrival_sink.h"
 
-#include "../kernel/require.h"
+#include "kernel/require.h"
 #include <gnuradio/io_signature.h>
 
 #include <chrono>

@@ -4,9 +4,9 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
-#include <kernel/hidden_force.h>
-#include <kernel/phase_inverter.h>
-#include <kernel/timeline.h>
+#include <kernel/inversion/hidden_force.h>
+#include <kernel/inversion/phase_inverter.h>
+#include <kernel/timing/timeline.h>
 
 #include <algorithm>
 #include <cmath>

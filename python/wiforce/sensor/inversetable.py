@@ -47,7 +47,7 @@ class InverseTable:
     Attributes
     ----------
     rows : ndarray, shape (R, 16)
-        As ``row`` in ``lib/kernel/inverse_table.h``.
+        As ``row`` in ``lib/kernel/inversion/inverse_table.h``.
     row_of : ndarray of int32, shape (cells * cells,)
         The row of each cell that has exactly one solution, which a Taylor step finds; else -1.
     """

@@ -25,7 +25,7 @@ _WIDER = 1.5
 _IMPROBABLE = 0.9973
 # Part of the likelihood that lies where force is hidden, from which on it counts as hidden.
 _MOSTLY = 0.2
-# Flags as bits (those of lib/kernel/phase_inverter.h), and the names of each combination.
+# Flags as bits (those of lib/kernel/inversion/phase_inverter.h), and the names of each combination.
 _AMBIGUOUS, _UNOBSERVABLE, _INCONSISTENT, _EXTRAPOLATED = 1, 2, 4, 8
 _NAMES = ("ambiguous", "force-unobservable", "inconsistent", "extrapolated")
 _COMBINATIONS = [

@@ -4,7 +4,7 @@
 At a given force the two phases leave one thing open, the location. What the best location leaves of
 the phases' error is a single number z, in standard deviations; as a function of force it crosses
 zero at every solution and hardly changes where force is hidden. The likelihood ``exp(-z^2 / 2)`` is
-integrated by ``lib/kernel/likelihood_profile.h``.
+integrated by ``lib/kernel/inversion/likelihood_profile.h``.
 
 For every cell of the plane of phases that the model's image comes near, a row holds what gives z
 and the location at each node. Where a turn of phase brings another location near (62 mm away at

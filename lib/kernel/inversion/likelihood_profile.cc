@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "likelihood_profile.h"
 
+#include "../require.h"
 #include "hidden_force.h"
 #include "normal_integrals.h"
-#include "require.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "tone_accumulator.h"
 
-#include "require.h"
-#include "simd_kernels.h"
+#include "../fold/simd_kernels.h"
+#include "../require.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "channel_equalizer.h"
 
-#include "require.h"
+#include "../require.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "preamble_folder.h"
 
-#include "require.h"
+#include "../require.h"
 #include "simd_kernels.h"
 
 namespace gr::wiforce::kernel {

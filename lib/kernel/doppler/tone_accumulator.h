@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include "../types.h"
 #include "phase_group.h"
-#include "types.h"
 
 #include <vector>
 

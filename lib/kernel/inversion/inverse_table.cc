@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "inverse_table.h"
 
+#include "../require.h"
 #include "hidden_force.h"
-#include "require.h"
 
 #include <algorithm>
 

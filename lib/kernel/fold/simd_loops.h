@@ -3,8 +3,8 @@
 // which defines WIFORCE_SIMD (a namespace) and WIFORCE_LANES (floats per register). No
 // inline function of a library may be used here: the linker could keep the copy built for
 // the newest processor for everyone.
+#include "../types.h"
 #include "simd_kernels.h"
-#include "types.h"
 
 namespace gr::wiforce::kernel::WIFORCE_SIMD {
 

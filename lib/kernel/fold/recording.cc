@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "recording.h"
 
+#include "../require.h"
 #include "mapped_read.h"
-#include "require.h"
 
 #include <fcntl.h>
 #include <sys/mman.h>

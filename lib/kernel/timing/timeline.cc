@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "timeline.h"
 
-#include "require.h"
+#include "../require.h"
 
 #include <cmath>
 #include <limits>
