@@ -102,25 +102,22 @@ def _judge(findings, scene, session, samples):
     findings.samples_lost = session.samples_lost
     findings.frames_moved = session.frames_moved
     findings.times_ignored = session.times_ignored
-    states = list(session.probe.states)
+    groups = session.latest
     for index, sensor in enumerate(scene.sensors):
-        findings.sensors.append(_heard(sensor.name, index, states))
+        findings.sensors.append(_heard(sensor.name, index, groups))
 
 
-def _heard(name, index, states):
-    """What the groups tell of one tag, by their medians."""
-    locked = [state for state in states if state.clocks[index].locked]
-    if not locked:
+def _heard(name, index, groups):
+    """What the groups say of one tag, by their medians."""
+    if not len(groups) or not groups.locked[:, index].any():
         return Sensor(name)
+    locked = groups[groups.locked[:, index]]
     ends = slice(2 * index, 2 * index + 2)
-    offsets = [state.clocks[index].offset_ppm for state in locked]
-    snr = np.median([state.snr_db[ends] for state in locked], axis=0)
-    errors = [state.std_deg[ends] for state in locked if state.std_deg is not None]
     return Sensor(
         name,
-        float(np.median(offsets)),
-        snr.round(2).tolist(),
-        np.median(errors, axis=0).round(3).tolist() if errors else [],
+        float(np.median(locked.clock_offset_ppm[:, index])),
+        np.median(locked.snr_db[:, ends], axis=0).round(2).tolist(),
+        np.median(locked.phase_std_deg[:, ends], axis=0).round(3).tolist(),
     )
 
 

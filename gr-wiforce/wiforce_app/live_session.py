@@ -2,10 +2,11 @@
 """The flowgraph of the live reader: transmit, receive, align, record, read."""
 
 import time
+from collections import deque
 
 from gnuradio import gr, wiforce
 from gnuradio.wiforce.blocks.level_meter import level_meter
-from gnuradio.wiforce.blocks.state_probe import state_probe
+from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.samples import FULL_SCALE
 
 # GNU Radio logs to standard output, where readings may go.
@@ -19,7 +20,7 @@ _BUFFER_SAMPLES = 1 << 18
 _RECEIVE_SAMPLES = 1 << 16  # 5 ms: handling every packet by itself would cost two cores
 _RECEIVE_TIMEOUT_S = 0.1
 _LAST_READINGS_S = 2.0  # for what has been received to be read
-_KEPT_STATES = 64
+_KEPT_BATCHES = 64
 
 
 class DeviceLost(Exception):
@@ -58,7 +59,8 @@ class LiveSession:
         self.reader = wiforce.reader(
             scene, input_type="sc16", tracked=tracked, on_reading=on_reading
         )
-        self.probe = state_probe(2 * len(scene.sensors), _KEPT_STATES)
+        self._latest = deque(maxlen=_KEPT_BATCHES)
+        self.reader.receiver.readout.on_groups = self._latest.append
         self.recorder = self._make_recorder(recording, amplitude) if recording else None
         # UHD's blocks throw when a device vanishes: that must end them, not the process.
         self._flowgraph = gr.top_block("gr-wiforce live", catch_exceptions=True)
@@ -72,7 +74,6 @@ class LiveSession:
             block.set_min_output_buffer(_BUFFER_SAMPLES)
         flowgraph.connect(self._transmitted, radio.sink)
         flowgraph.connect(radio.source, self.alignment, self.meter, self.reader)
-        self.reader.connect(self.reader.average, self.probe)
         if self.recorder is not None:
             self.tap(self.recorder)
 
@@ -130,11 +131,16 @@ class LiveSession:
         """End in good order; every reading that the samples hold has been given after this."""
         try:
             self.meter.end()
-            self.reader.inversion.ended.wait(_LAST_READINGS_S)
+            self.reader.ended.wait(_LAST_READINGS_S)
             self._flowgraph.stop()
             self._flowgraph.wait()
         finally:
             self.reader.finish()
+
+    @property
+    def latest(self):
+        """The latest groups that were read, with their clocks and SNR: a Groups."""
+        return Groups.concatenate(list(self._latest))
 
     @property
     def failure(self):

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What each step of a plan costs on this machine: processor time per second of signal.
 
-GNU Radio's performance counters time the reader's blocks over a simulated press. Folding and tones
-are one block there: the tones' share is what they add to folding alone. What a skip saves is what
+GNU Radio's performance counters time the C++ blocks over a simulated press, and the receiver's
+stages are timed on the tones that come out. Folding and tones are one block there: the tones' share is what they add to folding alone. What a skip saves is what
 the same block takes with the step forced on, less what it takes without.
 """
 
@@ -14,8 +14,11 @@ from pathlib import Path
 
 import numpy as np
 from gnuradio.wiforce.estimation.average import AdaptiveAverage
+from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.planning.plan import HARMONICS
+from gnuradio.wiforce.planning.plan import plan as plan_of
 from gnuradio.wiforce.planning.steps import steps
+from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.scene.schema import Press
 from gnuradio.wiforce.signal.waveform import FFT_LENGTH
 from gnuradio.wiforce.simulation.simulator import simulate
@@ -23,6 +26,7 @@ from gnuradio.wiforce.simulation.simulator import simulate
 # Signal behind the untouched reference: long enough that a block's start does not count.
 _PRESSED_S = 1.0
 _REPEATS, _RUNS = 20, 3
+_BATCH = 64  # groups
 
 
 def measure_steps(scene, plan):
@@ -48,7 +52,7 @@ def measure_steps(scene, plan):
         samples = Path(f"{capture}.sigmf-data")
         signal_s = samples.stat().st_size / 4 / scene.radio.sample_rate_hz
         chain = _Chain(samples, plan)
-        took, tones = _reader_times(samples, scene), chain.tones()
+        took, tones = _reader_times(samples, plan_of(scene)), chain.tones()
         took["preamble_fold"] = chain.fold()
         took["phase_group_doppler"] = tones - took["preamble_fold"]
         took["guard and first repetition"] = chain.whole_frames() - tones
@@ -78,22 +82,39 @@ def _pressed(scene):
     return dataclasses.replace(scene, simulation=simulation, environment=environment)
 
 
-def _reader_times(samples, scene):
-    """The reader's blocks behind its first, over the whole recording."""
+def _reader_times(samples, plan):
+    """The channel estimator, and the receiver's stages, over the whole recording."""
     from gnuradio import blocks, gr, wiforce
 
     flowgraph = gr.top_block()
-    reader = wiforce.reader(scene, input_type="sc16")
+    reader = wiforce.reader(plan, input_type="sc16")
+    rows = len(plan.table.tones)
+    sink = blocks.vector_sink_c(rows * FFT_LENGTH)
+    reader.connect(reader.estimator, sink)
     flowgraph.connect(blocks.file_source(4, str(samples)), reader)
     flowgraph.run()
-    steps = {
-        "ofdm_channel_estimator": reader.estimator,
-        "end_separation": reader.separation,
-        "conjugate_difference": reader.difference,
-        "subcarrier_average": reader.average,
-        "force_inversion": reader.inversion,
+    tones = np.array(sink.data(), np.complex64).reshape(-1, rows, FFT_LENGTH)
+    took = _stage_times(plan, tones[:, :, plan.waveform.bins])
+    return took | {"ofdm_channel_estimator": _seconds(reader.estimator)}
+
+
+def _stage_times(plan, tones):
+    receiver = Receiver(plan)
+    stages = {
+        "end_separation": receiver.separation.process,
+        "conjugate_difference": receiver.reference.process,
+        "subcarrier_average": receiver.average.process,
+        "force_inversion": receiver.readout.process,
     }
-    return {name: _seconds(block) for name, block in steps.items()}
+    took = dict.fromkeys(stages, 0.0)
+    for first in range(0, len(tones), _BATCH):
+        batch = tones[first : first + _BATCH]
+        groups = Groups(first + np.arange(len(batch)), batch)
+        for name, stage in stages.items():
+            start = time.thread_time()
+            groups = stage(groups)
+            took[name] += time.thread_time() - start
+    return took
 
 
 def _seconds(block):

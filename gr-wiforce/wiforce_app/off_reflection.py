@@ -39,15 +39,16 @@ def off_reflection(capture, scene_path, datatype):
     settings = plan(scene)
     frame_offset = find_offset(recording, settings.waveform)
     warn_of_leftover(recording, scene, settings, frame_offset)
-    states, readings = {}, []
+    found, readings = {}, []
     rows = int(recording.span / scene.group_samples)
     with progress("reading", rows) as step:
 
-        def on_ratios(state, ratios):
-            states[state.group] = (state.std_deg, ratios)
-            step(1)
+        def on_groups(groups):
+            for row, index in enumerate(groups.index.tolist()):
+                found[index] = groups.phase_std_deg[row], groups.ratios[row]
+            step(len(groups))
 
-        read_capture(recording, scene, readings.append, frame_offset, on_ratios=on_ratios)
+        read_capture(recording, scene, readings.append, frame_offset, on_groups=on_groups)
     for i, sensor in enumerate(scene.sensors):
         groups = [
             int(reading.time_s / scene.group_period_s)
@@ -56,15 +57,15 @@ def off_reflection(capture, scene_path, datatype):
             and reading.touch is not None
             and not _UNFIT & set(reading.flags)
         ]
-        values = [_of_end(states, groups, 2 * i + end, sensor, end, scene) for end in (0, 1)]
+        values = [_of_end(found, groups, 2 * i + end, sensor, end, scene) for end in (0, 1)]
         text = ", ".join(f"[{value.real:.4f}, {value.imag:.4f}]" for value, _ in values)
         spread = ", ".join(f"{std:.2g}" for _, std in values)
         click.echo(f"{sensor.name}: off_reflection: [{text}]  # +- {spread}")
 
 
-def _of_end(states, groups, row, sensor, end, scene):
-    std = np.array([states[group][0][row] for group in groups])
-    ratios = np.array([states[group][1][row] for group in groups])
+def _of_end(found, groups, row, sensor, end, scene):
+    std = np.array([found[group][0][row] for group in groups])
+    ratios = np.array([found[group][1][row] for group in groups])
     untouched = sensor.load_model(scene).untouched_deg(scene.radio.center_frequency_hz)
     try:
         return estimate_off_reflection(ratios, untouched[end], std)

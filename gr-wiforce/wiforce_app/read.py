@@ -76,7 +76,7 @@ def read(capture, scene_path, output, plot_path, datatype, frame_offset, tracked
         plot_readings(kept, plot_path, title=str(capture))
 
 
-def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False, on_ratios=None):
+def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False, on_groups=None):
     """Runs the flowgraph over a whole recording.
 
     Parameters
@@ -88,8 +88,8 @@ def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False, on
     frame_offset : int
         Samples before the first frame.
     tracked : bool
-    on_ratios : callable, optional
-        Takes GroupState and R (2S,) of every group.
+    on_groups : callable, optional
+        Takes every batch of Groups, with the ratios R.
 
     Returns
     -------
@@ -100,7 +100,7 @@ def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False, on
     _silence_gnuradio()
     source = wiforce.capture_source(recording, scene, frame_offset)
     reader = wiforce.reader(scene, input_type="folded", tracked=tracked, on_reading=on_reading)
-    reader.inversion.on_ratios = on_ratios
+    reader.receiver.readout.on_groups = on_groups
     sources = {recording.path: source}
     if scene.environment.receive_antennas == 2:
         beside = second_antenna(recording.path.with_suffix(""))

@@ -80,9 +80,7 @@ class Watch:
             session.reader.counts.short(),
             f"peak {_db(session.take_peak()):.0f} dBFS",
         ]
-        states = session.probe.states
-        if states:
-            parts += [f"clock {clock.offset_ppm:+.1f} ppm" for clock in states[-1].clocks]
+        parts += [f"clock {ppm:+.1f} ppm" for ppm in _clock_offsets(session)]
         elif session.alignment.offset is None:
             parts.append("no frames yet")
         return ", ".join(parts + [_short(reading) for reading in self._last.values()])
@@ -90,7 +88,6 @@ class Watch:
     def status(self):
         """The same as plain values."""
         session = self._session
-        states = session.probe.states
         return {
             "time_s": session.time_s,
             "device_start_s": session.start_s,
@@ -100,7 +97,7 @@ class Watch:
             "times_ignored": session.times_ignored,
             "groups": session.reader.counts.asdict(),
             "frame_offset": session.alignment.offset,
-            "clock_offset_ppm": [c.offset_ppm for c in states[-1].clocks] if states else [],
+            "clock_offset_ppm": _clock_offsets(session),
             "readings": {name: reading.row() for name, reading in self._last.items()},
         }
 
@@ -175,3 +172,9 @@ def _short(reading):
         return f"{reading.sensor}: touched"
     place = "" if reading.location_mm is None else f" at {reading.location_mm:.1f} mm"
     return f"{reading.sensor}: {reading.force_n:.2f} N{place}"
+
+
+def _clock_offsets(session):
+    """Offset of every tag's clock in the latest group, in ppm."""
+    groups = session.latest
+    return groups.clock_offset_ppm[-1].tolist() if len(groups) else []

@@ -32,20 +32,19 @@ _MODULES = {
     **dict.fromkeys(_BLOCKS_IN_CPP, "wiforce_python"),
     **{name: f"blocks.{name}" for name in _BLOCKS_IN_PYTHON},
     "ForceDisplay": "gui",
+    "Groups": "estimation.groups",
+    "Receiver": "receiver",
     "load_scene": "scene",
     "load_sensor": "sensor",
     "open_writer": "io.readings",
+    "plan": "planning.plan",
     "sounding_waveform": "signal.waveform",
     # what the blocks' parameters are made with, and checked by
-    "tone_weights": "estimation.tones",
-    "tone_derotation": "estimation.tones",
-    "tone_count": "estimation.tones",
     "is_scene": "blocks.rules",
     "is_capture": "blocks.rules",
     "is_sensor": "blocks.rules",
     "is_carrier_of": "blocks.rules",
     "is_amplitude_of": "blocks.rules",
-    "is_tone_design": "blocks.rules",
 }
 
 __all__ = list(_MODULES)

@@ -21,7 +21,7 @@ def main():
     flowgraph = gr.top_block()
     flowgraph.connect(source, tag, head, reader)
     flowgraph.start()
-    while not reader.inversion.ended.wait(0.001):
+    while not reader.ended.wait(0.001):
         tag.set_force_n(rng.uniform(0, 8))
         tag.set_location_mm(rng.uniform(20, 60))
         tag.set_clock_offset_ppm(rng.uniform(-100, 100))

@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The reader's estimation without its blocks: channel snapshots in, ratios R out."""
+"""The receiver's stages on channel snapshots that come from no capture."""
 
 import numpy as np
 from gnuradio.wiforce.estimation.average import SubcarrierAverage
 from gnuradio.wiforce.estimation.estimators import RatioUnfolder, estimator_named
+from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.reference import ConjugateDifference
 
 
 class SnapshotChain:
-    """What a reader of the same plan computes after its channel estimator.
+    """Snapshots of the channel in, ratios R out: the receiver without samples and sensors.
 
     Parameters
     ----------
@@ -18,43 +19,36 @@ class SnapshotChain:
     """
 
     def __init__(self, plan, derotated=False):
-        waveform = plan.waveform
-        self.table, self._bins = plan.table, waveform.bins
+        self.table = plan.table
         upper = self.table.weights[len(self.table.tones) // 2 :]
         self._upper = np.concatenate([upper.real, upper.imag])
-        estimator, ends = estimator_named(plan.estimator), 2 * len(plan.clocks)
-        self.separator = estimator.separator(
-            plan.table,
-            plan.clocks,
-            waveform.averaging_s,
-            waveform.bins,
-            waveform.sample_rate_hz if derotated else None,
-        )
+        estimator = estimator_named(plan.estimator)
+        self.separator = estimator.separator(plan.table, plan.clocks, plan.waveform, derotated)
         self.difference = ConjugateDifference(
-            ends, waveform.bins, plan.reference_groups, estimator.against
+            2 * len(plan.clocks), plan.reference_groups, estimator.against
         )
-        self.average = SubcarrierAverage(waveform.bins, plan.smoothing_groups)
-        self.unfolder = RatioUnfolder(estimator.ratios, ends)
+        self.average = SubcarrierAverage(plan.smoothing_groups)
+        self.unfolder = RatioUnfolder(estimator.ratios)
 
-    def process(self, group, snapshots, present=None):
-        """Takes H (N, K) of one group; gives (GroupState, R (2S,)) of the groups that are ready.
+    def process(self, index, snapshots, present=None):
+        """Take H (N, K) of one group; give the Groups that are ready, with ``ratios``.
 
         ``present`` (N,) bool says which snapshots there are.
         """
-        missing, partial = 0, None
-        tones = np.zeros((len(self.table.tones), 64), complex)
         if present is None or np.all(present):
-            tones[:, self._bins] = self._whole_group(snapshots)
-        else:
-            missing = int(np.sum(~present))
-            partial = self.table.for_present(present)
-            if partial is not None:
-                tones[:, self._bins] = partial.weights @ snapshots[present]
-        return self._onward(self.separator.process(group, tones, missing, partial))
+            return self.process_tones(Groups([index], self._whole_group(snapshots)[None]))
+        partial = self.table.for_present(present)
+        tones = np.zeros((len(self.table.tones), snapshots.shape[1]), complex)
+        if partial is not None:
+            tones = partial.weights @ snapshots[present]
+        missing = np.array([np.sum(~present)])
+        return self.process_tones(
+            Groups([index], tones[None], missing, snapshot_weights=present[None])
+        )
 
-    def process_tones(self, group, tones):
-        """As `process`, of a whole group's tones (M, 64)."""
-        return self._onward(self.separator.process(group, tones))
+    def process_tones(self, groups):
+        """As `process`, of a batch with tones (G, M, K)."""
+        return self._onward(self.separator.process(groups))
 
     def _whole_group(self, snapshots):
         """Tones by the table's weights, those of -m from the same sums as those of +m."""
@@ -64,16 +58,12 @@ class SnapshotChain:
         return np.concatenate([(real - imaginary)[::-1], real + imaginary])
 
     def flush(self):
-        """Gives the groups still held back."""
+        """Give the groups still held back."""
         ready = self._onward(self.separator.flush())
-        return ready + [self._finish(*item) for item in self.difference.flush()]
+        return Groups.concatenate([ready, self._finish(self.difference.flush())])
 
-    def _onward(self, separated):
-        return [
-            self._finish(*item)
-            for state, vectors in separated
-            for item in self.difference.process(state, vectors)
-        ]
+    def _onward(self, groups):
+        return self._finish(self.difference.process(groups))
 
-    def _finish(self, state, vectors):
-        return self.unfolder.process(*self.average.process(state, vectors))
+    def _finish(self, groups):
+        return self.unfolder.process(self.average.process(groups))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.off_state import corrected_phase_deg
 from gnuradio.wiforce.estimation.tracked_tag import TagClock
 from gnuradio.wiforce.planning.plan import Plan
@@ -68,10 +69,10 @@ def run_case(case, run, seed=1):
         mask = _present(case, rng)
         for kind, chain in chains.items():
             began = time.process_time()
-            results[kind] += chain.process(group, snapshots, mask)
+            results[kind].append(chain.process(group, snapshots, mask))
             spent[kind] += time.process_time() - began
     for kind, chain in chains.items():
-        results[kind] += chain.flush()
+        results[kind] = Groups.concatenate([*results[kind], chain.flush()])
     bound = _bound(case, air, tags, mask)
     signal_s = len(cycles) * case.group_length * _WAVEFORM.snapshot_period_s
     found = {}
@@ -159,37 +160,30 @@ def _bound(case, air, tags, mask):
     return slope * np.sqrt(touched**2 + untouched**2 / case.reference_groups)
 
 
-def errors_of(case, tags, results, kind):
+def errors_of(case, tags, groups, kind):
     """Errors and stated standard deviations (n, 2S) of the touched groups, and how many of them
 
     had no reading.
     """
     truth = np.concatenate([tag.touched_deg for tag in tags])
-    errors, stds, unread = [], [], 0
-    for state, ratios in results:
-        if state.group < case.reference_groups:
-            continue
-        if not np.all(np.isfinite(state.std_deg)):
-            unread += 1
-            continue
-        error, slope = _error(case, tags, ratios, truth)
-        if kind == "sideband":
-            # Half the angle does not know half a turn.
-            turned, other = _error(case, tags, -ratios, truth)
-            nearer = np.abs(turned) < np.abs(error)
-            error, slope = np.where(nearer, turned, error), np.where(nearer, other, slope)
-        errors.append(error)
-        stds.append(state.std_deg * slope)
-    shape = (-1, len(truth))
-    return np.reshape(errors, shape), np.reshape(stds, shape), unread
+    touched = groups[groups.index >= case.reference_groups]
+    known = np.all(np.isfinite(touched.phase_std_deg), axis=1)
+    read = touched[known]
+    errors, slopes = _error(case, tags, read.ratios, truth)
+    if kind == "sideband":
+        # Half the angle does not know half a turn.
+        turned, others = _error(case, tags, -read.ratios, truth)
+        nearer = np.abs(turned) < np.abs(errors)
+        errors, slopes = np.where(nearer, turned, errors), np.where(nearer, others, slopes)
+    return errors, read.phase_std_deg * slopes, int(np.sum(~known))
 
 
 def _error(case, tags, ratios, truth):
-    """Errors of psi in degrees, and how much an error of arg R counts; (2S,) each."""
+    """Errors of psi in degrees, and how much an error of arg R counts; (n, 2S) each."""
     psi, slope = zip(
         *(
             corrected_phase_deg(
-                ratios[2 * i : 2 * i + 2],
+                ratios[:, 2 * i : 2 * i + 2],
                 tag.untouched_deg,
                 tag.off_reflection if case.off_given else 0.0,
             )
@@ -197,7 +191,7 @@ def _error(case, tags, ratios, truth):
         ),
         strict=True,
     )
-    return wrap_deg(np.concatenate(psi) - truth), np.concatenate(slope)
+    return wrap_deg(np.hstack(psi) - truth), np.hstack(slope)
 
 
 def _constant_offset(case, cycles):

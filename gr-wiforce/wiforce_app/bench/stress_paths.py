@@ -2,10 +2,11 @@
 """The ways from samples to phases that are stressed: single precision blocks, and double."""
 
 import tempfile
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.readings import WEAK_PHASE_DEG
 from gnuradio.wiforce.signal.waveform import FFT_LENGTH, sounding_waveform
 
@@ -91,33 +92,34 @@ def read_case(case, path="double", indices=None, scale=None, hurt=None, run=0, s
             yield group
 
     chain = SnapshotChain(settings)
-    results = []
+    ready = []
     if path == "double":
         for index, group in zip(indices, snapshots(), strict=True):
-            results += chain.process(index, group)
+            ready.append(chain.process(index, group))
     else:
         with tempfile.TemporaryDirectory(prefix="wiforce-stress-") as folder:
             groups, tones, incomplete = _through_blocks(
                 path, settings, snapshots(), indices, Path(folder)
             )
-        for index, item in zip(groups, tones, strict=True):
+        tones = tones[:, :, settings.waveform.bins]
+        for row, index in enumerate(groups):
             if index in incomplete:
-                results += chain.process(index, *incomplete[index])
+                ready.append(chain.process(index, *incomplete[index]))
             else:
-                results += chain.process_tones(index, item)
-    results += chain.flush()
-    touched = [(s, r) for s, r in results if s.group >= indices[case.reference_groups]]
-    at_zero = [(_numbered(s, case), r) for s, r in touched]
-    errors, std, unread = errors_of(case, tags, at_zero, "harmonic")
+                ready.append(chain.process_tones(Groups([index], tones[row : row + 1])))
+    groups = Groups.concatenate([*ready, chain.flush()])
+    touched = groups[groups.index >= indices[case.reference_groups]]
+    errors, std, unread = errors_of(case, tags, _numbered(touched, case), "harmonic")
     lost = len(indices) - case.reference_groups - len(touched)
     return Outcome(errors, std, unread + lost, _not_finite(errors, std))
 
 
-def _numbered(state, case):
-    """The state with a group number that counts as touched; no std where no reading is made."""
-    doubtful = [clock.overlapping or not clock.locked for clock in state.clocks]
-    std = np.where(np.repeat(doubtful, 2), np.inf, state.std_deg)
-    return replace(state, group=case.reference_groups, std_deg=std)
+def _numbered(groups, case):
+    """Groups with an index that counts as touched; no std where no reading is made."""
+    doubtful = np.repeat(groups.overlapping | ~groups.locked, 2, axis=1)
+    std = np.where(doubtful, np.inf, groups.phase_std_deg)
+    index = np.full(len(groups), case.reference_groups)
+    return groups.having(index=index, phase_std_deg=std)
 
 
 def _not_finite(errors, std):

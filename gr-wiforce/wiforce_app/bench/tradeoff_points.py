@@ -11,11 +11,12 @@ from pathlib import Path
 
 import numpy as np
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.estimation.readout import Readout
+from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.expected import MEDIAN, phase_std_deg
 from gnuradio.wiforce.planning.plan import check_lines, plan
 from gnuradio.wiforce.planning.steps import steps
+from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.simulation.channel import AirChannel
@@ -23,12 +24,12 @@ from gnuradio.wiforce.simulation.score import read_truth, score
 from gnuradio.wiforce.simulation.simulator import simulate, write_truth
 
 from ..measure import measure_steps
-from .chain import SnapshotChain
 from .throughput.recording import GROUP_LENGTH, WAVEFORM, Recording
 
 _GROUP_LENGTHS = (125, 250, 625, 1250)
 _HARMONICS = (8, 12, 16, 24)
 _CLUTTER_HZ = (0.0, 250.0)
+_BATCH = 64  # groups
 _PART_FC32 = 10_000_000  # samples converted at a time
 
 
@@ -193,7 +194,6 @@ class _SceneRun:
     def __init__(self, scene, recordings, truth_path, signal_s, runs):
         self._recordings, self._signal_s, self._runs = recordings, signal_s, runs
         self._truth_path = truth_path
-        self._models = [sensor.load_model(scene) for sensor in scene.sensors]
         self._known = {}
 
     def measure(self, settings):
@@ -207,8 +207,9 @@ class _SceneRun:
                 flowgraph = _flowgraph(setting, self._recordings)
                 spent, _ = _timed(flowgraph.run)
                 _least(samples_s, setting.name, spent)
-                chain, readout = _python_part(setting, self._models)
-                spent, read = _timed(_readings, chain, readout, flowgraph.tones[0])
+                receiver = Receiver(setting.plan, derotated=setting.order in _ROTATED)
+                tones = flowgraph.tones[0][:, :, setting.plan.waveform.bins]
+                spent, read = _timed(_readings, receiver, tones)
                 _least(groups_s, _group_work(setting), spent)
                 readings[setting.name] = read
         return [
@@ -336,26 +337,10 @@ def _flowgraph(setting, recordings):
     return flowgraph
 
 
-# tones to readings: what the Python blocks of a reader compute
-
-
-def _python_part(setting, models):
-    """SnapshotChain and Readout of a setting, tables and all."""
-    scene, settings = setting.scene, setting.plan
-    sensors = zip(scene.sensors, models, strict=True)
-    readout = Readout(
-        [(sensor.name, model, np.asarray(sensor.off_reflection)) for sensor, model in sensors],
-        scene.radio.center_frequency_hz,
-        settings.group_period_s,
-    )
-    return SnapshotChain(settings, setting.order in _ROTATED), readout
-
-
-def _readings(chain, readout, tones):
+def _readings(receiver, tones):
+    """Readings of tones (G, M, K), in the batches of ``gr-wiforce read``."""
     readings = []
-    for group, item in enumerate(tones):
-        for state, ratios in chain.process_tones(group, item):
-            readings += readout.process(state, ratios)
-    for state, ratios in chain.flush():
-        readings += readout.process(state, ratios)
-    return readings + readout.flush()
+    for first in range(0, len(tones), _BATCH):
+        batch = tones[first : first + _BATCH]
+        readings += receiver.process(Groups(first + np.arange(len(batch)), batch))
+    return readings + receiver.finish()

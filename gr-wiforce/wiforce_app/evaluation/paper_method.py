@@ -4,7 +4,6 @@
 import dataclasses
 
 import numpy as np
-from gnuradio.wiforce.estimation.estimators import RatioUnfolder, estimator_named
 from gnuradio.wiforce.estimation.off_state import corrected_phase_deg
 from gnuradio.wiforce.signal.carrier import wrap_deg
 
@@ -25,15 +24,14 @@ def paper_changes(recording, scene):
         phase_group=dataclasses.replace(scene.phase_group, estimator=_ESTIMATOR),
         environment=dataclasses.replace(scene.environment, receive_antennas=1),
     )
-    unfolder = RatioUnfolder(estimator_named(_ESTIMATOR).ratios, 2 * len(scene.sensors))
     changes = []
     read_capture(
         recording,
         scene,
         on_reading=lambda reading: None,
-        on_ratios=lambda *group: changes.append(unfolder.process(*group)[1]),
+        on_groups=lambda groups: changes.append(groups.ratios),
     )
-    return np.array(changes)
+    return np.concatenate(changes)
 
 
 def paper_errors(scene, index, changes, truth, detrend):

@@ -46,7 +46,7 @@ class clock_offset(gr.sync_block):
         for tag in self.get_tags_in_window(0, 0, len(out), _STATE):
             state = state_tag.from_pmt(tag.value)
             row = out.reshape(len(out), -1)[tag.offset - self.nitems_read(0)]
-            for sensor, clock in enumerate(state.clocks[: self._sensors]):
-                if clock.locked:
-                    row[sensor] = clock.offset_ppm
+            count = min(self._sensors, state.locked.shape[1])
+            locked = state.locked[0, :count]
+            row[:count][locked] = state.clock_offset_ppm[0, :count][locked]
         return len(out)

@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Block: each end's channel against its reference."""
+"""Block: the ends' channels against the untouched sensor, or against the group before."""
 
 import numpy as np
 import pmt
 
 from .. import names
-from ..errors import InputError
+from ..estimation.estimators import estimator_named
 from ..estimation.reference import ConjugateDifference
-from ..signal.waveform import sounding_waveform
-from .group_block import GroupBlock, state_of
+from .group_block import GroupBlock, groups_of
 
 
 class conjugate_difference(GroupBlock):
@@ -21,36 +20,29 @@ class conjugate_difference(GroupBlock):
 
     Parameters
     ----------
-    sensors : int
-        S, two ends each.
-    reference_groups : int
-        Groups at the start that make the untouched reference; absent ones are not made good.
-    against : str
-        ``untouched``, or ``previous`` for the group before (paper, section 3.3).
-    waveform : str
-        ``repeated`` or ``wifi``.
-
-    Raises
-    ------
-    InputError
-        (A ValueError) naming parameter, rule and value.
+    plan : Plan
+        Of a scene: ``wiforce.plan(scene)``. Its estimator ``paper`` compares every group with the
+        one before (paper, section 3.3).
     """
 
-    def __init__(self, sensors=1, reference_groups=13, against="untouched", waveform="repeated"):
-        if sensors < 1:
-            raise InputError("sensors", "must be at least 1", sensors)
-        self._ends = 2 * sensors
-        bins = sounding_waveform(waveform).bins
-        self.difference = ConjugateDifference(self._ends, bins, reference_groups, against)
+    def __init__(self, plan):
+        self._ends = 2 * len(plan.clocks)
+        self._bins = plan.waveform.bins
+        against = estimator_named(plan.estimator).against
+        self.stage = ConjugateDifference(self._ends, plan.reference_groups, against)
         GroupBlock.__init__(self, "conjugate_difference", self._ends * 64, self._ends * 64)
         self.message_port_register_in(pmt.intern(names.TARE))
         self.set_msg_handler(pmt.intern(names.TARE), self._on_tare)
 
     # GNU Radio finds a handler by its name: a lambda has none that it knows.
     def _on_tare(self, message):
-        self.difference.tare()
+        self.stage.tare()
 
-    def take(self, tags, item):
-        vectors = np.asarray(item, complex).reshape(self._ends, 64)
-        results = self.difference.process(state_of(tags), vectors)
-        return [(state, values.ravel()) for state, values in results]
+    def take(self, items, tags):
+        ends = items.reshape(-1, self._ends, 64)[:, :, self._bins].astype(complex)
+        return len(items), self.stage.process(groups_of(tags).having(ends=ends))
+
+    def vectors(self, groups):
+        items = np.zeros((len(groups), self._ends, 64), complex)
+        items[:, :, self._bins] = groups.changes
+        return items.reshape(len(groups), -1)

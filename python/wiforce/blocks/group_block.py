@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the Python blocks of the chain share: one item per phase group, its state as a tag."""
+"""What the Python blocks of the chain share: an item per phase group, its state as a tag."""
 
 import math
 from collections import deque
@@ -9,6 +9,7 @@ import pmt
 from gnuradio import gr
 
 from .. import names
+from ..estimation.groups import Groups
 from . import state_tag
 
 _STATE = pmt.intern(names.STATE)
@@ -17,11 +18,11 @@ _PAGE_BYTES, _LEAST_GROUPS = 4096, 32
 
 
 class GroupBlock(gr.basic_block):
-    """Hands each group with its tags to ``take``, and puts out what that gives when it gives it.
+    """Hands the groups that have arrived to ``take``, and sends what it returns.
 
-    Subclasses implement ``take(tags, item)``, with ``tags`` a dict of the item's tags by name and
-    ``item`` a complex64 vector, and return a list of (GroupState, vector), or None to leave the
-    item in the stream for now.
+    Subclasses implement ``take(items, tags)``, with ``items`` the input's vectors and ``tags`` a
+    dict of tags by name for each, and return how many items were taken and a Groups, the rows of
+    which ``vectors(groups)`` turns into items.
 
     An exception in ``take``, or one that a message handler hands to ``fail``, ends the flowgraph
     in good order: raised through the scheduler it would hang or abort the process.
@@ -48,11 +49,15 @@ class GroupBlock(gr.basic_block):
         self.failure = None
         self._sends = bool(outputs)
 
-    def take(self, tags, item):
+    def take(self, items, tags):
+        raise NotImplementedError
+
+    def vectors(self, groups):
+        """Items (G, n) of a batch."""
         raise NotImplementedError
 
     def fail(self, error):
-        """Ends the flowgraph with an exception."""
+        """End the flowgraph with an exception."""
         self.failure = error
         gr.log.error(f"{self.name()}: {type(error).__name__}: {error}")
 
@@ -62,36 +67,37 @@ class GroupBlock(gr.basic_block):
     def general_work(self, input_items, output_items):
         if self.failure is not None:
             return _DONE
-        items = input_items[0]
-        room = len(output_items[0]) if self._sends else len(items)
+        room = len(output_items[0]) if self._sends else 0
         produced = self._put_out(output_items, 0, room)
-        first = self.nitems_read(0)
-        consumed = 0
-        # One group at a time, so that a group that is not ready to be taken stays in the stream.
-        while consumed < len(items) and produced < room:
-            tags = {
-                pmt.symbol_to_string(tag.key): tag.value
-                for tag in self.get_tags_in_range(0, first + consumed, first + consumed + 1)
-            }
-            try:
-                results = self.take(tags, items[consumed])
-            except Exception as error:
-                self.fail(error)
-                return _DONE
-            if results is None:
-                break
-            consumed += 1
-            self._ready.extend(results)
-            produced = self._put_out(output_items, produced, room) if self._sends else 0
+        items = input_items[0]
+        if self._sends and produced == room or not len(items):
+            self.consume(0, 0)
+            return produced
+        try:
+            consumed, groups = self.take(items, self._tags_of(len(items)))
+        except Exception as error:
+            self.fail(error)
+            return _DONE
+        if self._sends and len(groups):
+            rows = self.vectors(groups)
+            self._ready.extend((groups[i : i + 1], row) for i, row in enumerate(rows))
+            produced = self._put_out(output_items, produced, room)
         self.consume(0, consumed)
         return produced
 
+    def _tags_of(self, count):
+        tags = [{} for _ in range(count)]
+        first = self.nitems_read(0)
+        for tag in self.get_tags_in_range(0, first, first + count):
+            tags[tag.offset - first][pmt.symbol_to_string(tag.key)] = tag.value
+        return tags
+
     def _put_out(self, output_items, produced, room):
         while self._ready and produced < room:
-            state, vector = self._ready.popleft()
+            group, vector = self._ready.popleft()
             output_items[0][produced] = vector
             offset = self.nitems_written(0) + produced
-            self.add_item_tag(0, offset, _STATE, state_tag.to_pmt(state))
+            self.add_item_tag(0, offset, _STATE, state_tag.to_pmt(group))
             produced += 1
         return produced
 
@@ -106,14 +112,14 @@ def _buffered_groups(signature):
     return in_pages * math.ceil(_LEAST_GROUPS / in_pages)
 
 
-def state_of(tags):
-    """The GroupState among an item's tags.
+def groups_of(tags):
+    """The batch that a stage before described in tags, a dict for each item.
 
     Raises
     ------
     RuntimeError
-        When the item has none: the block is not connected behind its chain.
+        When an item has none: the block is not connected behind its chain.
     """
-    if names.STATE not in tags:
+    if any(names.STATE not in own for own in tags):
         raise RuntimeError(f"group without a {names.STATE!r} tag: connect behind end_separation")
-    return state_tag.from_pmt(tags[names.STATE])
+    return Groups.concatenate(state_tag.from_pmt(own[names.STATE]) for own in tags)

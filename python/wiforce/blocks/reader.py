@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Hierarchical block: received samples to readings, wired from a scene."""
+"""Block: received samples to readings of force and location."""
 
 import numpy as np
 import pmt
@@ -7,15 +7,11 @@ from gnuradio import gr
 
 from .. import names
 from ..errors import InputError
-from ..estimation.estimators import estimator_named
 from ..io.samples import ITEM_TYPES
+from ..planning.plan import Plan
 from ..planning.plan import plan as plan_of
-from ..scene import Scene, load_scene
 from ..wiforce_python import ofdm_channel_estimator, phase_group_doppler, preamble_fold
-from .conjugate_difference import conjugate_difference
-from .end_separation import end_separation
-from .force_inversion import force_inversion
-from .subcarrier_average import subcarrier_average
+from .group_reader import group_reader
 
 _ITEM_BYTES = {
     **{name: kind.sample_bytes for name, kind in ITEM_TYPES.items()},
@@ -29,14 +25,10 @@ class reader(gr.hier_block2):
     Message port ``readings`` (out): a dict per group and sensor (see ``force_inversion``).
     Message port ``tare`` (in): take the untouched reference anew.
 
-    The inner blocks are attributes (``estimator``, ``separation``, ``difference``, ``average``,
-    ``inversion``) for who wants to tap their streams. Before them comes ``fold``, which takes the
-    tones of samples in one thread, or, for folded vectors, ``doppler``; the other is None.
-
     Parameters
     ----------
-    scene : str, dict or Scene
-        Scene file, or the scene itself.
+    scene : str, dict, Scene or Plan
+        Scene file, the scene itself, or its plan.
     input_type : str
         ``fc32`` or ``sc16`` samples, or ``folded`` vectors from a ``recording_source``.
     frame_offset : int
@@ -45,6 +37,18 @@ class reader(gr.hier_block2):
         Follow each press over time instead of inverting each group by itself.
     on_reading : callable, optional
         Called with every :class:`io.readings.Reading`.
+
+    Attributes
+    ----------
+    plan : Plan
+    receiver : Receiver
+        What reads the groups.
+    fold, doppler : block or None
+        What takes the tones, of samples or of folded vectors; the other is None.
+    estimator : block
+        The channel at every tone; its output can be tapped.
+    groups : block
+        The inner block that runs the receiver.
 
     Raises
     ------
@@ -58,11 +62,10 @@ class reader(gr.hier_block2):
             raise InputError("input_type", rule, input_type)
         if frame_offset < 0:
             raise InputError("frame_offset", "must be 0 or more", frame_offset)
-        self.scene = scene if isinstance(scene, Scene) else load_scene(scene)
-        if self.scene.environment.receive_antennas > 1 and input_type != "folded":
+        self.plan = scene if isinstance(scene, Plan) else plan_of(scene)
+        if self.plan.scene.environment.receive_antennas > 1 and input_type != "folded":
             rule = "must be 1 where samples come in; two antennas are folded, then antenna_ratio"
             raise InputError("environment.receive_antennas", rule, 2)
-        self.plan = plan_of(self.scene)
         gr.hier_block2.__init__(
             self,
             "reader",
@@ -71,99 +74,65 @@ class reader(gr.hier_block2):
         )
         self.message_port_register_hier_out(names.READINGS)
         self.message_port_register_hier_in(names.TARE)
-        self._make_blocks(input_type, frame_offset, tracked, on_reading)
-        first = self.doppler if self.fold is None else self.fold
-        chain = [first, self.estimator, self.separation, self.difference]
-        chain += [self.average, self.inversion]
-        self.connect(self, *chain)
-        self.msg_connect(first, names.INCOMPLETE, self.separation, names.INCOMPLETE)
-        self.msg_connect(self.inversion, names.READINGS, self, names.READINGS)
-        self.msg_connect(self, names.TARE, self.difference, names.TARE)
-
-    def _make_blocks(self, input_type, frame_offset, tracked, on_reading):
-        scene, settings = self.scene, self.plan
-        waveform, table = settings.waveform, settings.table
-        sensors = len(scene.sensors)
         self.fold = self.doppler = None
         if input_type == "folded":
-            self.doppler = phase_group_doppler(
-                weights=table.weights, group_length=settings.group_length
-            )
+            first = self.doppler = self._make_doppler()
         else:
-            self.fold = preamble_fold.tones(
-                weights=table.weights,
-                group_length=settings.group_length,
-                frame_length=waveform.frame_length,
-                first_averaged=waveform.first_averaged,
-                repetitions=waveform.repetitions,
-                sample_rate=waveform.sample_rate_hz,
-                frame_offset=frame_offset,
-                item_type=input_type,
-            )
+            first = self.fold = self._make_fold(input_type, frame_offset)
+        waveform, table = self.plan.waveform, self.plan.table
         self.estimator = ofdm_channel_estimator(
             factors=waveform.equalizer().astype(np.complex64),
             rows=len(table.tones),
             rotation=table.derotation(waveform.sample_rate_hz).astype(np.complex64),
         )
-        self.separation = end_separation(
-            clocks_hz=[clock.clock_hz for clock in settings.clocks],
-            group_length=settings.group_length,
-            waveform=waveform.name,
+        self.groups = group_reader(self.plan, tracked, on_reading)
+        self.connect(self, first, self.estimator, self.groups)
+        self.msg_connect(first, names.INCOMPLETE, self.groups, names.INCOMPLETE)
+        self.msg_connect(self.groups, names.READINGS, self, names.READINGS)
+        self.msg_connect(self, names.TARE, self.groups, names.TARE)
+
+    def _make_doppler(self):
+        return phase_group_doppler(
+            weights=self.plan.table.weights, group_length=self.plan.group_length
+        )
+
+    def _make_fold(self, input_type, frame_offset):
+        waveform = self.plan.waveform
+        return preamble_fold.tones(
+            weights=self.plan.table.weights,
+            group_length=self.plan.group_length,
             frame_length=waveform.frame_length,
+            first_averaged=waveform.first_averaged,
+            repetitions=waveform.repetitions,
             sample_rate=waveform.sample_rate_hz,
-            clutter_hz=settings.clutter_hz,
-            harmonics=settings.harmonics,
-            tolerance_ppm=[clock.tolerance_ppm for clock in settings.clocks],
-            estimator=settings.estimator,
+            frame_offset=frame_offset,
+            item_type=input_type,
         )
-        self.difference = conjugate_difference(
-            sensors=sensors,
-            reference_groups=settings.reference_groups,
-            against=estimator_named(settings.estimator).against,
-            waveform=waveform.name,
-        )
-        self.average = subcarrier_average(
-            sensors=sensors, smoothing_groups=settings.smoothing_groups, waveform=waveform.name
-        )
-        self.inversion = force_inversion(
-            models=[sensor.load_model(scene) for sensor in scene.sensors],
-            center_frequency=scene.radio.center_frequency_hz,
-            group_period=settings.group_period_s,
-            sensor_names=[sensor.name for sensor in scene.sensors],
-            off_reflections=[np.asarray(sensor.off_reflection) for sensor in scene.sensors],
-            tracked=tracked,
-            ratios=estimator_named(settings.estimator).ratios,
-            on_reading=on_reading,
-        )
+
+    @property
+    def receiver(self):
+        return self.groups.receiver
 
     @property
     def failure(self):
         """The exception that ended the flowgraph, None when all went well."""
-        blocks = (self.separation, self.difference, self.average, self.inversion)
-        return next((b.failure for b in blocks if b.failure is not None), None)
+        return self.groups.failure
 
     @property
     def counts(self):
-        """Groups by what became of them: a :class:`io.readings.GroupCounts`."""
-        return self.inversion.counts
+        """Group counts by outcome: a :class:`io.readings.GroupCounts`."""
+        return self.receiver.counts
+
+    @property
+    def ended(self):
+        """A threading.Event: the stream has ended and its last group is read."""
+        return self.groups.ended
 
     def finish(self):
-        """Reads the groups that the chain still holds back; for use when the flowgraph has ended.
-
-        A stream that ends before the clocks are acquired or the reference is complete leaves
-        its groups in ``separation`` and ``difference``.
-        """
-        if self.failure is not None:
-            return
-        for state, vectors in self.separation.flush():
-            self._finish_from_difference(self.difference.difference.process(state, vectors))
-        self._finish_from_difference(self.difference.difference.flush())
-        self.inversion.finish()
-
-    def _finish_from_difference(self, groups):
-        for state, vectors in groups:
-            self.inversion.read(*self.average.average.process(state, vectors))
+        """Nothing is left to do when a flowgraph has ended; for one that never ran to its end."""
+        if self.failure is None and not self.ended.is_set():
+            self.groups.finish()
 
     def tare(self):
-        """Takes the untouched reference anew from the groups that follow."""
-        self.difference.to_basic_block()._post(pmt.intern(names.TARE), pmt.PMT_T)
+        """Take the untouched reference anew from the groups that follow."""
+        self.groups.to_basic_block()._post(pmt.intern(names.TARE), pmt.PMT_T)

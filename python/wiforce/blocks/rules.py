@@ -11,13 +11,10 @@ from ..errors import InputError
 def is_scene(scene):
     """Whether a reader can be built from a scene: a file, a shipped scene's name, a dict."""
     from ..planning.plan import plan
-    from ..scene import load_scene
 
     def build():
-        loaded = load_scene(scene)
-        for sensor in loaded.sensors:
-            sensor.load_model(loaded)
-        return plan(loaded).table
+        planned = plan(scene)
+        return planned.table, planned.sensors
 
     return _accepted(build)
 
@@ -49,13 +46,6 @@ def is_capture(capture, datatype=None):
     from ..io.capture import open_capture
 
     return _accepted(lambda: open_capture(capture, datatype))
-
-
-def is_tone_design(*settings):
-    """Whether ``tone_weights(*settings)`` finds weights."""
-    from ..estimation.tones import tone_weights
-
-    return _accepted(lambda: tone_weights(*settings))
 
 
 def _accepted(build):

@@ -1,12 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Block: one complex ratio per end from one per subcarrier."""
 
-import numpy as np
-
-from ..errors import InputError
 from ..estimation.average import SubcarrierAverage
-from ..signal.waveform import sounding_waveform
-from .group_block import GroupBlock, state_of
+from .group_block import GroupBlock, groups_of
 
 
 class subcarrier_average(GroupBlock):
@@ -17,26 +13,19 @@ class subcarrier_average(GroupBlock):
 
     Parameters
     ----------
-    sensors : int
-        S, two ends each.
-    smoothing_groups : int
-        Groups averaged for as long as nothing changes; 1 for none.
-    waveform : str
-        ``repeated`` or ``wifi``.
-
-    Raises
-    ------
-    InputError
-        (A ValueError) naming parameter, rule and value.
+    plan : Plan
+        Of a scene: ``wiforce.plan(scene)``.
     """
 
-    def __init__(self, sensors=1, smoothing_groups=1, waveform="repeated"):
-        if sensors < 1:
-            raise InputError("sensors", "must be at least 1", sensors)
-        self._ends = 2 * sensors
-        self.average = SubcarrierAverage(sounding_waveform(waveform).bins, smoothing_groups)
+    def __init__(self, plan):
+        self._ends = 2 * len(plan.clocks)
+        self._bins = plan.waveform.bins
+        self.stage = SubcarrierAverage(plan.smoothing_groups)
         GroupBlock.__init__(self, "subcarrier_average", self._ends * 64, self._ends)
 
-    def take(self, tags, item):
-        vectors = np.asarray(item, complex).reshape(self._ends, 64)
-        return [self.average.process(state_of(tags), vectors)]
+    def take(self, items, tags):
+        changes = items.reshape(-1, self._ends, 64)[:, :, self._bins].astype(complex)
+        return len(items), self.stage.process(groups_of(tags).having(changes=changes))
+
+    def vectors(self, groups):
+        return groups.ratios

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """From one ratio per subcarrier to one per end, and averaging over groups that follows a touch."""
 
-from collections import deque
-from dataclasses import replace
+from __future__ import annotations
 
 import numpy as np
 
 from ..errors import InputError
+from .groups import Array, Groups
 from .reference import subcarrier_weights
 
 # Squared standard deviations by which the newer part of a window must differ from the older.
@@ -18,8 +18,6 @@ class SubcarrierAverage:
 
     Parameters
     ----------
-    bins : ndarray of int
-        Occupied FFT bins.
     smoothing_groups : int
         Groups averaged while nothing changes; 1 for none.
 
@@ -29,57 +27,61 @@ class SubcarrierAverage:
         When ``smoothing_groups`` is below 1.
     """
 
-    def __init__(self, bins, smoothing_groups=1):
+    def __init__(self, smoothing_groups: int = 1) -> None:
         if smoothing_groups < 1:
             raise InputError("smoothing_groups", "must be at least 1", smoothing_groups)
-        self.bins = np.asarray(bins)
         self._smoothing = smoothing_groups
-        self._smoothers = None
+        self._windows: list[AdaptiveAverage] = []
 
-    def process(self, state, vectors):
-        """Averages one group of vectors (2S, 64).
+    def process(self, groups: Groups) -> Groups:
+        """Average a batch with ``changes``.
 
         Returns
         -------
-        GroupState
-            With ``std_deg``; infinite for an end that is not there or has no reference.
-        ndarray of complex, shape (2S,)
-            R.
+        Groups
+            With ``ratios`` and ``phase_std_deg``, infinite for an end that is not there or has no
+            reference; without ``changes``.
         """
-        weights = subcarrier_weights(state.noise)
-        ratios = np.asarray(vectors)[:, self.bins] @ weights
-        if state.new_reference:
-            self._smoothers = None
-        variance = ratio_variance(state)
+        if not len(groups):
+            return groups
+        assert groups.changes is not None and groups.noise is not None
+        ratios = np.einsum("gek,gk->ge", groups.changes, subcarrier_weights(groups.noise))
+        variance = ratio_variance(groups)
         if self._smoothing > 1:
-            ratios, variance = self._smooth(ratios, variance)
+            ratios, variance = self._smooth(groups, ratios, variance)
         with np.errstate(divide="ignore", invalid="ignore"):
             std = np.degrees(np.sqrt(variance / 2) / np.abs(ratios))
-        return replace(state, std_deg=np.where(np.abs(ratios) > 0, std, np.inf)), ratios
+        std = np.where(np.abs(ratios) > 0, std, np.inf)
+        return groups.having(changes=None, ratios=ratios, phase_std_deg=std)
 
-    def _smooth(self, ratios, variance):
-        tags = len(ratios) // 2
-        if self._smoothers is None:
-            self._smoothers = [AdaptiveAverage(self._smoothing) for _ in range(tags)]
-        pairs = [
-            smoother.update(ratios[2 * i : 2 * i + 2], variance[2 * i : 2 * i + 2])
-            for i, smoother in enumerate(self._smoothers)
-        ]
-        return np.concatenate([p[0] for p in pairs]), np.concatenate([p[1] for p in pairs])
+    def _smooth(self, groups: Groups, ratios: Array, variance: Array) -> tuple[Array, Array]:
+        assert groups.new_reference is not None
+        means, variances = np.empty_like(ratios), np.empty_like(variance)
+        tags = ratios.shape[1] // 2
+        for row, anew in enumerate(groups.new_reference.tolist()):
+            if anew or not self._windows:
+                self._windows = [AdaptiveAverage(self._smoothing) for _ in range(tags)]
+            for i, window in enumerate(self._windows):
+                own = slice(2 * i, 2 * i + 2)
+                mean, spread = window.update(ratios[row, own], variance[row, own])
+                means[row, own], variances[row, own] = mean, spread
+        return means, variances
 
 
-def ratio_variance(state):
-    """Variance of the complex R_i, noise of group and reference included; shape (2S,).
+def ratio_variance(groups: Groups) -> Array:
+    """Variance of the complex R_i, noise of group and reference included; shape (G, 2S).
 
     (g + g_ref + g g_ref K / E) / E with E = sum_k |V_ref|^2 / sigma_k^2, g the variances of V and
     V_ref over that of H.
     """
-    inverse_noise = np.sum(1 / state.noise)
+    assert groups.noise is not None and groups.reference_power is not None
+    assert groups.gain is not None and groups.reference_gain is not None
+    inverse_noise = np.sum(1 / groups.noise, axis=1)[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
-        energy = state.reference_power * inverse_noise
-        both = state.gain * state.reference_gain * len(state.noise) / energy
-        total = state.gain + np.where(state.in_reference, 0.0, state.reference_gain) + both
-        return np.where(energy > 0, total / energy, np.inf)
+        energy = groups.reference_power * inverse_noise
+        both = groups.gain * groups.reference_gain * groups.noise.shape[1] / energy
+        own = np.where(groups.in_reference, 0.0, groups.reference_gain)
+        return np.where(energy > 0, (groups.gain + own + both) / energy, np.inf)
 
 
 class AdaptiveAverage:
@@ -95,30 +97,36 @@ class AdaptiveAverage:
         Longest window in groups.
     """
 
-    def __init__(self, length):
-        self._window = deque(maxlen=length)
+    def __init__(self, length: int) -> None:
+        self._length = length
+        self._ratios: list[Array] = []
+        self._precision: list[Array] = []
 
-    def update(self, ratios, variance):
-        """Takes one group's ratios (n,) with their variances (n,); gives the averages of both."""
-        if not np.all(np.isfinite(variance)):
-            self._window.clear()
+    def update(self, ratios: Array, variance: Array) -> tuple[Array, Array]:
+        """Take one group's ratios (n,) with their variances (n,); give the averages of both."""
+        if not np.isfinite(variance).all():
+            self._ratios.clear()
+            self._precision.clear()
             return ratios, variance
-        self._window.append((ratios / variance, 1 / variance))
-        while True:
-            # Sums over the newest 1, 2, ... groups.
-            sums = np.cumsum([item[0] for item in reversed(self._window)], axis=0)
-            precision = np.cumsum([item[1] for item in reversed(self._window)], axis=0)
-            mean = sums[-1] / precision[-1]
-            if len(sums) == 1 or not _changed(sums, precision, mean):
-                return mean, 1 / precision[-1]
-            self._window.popleft()
+        # The newest first, so that sums over the newest 1, 2, ... groups are cumulative.
+        self._ratios.insert(0, ratios / variance)
+        self._precision.insert(0, 1 / variance)
+        del self._ratios[self._length :], self._precision[self._length :]
+        sums = np.cumsum(self._ratios, axis=0)
+        precision = np.cumsum(self._precision, axis=0)
+        count = len(sums)
+        while count > 1 and _changed(sums[:count], precision[:count]):
+            count -= 1
+        del self._ratios[count:], self._precision[count:]
+        return sums[count - 1] / precision[count - 1], 1 / precision[count - 1]
 
 
-def _changed(sums, precision, mean):
+def _changed(sums: Array, precision: Array) -> bool:
     """Whether the phase of some newer part differs from that of the rest."""
+    mean = sums[-1] / precision[-1]
     newer, older = precision[:-1], precision[-1] - precision[:-1]
     difference = sums[:-1] / newer - (sums[-1] - sums[:-1]) / older
-    across = (difference * mean.conj()).imag
+    across = difference.imag * mean.real - difference.real * mean.imag
     # Half of a complex variance lies across the mean.
-    spread = (1 / newer + 1 / older) / 2 * np.abs(mean) ** 2
-    return bool(np.any(across**2 > _CHANGE * spread))
+    spread = (1 / newer + 1 / older) / 2 * (mean.real**2 + mean.imag**2)
+    return bool((across**2 > _CHANGE * spread).any())

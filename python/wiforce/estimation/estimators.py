@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The estimators that a scene can ask for, and what follows from the choice."""
 
-from dataclasses import dataclass, replace
+from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..errors import InputError
+from .groups import Array, Groups
 from .paper import PaperSeparator, SidebandSeparator
 from .separation import EndSeparator
 
@@ -40,7 +43,7 @@ ESTIMATORS = {
 }
 
 
-def estimator_named(name):
+def estimator_named(name: str) -> Estimator:
     """The estimator of that name.
 
     Raises
@@ -63,29 +66,42 @@ class RatioUnfolder:
     ----------
     ratios : str
         ``change``, ``step`` or ``square``.
-    ends : int
+
+    Raises
+    ------
+    InputError
+        For another word.
     """
 
-    def __init__(self, ratios, ends):
+    def __init__(self, ratios: str) -> None:
         if ratios not in ("change", "step", "square"):
             raise InputError("ratios", "must be 'change', 'step' or 'square'", ratios)
-        self._ratios, self._ends = ratios, ends
-        self.tare()
+        self._ratios = ratios
+        self._last: Array | None = None
 
-    def tare(self):
-        """Begins anew: the next group counts as untouched."""
-        self._last = np.ones(self._ends, complex)
+    def process(self, groups: Groups) -> Groups:
+        """A batch with its ``ratios`` unfolded."""
+        if self._ratios == "change" or not len(groups):
+            return groups
+        assert groups.ratios is not None and groups.phase_std_deg is not None
+        assert groups.new_reference is not None
+        there = np.isfinite(groups.phase_std_deg) & (np.abs(groups.ratios) > 0)
+        unfolded = np.empty_like(groups.ratios)
+        for row, anew in enumerate(groups.new_reference.tolist()):
+            if anew or self._last is None:  # the group counts as untouched
+                self._last = np.ones(groups.ratios.shape[1], complex)
+            follow = self._add_step if self._ratios == "step" else self._take_root
+            unfolded[row] = follow(groups.ratios[row], there[row], self._last)
+        std = groups.phase_std_deg / (2 if self._ratios == "square" else 1)
+        return groups.having(ratios=unfolded, phase_std_deg=std)
 
-    def process(self, state, ratios):
-        """GroupState and R (2S,) of one group, unfolded."""
-        if self._ratios == "change":
-            return state, ratios
-        there = np.isfinite(state.std_deg) & (np.abs(ratios) > 0)
-        if self._ratios == "step":
-            steps = np.where(there, ratios, 1.0)
-            self._last = self._last * steps / np.abs(steps)
-            return state, np.where(there, self._last, 0.0)
+    def _add_step(self, ratios: Array, there: Array, last: Array) -> Array:
+        steps = np.where(there, ratios, 1.0)
+        self._last = last * steps / np.abs(steps)
+        return np.where(there, self._last, 0.0)
+
+    def _take_root(self, ratios: Array, there: Array, last: Array) -> Array:
         roots = np.sqrt(np.asarray(ratios, complex))
-        roots = np.where((roots * self._last.conj()).real < 0, -roots, roots)
-        self._last = np.where(there, roots, self._last)
-        return replace(state, std_deg=state.std_deg / 2), roots
+        roots = np.where((roots * last.conj()).real < 0, -roots, roots)
+        self._last = np.where(there, roots, last)
+        return roots

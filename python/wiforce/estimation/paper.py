@@ -1,14 +1,21 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The published estimator, and the sideband product: no clock is tracked. For comparison.
 
-Same interface as :class:`separation.EndSeparator`.
+Both have the interface of :class:`separation.EndSeparator`.
 """
+
+from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from ..errors import InputError
 from ..signal.switching import harmonics
-from .state import ClockState, GroupState
+from ..signal.waveform import Waveform
+from ..signal.weights import ToneTable
+from .groups import Array, Groups
+from .tracked_tag import TagClock
 
 # Lines on which the paper reads end 1 and end 2.
 _LINES = (1, 4)
@@ -16,70 +23,115 @@ _NOISE_GROUPS = 64
 
 
 class _LineReader:
-    """Lines +-1 and +-4 of every tag, and the noise that the pairs betray."""
+    """Lines +-1 and +-4 of every tag, and the noise that the pairs betray.
 
-    def __init__(self, table, clocks, averaging_s, bins, sample_rate_hz=None):
-        self.table = table
-        self.bins = np.asarray(bins)
-        self.ends = 2 * len(clocks)
-        self._period = table.group_length * table.snapshot_period_s
+    Parameters
+    ----------
+    table : ToneTable
+    clocks : sequence of TagClock
+    waveform : Waveform
+    derotated : bool
+        Has no effect on phases.
+    """
+
+    def __init__(
+        self,
+        table: ToneTable,
+        clocks: Sequence[TagClock],
+        waveform: Waveform,
+        derotated: bool = True,
+    ) -> None:
+        self._table = table
+        self._period_s = table.group_length * table.snapshot_period_s
         self._tags = len(clocks)
         pairs = [(tag, m) for tag in range(len(clocks)) for m in _LINES]
         self._upper = [self._row(tag, m) for tag, m in pairs]
         self._lower = [self._row(tag, -m) for tag, m in pairs]
         self._hertz = np.array([[table.tones[row].frequency_hz] for row in self._upper])
         coefficients = [
-            harmonics(m, clocks[tag].clock_hz * averaging_s)[_LINES.index(m)] for tag, m in pairs
+            harmonics(m, clocks[tag].clock_hz * waveform.averaging_s)[_LINES.index(m)]
+            for tag, m in pairs
         ]
         self._coefficients = np.array(coefficients)[:, None]
-        self._reference_gain = self._coefficients[0, 0] ** 2
+        self._line_power = self._coefficients[0, 0] ** 2
         self._noise_level, self._noise_groups = 0.0, 0
 
-    def _row(self, tag, harmonic):
-        for row, tone in enumerate(self.table.tones):
+    def _row(self, tag: int, harmonic: int) -> int:
+        for row, tone in enumerate(self._table.tones):
             if (tag, harmonic) in tone.owners:
                 return row
         raise InputError("harmonics", f"must leave line {harmonic} of tag {tag} in the table")
 
-    def process(self, group, tones, missing=0, partial=None):
-        """One group's vectors at once; see :meth:`separation.EndSeparator.process`."""
-        weights = (self.table if partial is None else partial).weights
-        tones = np.asarray(tones)[:, self.bins].astype(complex)
-        usable = bool(np.isfinite(tones.sum()) and tones.any())
-        usable = usable and (partial is not None or not missing)
-        vectors = np.zeros((self.ends, 64), complex)
-        gain, snr = np.full(self.ends, np.inf), np.full(self.ends, np.nan)
-        if usable:
-            turns = self._hertz * (group + 0.5) * self._period % 1.0
-            turn = np.exp(-2j * np.pi * turns)
-            upper = tones[self._upper] * turn / self._coefficients
-            lower = tones[self._lower] * turn.conj() / self._coefficients
-            line_gain = np.sum(np.abs(weights[self._upper]) ** 2, axis=1)
-            line_gain = line_gain / self._coefficients[:, 0] ** 2
-            self._learn_noise(upper, lower, line_gain)
-            values, gain, power = self._read(upper, lower, line_gain)
-            vectors[:, self.bins] = values
-            ratio = self._reference_gain * power / self._noise_level
-            snr = 10 * np.log10(np.maximum(ratio, 1e-12))
-        clocks = (ClockState(usable),) * self._tags
-        noise = np.full(len(self.bins), max(self._noise_level, 1e-300))
-        return [(GroupState(group, missing, clocks, noise, gain, snr), vectors)]
+    def process(self, groups: Groups) -> Groups:
+        """A batch separated at once; see :meth:`separation.EndSeparator.process`."""
+        if not len(groups):
+            return groups
+        assert groups.tones is not None
+        count, _, subcarriers = groups.tones.shape
+        ends = np.zeros((count, 2 * self._tags, subcarriers), complex)
+        gain = np.full((count, 2 * self._tags), np.inf)
+        snr_db = np.full((count, 2 * self._tags), np.nan)
+        noise = np.zeros((count, subcarriers))
+        usable = np.zeros(count, bool)
+        for row in range(count):
+            tones = groups.tones[row].astype(complex)
+            weights = self._weights(groups, row)
+            usable[row] = np.isfinite(tones.sum()) and tones.any() and weights is not None
+            if usable[row]:
+                ends[row], gain[row], power = self._take(int(groups.index[row]), tones, weights)
+                ratio = self._line_power * power / self._noise_level
+                snr_db[row] = 10 * np.log10(np.maximum(ratio, 1e-12))
+            noise[row] = max(self._noise_level, 1e-300)
+        clocks = np.zeros((count, self._tags))
+        return groups.having(
+            tones=None,
+            snapshot_weights=None,
+            ends=ends,
+            gain=gain,
+            noise=noise,
+            snr_db=snr_db,
+            locked=np.tile(usable[:, None], self._tags),
+            clock_phase=clocks,
+            clock_offset_ppm=clocks,
+            clock2_delay=clocks,
+            overlapping=clocks > 0,
+        )
 
-    def flush(self):
+    def flush(self) -> Groups:
         """Nothing is held back."""
-        return []
+        return Groups(np.zeros(0, np.int64))
 
-    def _learn_noise(self, upper, lower, gain):
+    def _weights(self, groups: Groups, row: int) -> Array | None:
+        """The weights behind a group's tones; None when they cannot be used."""
+        if not groups.missing[row]:
+            return self._table.weights
+        if groups.snapshot_weights is None or not groups.snapshot_weights[row].any():
+            return None
+        partial = self._table.for_present(groups.snapshot_weights[row] > 0)
+        return None if partial is None else partial.weights
+
+    def _take(self, index: int, tones: Array, weights: Array) -> tuple[Array, Array, Array]:
+        """Ends, their gain and the power of the channels of one group."""
+        turns = self._hertz * (index + 0.5) * self._period_s % 1.0
+        turn = np.exp(-2j * np.pi * turns)
+        upper = tones[self._upper] * turn / self._coefficients
+        lower = tones[self._lower] * turn.conj() / self._coefficients
+        line_gain = np.sum(np.abs(weights[self._upper]) ** 2, axis=1)
+        line_gain = line_gain / self._coefficients[:, 0] ** 2
+        self._learn_noise(upper, lower, line_gain)
+        return self._read(upper, lower, line_gain)
+
+    def _learn_noise(self, upper: Array, lower: Array, gain: Array) -> None:
         """Both lines of a pair show the same channel: what differs is noise."""
         product = np.sum(upper * lower.conj(), axis=1)
         half = np.exp(0.5j * np.angle(product))[:, None]
         apart = np.abs(upper * half.conj() - lower * half) ** 2 / 2
-        level = np.mean(apart / gain[:, None]) * len(self.bins) / (len(self.bins) - 1)
+        level = np.mean(apart / gain[:, None]) * upper.shape[1] / (upper.shape[1] - 1)
         self._noise_groups = min(self._noise_groups + 1, _NOISE_GROUPS)
         self._noise_level += (level - self._noise_level) / self._noise_groups
         self._noise_level = max(self._noise_level, 1e-300)
 
-    def _read(self, upper, lower, gain):
+    def _read(self, upper: Array, lower: Array, gain: Array) -> tuple[Array, Array, Array]:
         """Values of the ends, their variance over that of H, and the power of the channels."""
         raise NotImplementedError
 
@@ -90,18 +142,9 @@ class PaperSeparator(_LineReader):
     The tag's clock stays in the result: a constant offset o turns end 1 by 2 pi fs o per second
     and end 2 by four times that. The paper compares each group with the one before; the changes
     add up over a run.
-
-    Parameters
-    ----------
-    table : ToneTable
-    clocks : sequence of TagClock
-    averaging_s : float
-    bins : ndarray of int
-    sample_rate_hz : float, optional
-        Has no effect on phases.
     """
 
-    def _read(self, upper, lower, gain):
+    def _read(self, upper: Array, lower: Array, gain: Array) -> tuple[Array, Array, Array]:
         power = np.mean(np.abs(upper) ** 2, axis=1) - gain * self._noise_level
         return upper, gain, power
 
@@ -110,18 +153,9 @@ class SidebandSeparator(_LineReader):
     """The square of each end's channel, P(+m) P(-m), in which the clock's phase cancels.
 
     Half the angle of what follows from it is the end's phase, but for half a turn.
-
-    Parameters
-    ----------
-    table : ToneTable
-    clocks : sequence of TagClock
-    averaging_s : float
-    bins : ndarray of int
-    sample_rate_hz : float, optional
-        Has no effect on phases.
     """
 
-    def _read(self, upper, lower, gain):
+    def _read(self, upper: Array, lower: Array, gain: Array) -> tuple[Array, Array, Array]:
         noise = gain * self._noise_level
         power = (np.mean(np.abs(upper) ** 2, axis=1) + np.mean(np.abs(lower) ** 2, axis=1)) / 2
         # A product's noise grows with it: what counts is the mean over the product's own energy.

@@ -1,14 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A tag as the separator follows it."""
+"""One tag as the separation follows it: its clock, and when it was last there."""
+
+from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..signal.switching import switch_averages
-from .clock import ClockTracker
+from ..signal.weights import ToneTable
+from .acquisition import ClockFit
+from .clock_tracker import ClockTracker
+from .group_tones import GroupTones, GroupWeights
+from .groups import Array
 from .likelihood import PhaseLikelihood
-from .state import ClockState
 
 _STEP_RAD = 1e-4
 
@@ -22,50 +27,65 @@ class TagClock:
 
 
 class TrackedTag:
-    """Everything that the separator keeps about one tag: its clock, when it was last heard."""
+    """Everything that the separation keeps about one tag.
 
-    def __init__(self, table, index, clock, averaging_s):
+    Parameters
+    ----------
+    table : ToneTable
+    index : int
+        Of the tag among those the table was designed for.
+    clock : TagClock
+    averaging_s : float
+        Ta of the waveform.
+
+    Attributes
+    ----------
+    rows : range
+        Its two ends among those of all tags.
+    tracker : ClockTracker or None
+        None while the clock is not known.
+    last_seen_s : float
+        Centre of the last group in which the tag was there.
+    waiting : list of GroupTones
+        The latest groups, over which a lost tag is acquired again.
+    """
+
+    def __init__(self, table: ToneTable, index: int, clock: TagClock, averaging_s: float) -> None:
         self.clock = clock
-        self.rows = slice(2 * index, 2 * index + 2)
+        self.rows = range(2 * index, 2 * index + 2)
         self.rate = 2 * np.pi * clock.clock_hz
-        self.half_window = self.rate * averaging_s / 2
+        self._half_window = self.rate * averaging_s / 2
         self.likelihood = PhaseLikelihood(table, index, clock.clock_hz * averaging_s)
         self.overlapping = False
-        self.tracker = None
-        self.last_seen_s = None
-        self.waiting = []
+        self.tracker: ClockTracker | None = None
+        self.last_seen_s = -np.inf
+        self.waiting: list[GroupTones] = []
 
-    def start(self, fit, times_s, subcarriers, noise_level):
+    def start(self, fit: ClockFit, times_s: Array, subcarriers: int, noise_level: float) -> None:
+        """Track the clock that was found over groups with these centres."""
         self.tracker = ClockTracker(fit, times_s, self.rate, subcarriers, noise_level)
         self.overlapping = fit.overlapping
         self.last_seen_s = times_s[-1]
 
-    def drop(self):
+    def drop(self) -> None:
+        """Give the clock up: the tag has to be acquired again."""
         self.tracker = None
         self.waiting = []
 
     @property
-    def delay(self):
-        return self.tracker.likelihood.clock2_delay
+    def clock2_delay(self) -> float:
+        """Radians of clock 1 by which clock 2's pulses come late."""
+        return self.tracker.likelihood.clock2_delay if self.tracker else 0.0
 
-    def waveforms(self, item):
-        """s1 and s2 of every snapshot of a group."""
-        return self._waveforms(item, 0.0)
+    def waveforms(self, center_s: float, weights: GroupWeights, turn: float = 0.0) -> Array:
+        """s1 and s2 of every snapshot of a group, the clock ahead by ``turn``; shape (n, 2)."""
+        assert self.tracker is not None
+        phase, rate = self.tracker.predict(center_s)
+        phases = phase + turn + (self.rate + rate) * weights.times_s
+        half_window = self._half_window * (1 + rate / self.rate)
+        return switch_averages(phases, half_window, self.clock2_delay)
 
-    def slopes(self, item):
-        """Their derivatives by the clock's phase."""
-        later, sooner = (self._waveforms(item, turn) for turn in (_STEP_RAD, -_STEP_RAD))
+    def slopes(self, center_s: float, weights: GroupWeights) -> Array:
+        """Derivatives of the waveforms by the clock's phase; shape (n, 2)."""
+        later, sooner = (self.waveforms(center_s, weights, t) for t in (_STEP_RAD, -_STEP_RAD))
         return (later - sooner) / (2 * _STEP_RAD)
-
-    def _waveforms(self, item, turn):
-        phase, rate = self.tracker.predict(item.center_s)
-        phases = phase + turn + (self.rate + rate) * item.times_s
-        return switch_averages(phases, self.half_window * (1 + rate / self.rate), self.delay)
-
-    def state(self, item):
-        seen = self.tracker is not None and self.last_seen_s >= item.center_s - 1e-9
-        if not (seen and item.usable):
-            return ClockState(False)
-        phase, rate = self.tracker.predict(item.center_s)
-        ppm = float(1e6 * rate / self.rate)
-        return ClockState(True, float(phase % (2 * np.pi)), ppm, self.delay, self.overlapping)

@@ -8,27 +8,60 @@ import math
 import sys
 from collections import Counter
 from dataclasses import asdict, dataclass
+from enum import IntFlag, auto
+from functools import lru_cache
 from pathlib import Path
 
 from ..errors import InputError, OutputError
 from .textfile import check_output
 
-FLAGS = (
-    "reference",
-    "gap",
-    "transition",
-    "weak",
-    "ambiguous",
-    "force-unobservable",
-    "inconsistent",
-    "extrapolated",
-    "moved",
-    "saturated",
-)
 
-# A reading is ``weak`` beyond these standard deviations of a phase and of the force.
-WEAK_PHASE_DEG = 3.0
-WEAK_FORCE_N = 1.5
+class Flag(IntFlag):
+    """Why a reading is doubtful; its word is the member's name in lower case with hyphens."""
+
+    REFERENCE = auto()
+    GAP = auto()
+    TRANSITION = auto()
+    WEAK = auto()
+    AMBIGUOUS = auto()
+    FORCE_UNOBSERVABLE = auto()
+    INCONSISTENT = auto()
+    EXTRAPOLATED = auto()
+    MOVED = auto()
+    SATURATED = auto()
+
+    @property
+    def word(self):
+        """The flag as files and messages spell it."""
+        return self.name.lower().replace("_", "-")
+
+
+FLAGS = tuple(flag.word for flag in Flag)
+_BIT_OF = {flag.word: int(flag) for flag in Flag}
+
+
+@lru_cache
+def flag_words(bits):
+    """Words of the flags in a sum of bits, in their order.
+
+    Examples
+    --------
+    >>> flag_words(int(Flag.GAP | Flag.WEAK))
+    ('gap', 'weak')
+    """
+    return tuple(flag.word for flag in Flag if flag & bits)
+
+
+@lru_cache
+def flag_bits(words):
+    """The sum of bits of a tuple of words.
+
+    Examples
+    --------
+    >>> flag_words(flag_bits(("weak", "gap")))
+    ('gap', 'weak')
+    """
+    return sum(_BIT_OF[word] for word in words)
 
 
 @dataclass(frozen=True)

@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What a scene needs computed, and why: reader, bench and command take their settings from here."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+
+import numpy as np
 
 from ..errors import InputError
 from ..estimation.estimators import estimator_named
 from ..estimation.likelihood import PhaseLikelihood
 from ..estimation.tracked_tag import TagClock
+from ..scene import Scene, load_scene
+from ..sensor import SensorModel
 from ..signal.waveform import Waveform
 from ..signal.weights import design_weights, tag_lines
 from .loss import line_loss_db
@@ -17,6 +21,15 @@ _SMOOTHING_S = 0.036
 # Numbers of harmonics to choose from, and how much worse than the best the choice may be.
 HARMONICS = (8, 12, 16, 24)
 ACCEPTED_LOSS_DB = 0.1
+
+
+@dataclass(frozen=True)
+class PlannedSensor:
+    """A sensor to read: name, loaded model, and G_off / rho per switch."""
+
+    name: str
+    model: SensorModel = field(repr=False)
+    off_reflection: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -40,6 +53,8 @@ class Plan:
     loss_db : tuple of float
         Expected loss of each end against the bound, from the lines that are left out; empty for
         estimators that are there for comparison.
+    scene : Scene or None
+        What was planned; None for a plan that reads no sensors.
     """
 
     waveform: Waveform = field(repr=False)
@@ -51,10 +66,24 @@ class Plan:
     smoothing_groups: int
     estimator: str = "harmonic"
     loss_db: tuple = ()
+    scene: Scene | None = field(default=None, repr=False, compare=False)
 
     @property
     def group_period_s(self):
         return self.group_length * self.waveform.snapshot_period_s
+
+    @property
+    def center_frequency_hz(self):
+        """Carrier of the scene."""
+        return self.scene.radio.center_frequency_hz
+
+    @cached_property
+    def sensors(self):
+        """The scene's sensors with their models: a tuple of PlannedSensor."""
+        return tuple(
+            PlannedSensor(s.name, s.load_model(self.scene), np.asarray(s.off_reflection))
+            for s in self.scene.sensors
+        )
 
     @cached_property
     def table(self):
@@ -73,8 +102,20 @@ class Plan:
 _design = lru_cache(maxsize=4)(design_weights)
 
 
-def plan(scene):
+def plan(scene, snapshots=None, estimator=None):
     """The plan of a scene.
+
+    Parameters
+    ----------
+    scene : str, Path, dict or Scene
+    snapshots : int, optional
+        Length of a phase group, instead of the scene's.
+    estimator : str, optional
+        One of ``estimation.estimators.ESTIMATORS``, instead of the scene's.
+
+    Returns
+    -------
+    Plan
 
     Raises
     ------
@@ -82,6 +123,10 @@ def plan(scene):
         When the untouched reference holds no whole group, the weights cannot be designed, or two
         clocks are too much alike.
     """
+    scene = load_scene(scene)
+    changes = {"snapshots": snapshots, "estimator": estimator}
+    changes = {key: value for key, value in changes.items() if value is not None}
+    scene = replace(scene, phase_group=replace(scene.phase_group, **changes))
     period = scene.group_period_s
     reference_groups = int(scene.reference_s / period + 1e-9)
     if reference_groups < 1:
@@ -105,6 +150,7 @@ def plan(scene):
         max(1, round(_SMOOTHING_S / period)) if estimator.against == "untouched" else 1,
         scene.phase_group.estimator,
         loss_db,
+        scene,
     )
 
 

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Vectors of tones with their tags and messages, as a batch of groups."""
+
+import numpy as np
+import pmt
+from gnuradio import gr
+
+from .. import names
+from ..estimation.groups import Groups
+from ..estimation.incomplete import IncompleteGroups
+
+# Snapshots with samples at full scale from which on a group counts as clipped. A recording that
+# was scaled to its own peak reaches full scale here and there; it lost nothing by that.
+_CLIPPED_SHARE = 0.01
+
+
+class ToneInput:
+    """Makes Groups of what ``ofdm_channel_estimator`` sends behind the tones.
+
+    Parameters
+    ----------
+    plan : Plan
+    derotated : bool
+        Whether the channel estimator was given the plan's derotation.
+    """
+
+    def __init__(self, plan, derotated=True):
+        self._plan = plan
+        self.rows = len(plan.table.tones)
+        self._incomplete = IncompleteGroups(plan.table, plan.waveform, derotated)
+        self._messages = {}
+        self._expected = None
+
+    def on_incomplete(self, message):
+        """Take the snapshots of a group with gaps (message port ``incomplete``)."""
+        meta = pmt.to_python(pmt.car(message))
+        present = np.asarray(meta[names.MASK], bool)
+        folded = np.array(pmt.c32vector_elements(pmt.cdr(message)), complex)
+        self._messages[int(meta[names.GROUP])] = (present, folded.reshape(len(present), 64))
+
+    def collect(self, items, tags):
+        """A batch of the items, as far as the messages that belong to them have come.
+
+        Returns
+        -------
+        int
+            Items taken.
+        Groups
+        """
+        plan = self._plan
+        group_length = plan.group_length
+        index = np.array([pmt.to_uint64(own[names.GROUP]) for own in tags], np.int64)
+        missing = np.array([_count(own, names.MISSING) for own in tags])
+        saturated = np.array([_count(own, names.SATURATED) for own in tags])
+        tones = items.reshape(-1, self.rows, 64)[:, :, plan.waveform.bins].astype(complex)
+        weights = np.ones((len(index), group_length), bool) if missing.any() else None
+        count = len(index)
+        for row in np.flatnonzero(missing):
+            group = int(index[row])
+            if group not in self._messages and self._expected != group:
+                # Its snapshots were sent before it: it waits until messages have been handled.
+                self._expected = group
+                count = row
+                break
+            tones[row], weights[row] = self._solved(group)
+        groups = Groups(
+            index[:count],
+            tones[:count],
+            missing[:count],
+            saturated[:count] >= _CLIPPED_SHARE * group_length,
+            np.array([names.RETUNED in own for own in tags[:count]], bool),
+            None if weights is None else weights[:count],
+        )
+        groups.saturated &= saturated[:count] > 0
+        return count, groups
+
+    def _solved(self, group):
+        """Tones of a group with gaps and the weights of its snapshots; zeros when not solvable."""
+        if group not in self._messages:
+            gr.log.warn(
+                f"end_separation: no snapshots of group {group} arrived, it is flagged 'gap': "
+                "connect the message port 'incomplete'"
+            )
+            return 0.0, 0.0
+        present, folded = self._messages.pop(group)
+        tones = self._incomplete.tones(present, folded[present])
+        return (0.0, 0.0) if tones is None else (tones, present)
+
+
+def _count(tags, name):
+    return pmt.to_uint64(tags[name]) if name in tags else 0

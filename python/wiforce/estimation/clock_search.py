@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Acquisition of all tags over a block of groups, where nothing is known but nominal clocks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+
+import numpy as np
+
+from .acquisition import DELAY_EVIDENCE, acquire
+from .group_tones import GroupTones, without_loud
+from .groups import Array
+from .joint_clock import likelihood_bias, phase_errors, phase_information
+from .least_squares import GroupFit, ToneModel
+from .noise import UNUSUAL, NoiseEstimate
+from .tracked_tag import TrackedTag
+
+# At least so many groups and so much time.
+_LEAST_GROUPS = 8
+_LEAST_S = 0.4
+# Bias of a tag's likelihood, in radians, from which on clocks are tracked by the whole model.
+_LARGEST_BIAS = np.radians(0.1)
+_REFINEMENTS = 3
+
+
+class ClockSearch:
+    """Finds the tags' clocks, their levels and the noise in groups of which nothing is known.
+
+    Parameters
+    ----------
+    model : ToneModel
+    noise : NoiseEstimate
+        Set by every search.
+    averaging_s : float
+        Ta of the waveform.
+
+    Attributes
+    ----------
+    groups : int
+        Groups that a search takes.
+    jointly : bool
+        Whether some tag's own lines mislead, so that all clocks follow from the whole model.
+    """
+
+    def __init__(self, model: ToneModel, noise: NoiseEstimate, averaging_s: float) -> None:
+        self._model, self._noise = model, noise
+        self.groups = max(_LEAST_GROUPS, int(np.ceil(_LEAST_S / model.group_period_s)))
+        self.jointly = any(
+            likelihood_bias(model.table, tag.likelihood, tag.clock, averaging_s) > _LARGEST_BIAS
+            for tag in model.tags
+        )
+
+    def run(self, items: Sequence[GroupTones]) -> None:
+        """Acquire every tag over a block of groups.
+
+        More than once: the noise, and what other tags put into a tag's lines, are known only
+        after a first pass.
+        """
+        usable = without_loud([item for item in items if item.usable])
+        if len(usable) < 2:
+            return
+        self._noise.set(np.mean([item.power() for item in usable], axis=0), usable)
+        for _ in range(2 if len(self._model.tags) == 1 else 3):
+            for tag in self._model.tags:
+                self.acquire(tag, usable)
+            self._take_residuals(usable)
+        if self.jointly and self._model.locked:
+            self._refine(usable)
+            for tag in self._model.locked:
+                if tag.clock2_delay and not tag.overlapping:
+                    self._verify_delay(tag, usable)
+        self._noise.set(self._noise.variance, usable, len(usable))
+
+    def retry(self, tag: TrackedTag, item: GroupTones) -> None:
+        """Try to acquire a tag that is lost over the latest groups."""
+        tag.waiting.append(item)
+        del tag.waiting[: -self.groups]
+        if len(tag.waiting) == self.groups and self.acquire(tag, without_loud(tag.waiting)):
+            tag.waiting = []
+
+    def acquire(self, tag: TrackedTag, items: Sequence[GroupTones]) -> bool:
+        """Acquire one tag over a block of usable groups; whether it is there."""
+        alone = len(self._model.tags) == 1
+        covariances = np.array(
+            [self.covariance(tag, item, None if alone else self._model.fit(item)) for item in items]
+        )
+        times_s = np.array([item.center_s for item in items])
+        subcarriers = items[0].tones.shape[1]
+        fit = acquire(
+            times_s, covariances, tag.likelihood, tag.rate, tag.clock.tolerance_ppm, subcarriers
+        )
+        if fit.found:
+            tag.start(fit, times_s, subcarriers, self._noise.level)
+        else:
+            tag.drop()
+        return fit.found
+
+    def covariance(self, tag: TrackedTag, item: GroupTones, fit: GroupFit | None) -> Array:
+        """Covariance of a tag's lines in a group (L, L), the other tags taken out."""
+        assert self._noise.variance is not None
+        tones = self._model.without_others(tag, item, fit)
+        return tag.likelihood.covariance(tones, self._noise.variance * item.weights.loss)
+
+    def measure_phases(
+        self, item: GroupTones, fit: GroupFit | None
+    ) -> dict[TrackedTag, tuple[float, float]]:
+        """Error of each locked tag's predicted phase and its variance, by the whole model."""
+        if fit is None:
+            return {}
+        errors, variances = phase_errors(*self._information(item, fit))
+        return {
+            tag: (float(error), float(variance))
+            for tag, error, variance in zip(self._model.locked, errors, variances, strict=True)
+        }
+
+    def _information(self, item: GroupTones, fit: GroupFit) -> tuple[Array, Array, Array]:
+        weights = item.weights
+        slopes = weights.mix([tag.slopes(item.center_s, weights) for tag in self._model.locked])
+        slopes = weights.whitener @ slopes
+        inverse_noise = self._noise.inverse
+        return phase_information(
+            fit.white, fit.solver, slopes, fit.ends, fit.residual, inverse_noise
+        )
+
+    def _take_residuals(self, items: Sequence[GroupTones]) -> None:
+        """What a block of groups leaves unexplained is noise, but for accidents."""
+        residuals = np.array([self._model.solve(item)[2] for item in items])
+        levels = residuals.mean(axis=1)
+        fitting = residuals[levels <= UNUSUAL * np.median(levels)]
+        self._noise.set(fitting.mean(axis=0), items)
+
+    def _refine(self, items: Sequence[GroupTones]) -> None:
+        """Fit all clocks to a block of groups by the whole model, from where they are."""
+        for _ in range(_REFINEMENTS):
+            self._step_clocks(items)
+            self._take_residuals(items)
+
+    def _step_clocks(self, items: Sequence[GroupTones]) -> None:
+        """A Gauss-Newton step of the phases and offsets of all clocks over a block of groups."""
+        locked = self._model.locked
+        start_s = locked[0].tracker.time_s  # type: ignore[union-attr]
+        count = len(locked)
+        gradient, information = np.zeros(2 * count), np.zeros((2 * count, 2 * count))
+        excess = np.zeros(2 * count)
+        for item in items:
+            fit = self._model.fit(item)
+            assert fit is not None
+            slope, curvature, noise = self._information(item, fit)
+            elapsed = np.array([1.0, item.center_s - start_s])
+            gradient += np.kron(elapsed, slope)
+            information += np.kron(np.outer(elapsed, elapsed), curvature)
+            excess += np.kron(elapsed**2, noise)
+        errors, variances = phase_errors(gradient, information, excess)
+        for i, tag in enumerate(locked):
+            own = [i, count + i]
+            tag.tracker.correct(errors[own], variances[own])  # type: ignore[union-attr]
+
+    def _verify_delay(self, tag: TrackedTag, items: Sequence[GroupTones]) -> None:
+        """Take clock 2 for nominal unless the whole model, too, supports its delay."""
+        locked = self._model.locked
+        delayed, noise = [copy(each.tracker) for each in locked], self._noise.variance
+        tag.tracker.likelihood = tag.likelihood  # type: ignore[union-attr]
+        self._refine(items)
+        tones, subcarriers = items[0].tones.shape
+        freedom = len(items) * subcarriers * (tones - 2 * len(self._model.tags))
+        evidence = freedom * (self._noise.level / np.mean(noise) - 1)
+        if evidence > DELAY_EVIDENCE:
+            for each, tracker in zip(locked, delayed, strict=True):
+                each.tracker = tracker
+            self._noise.set(noise, items)

@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The receiver: tones of phase groups in, readings of force and location out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from threadpoolctl import ThreadpoolController
+
+from .estimation.average import SubcarrierAverage
+from .estimation.estimators import estimator_named
+from .estimation.groups import Groups
+from .estimation.readout import Readout
+from .estimation.reference import ConjugateDifference
+from .estimation.sensor_readout import SensorReadout
+from .io.readings import GroupCounts, Reading
+from .planning.plan import Plan
+
+
+class Receiver:
+    """Reads force and location from the tones of phase groups.
+
+    Parameters
+    ----------
+    plan : Plan
+        Of a scene: ``wiforce.plan(scene)``.
+    tracked : bool
+        Follow each press over time (location constant, force a random walk) instead of inverting
+        each group by itself.
+    derotated : bool
+        Whether the tones come derotated (``ToneTable.derotation``), as all front ends here do.
+    on_groups : callable, optional
+        Called with every batch of :class:`Groups` that has been read, before it is known which of
+        them hold a transition.
+
+    Attributes
+    ----------
+    plan : Plan
+    counts : GroupCounts
+        Of the readings given so far.
+
+    Notes
+    -----
+    A batch goes through five stages, each of which adds arrays to it: separation of the tags' ends
+    at the tracked clock (docs/estimation.md, section 3), difference against the untouched
+    reference, average over the subcarriers, readout of touch, force and location, and the flag of
+    groups in which a press changed. Groups are held back until clocks and reference are known, and
+    each group until the next one has come. How groups are divided into batches does not change
+    their readings.
+
+    Examples
+    --------
+    >>> from gnuradio import wiforce
+    >>> receiver = wiforce.Receiver(wiforce.plan(wiforce.load_scene("demo")))
+    >>> receiver.process(wiforce.Groups(np.arange(2), np.zeros((2, 24, 62))))
+    []
+    >>> len(receiver.finish())
+    2
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        tracked: bool = False,
+        derotated: bool = True,
+        on_groups: Callable[[Groups], None] | None = None,
+    ) -> None:
+        self.plan = plan
+        estimator = estimator_named(plan.estimator)
+        self.separation = estimator.separator(plan.table, plan.clocks, plan.waveform, derotated)
+        self.reference = ConjugateDifference(
+            2 * len(plan.clocks), plan.reference_groups, estimator.against
+        )
+        self.average = SubcarrierAverage(plan.smoothing_groups)
+        self.readout = make_readout(plan, tracked, on_groups)
+        self._blas = ThreadpoolController()
+
+    @property
+    def counts(self) -> GroupCounts:
+        return self.readout.counts
+
+    def process(self, groups: Groups) -> list[Reading]:
+        """Take the next batch; give the readings that are ready, in order.
+
+        Parameters
+        ----------
+        groups : Groups
+            With ``tones`` (G, M, K), M as in ``plan.table``, K as in ``plan.waveform.bins``.
+
+        Returns
+        -------
+        list of Reading
+            A reading per group and sensor; groups of which nothing was received are flagged
+            ``gap``.
+        """
+        # Threads cost more than they bring in matrices as small as these.
+        with self._blas.limit(limits=1, user_api="blas"):
+            return self._read(self.reference.process(self.separation.process(groups)))
+
+    def finish(self) -> list[Reading]:
+        """Give the readings of all groups that are still held back."""
+        with self._blas.limit(limits=1, user_api="blas"):
+            readings = self._read(self.reference.process(self.separation.flush()))
+            readings += self._read(self.reference.flush())
+            return readings + self.readout.flush()
+
+    def tare(self) -> None:
+        """Take the untouched reference anew from the groups that follow."""
+        self.reference.tare()
+
+    def _read(self, groups: Groups) -> list[Reading]:
+        return self.readout.process(self.average.process(groups))
+
+
+def make_readout(
+    plan: Plan, tracked: bool = False, on_groups: Callable[[Groups], None] | None = None
+) -> Readout:
+    """The readout of a plan's sensors; parameters as those of :class:`Receiver`."""
+    period_s, carrier_hz = plan.group_period_s, plan.center_frequency_hz
+    sensors = {
+        s.name: SensorReadout(s.model, carrier_hz, s.off_reflection, period_s, tracked)
+        for s in plan.sensors
+    }
+    return Readout(sensors, period_s, estimator_named(plan.estimator).ratios, on_groups)
