@@ -2,8 +2,9 @@
 """What each step of a plan costs on this machine: processor time per second of signal.
 
 GNU Radio's performance counters time the C++ blocks over a simulated press, and the receiver's
-stages are timed on the tones that come out. Folding and tones are one block there: the tones' share is what they add to folding alone. What a skip saves is what
-the same block takes with the step forced on, less what it takes without.
+stages are timed on the tones that come out. Folding and tones are one block there: the tones'
+share is what they add to folding alone. What a skip saves is what the same block takes with the
+step forced on, less what it takes without.
 """
 
 import dataclasses

@@ -80,8 +80,9 @@ class Watch:
             session.reader.counts.short(),
             f"peak {_db(session.take_peak()):.0f} dBFS",
         ]
-        parts += [f"clock {ppm:+.1f} ppm" for ppm in _clock_offsets(session)]
-        elif session.alignment.offset is None:
+        offsets = _clock_offsets(session)
+        parts += [f"clock {ppm:+.1f} ppm" for ppm in offsets]
+        if not offsets and session.alignment.offset is None:
             parts.append("no frames yet")
         return ", ".join(parts + [_short(reading) for reading in self._last.values()])
 
