@@ -4,7 +4,7 @@
 import numpy as np
 from gnuradio import gr
 
-from ..estimation.antennas import channel_ratio
+from ..estimation.antennas import folded_ratio
 from ..signal.waveform import FFT_LENGTH, sounding_waveform
 
 
@@ -36,17 +36,12 @@ class antenna_ratio(gr.sync_block):
     def __init__(self, waveform="repeated", frame_length=720, sample_rate=12.5e6):
         vector = (np.complex64, FFT_LENGTH)
         gr.sync_block.__init__(self, "antenna_ratio", in_sig=[vector, vector], out_sig=[vector])
-        made = sounding_waveform(waveform, frame_length, sample_rate)
-        self._bins = made.bins
-        self._equalizer = made.equalizer()[made.bins]
+        self._waveform = sounding_waveform(waveform, frame_length, sample_rate)
         self.set_tag_propagation_policy(gr.TPP_DONT)
 
     def work(self, input_items, output_items):
-        first, second = (np.fft.fft(items)[:, self._bins] for items in input_items)
-        spectrum = np.zeros((len(first), FFT_LENGTH), complex)
-        # The sounding symbol cancels in the ratio and is put back for the channel estimator.
-        spectrum[:, self._bins] = channel_ratio(first, second) / self._equalizer
-        output_items[0][:] = np.fft.ifft(spectrum)
+        first, second = input_items
+        output_items[0][:] = folded_ratio(first, second, self._waveform)
         start = self.nitems_read(0)
         for tag in self.get_tags_in_window(0, 0, len(first)):
             self.add_item_tag(0, self.nitems_written(0) + tag.offset - start, tag.key, tag.value)

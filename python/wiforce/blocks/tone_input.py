@@ -6,12 +6,8 @@ import pmt
 from gnuradio import gr
 
 from .. import names
-from ..estimation.groups import Groups
-from ..estimation.incomplete import IncompleteGroups
-
-# Snapshots with samples at full scale from which on a group counts as clipped. A recording that
-# was scaled to its own peak reaches full scale here and there; it lost nothing by that.
-_CLIPPED_SHARE = 0.01
+from ..estimation.folded_groups import FoldedGroups
+from ..estimation.groups import CLIPPED_SHARE, Groups
 
 
 class ToneInput:
@@ -27,7 +23,7 @@ class ToneInput:
     def __init__(self, plan, derotated=True):
         self._plan = plan
         self.rows = len(plan.table.tones)
-        self._incomplete = IncompleteGroups(plan.table, plan.waveform, derotated)
+        self._folded = FoldedGroups(plan.table, plan.waveform, derotated)
         self._messages = {}
         self._expected = None
 
@@ -67,11 +63,10 @@ class ToneInput:
             index[:count],
             tones[:count],
             missing[:count],
-            saturated[:count] >= _CLIPPED_SHARE * group_length,
+            saturated[:count] >= max(1.0, CLIPPED_SHARE * group_length),
             np.array([names.RETUNED in own for own in tags[:count]], bool),
             None if weights is None else weights[:count],
         )
-        groups.saturated &= saturated[:count] > 0
         return count, groups
 
     def _solved(self, group):
@@ -83,7 +78,7 @@ class ToneInput:
             )
             return 0.0, 0.0
         present, folded = self._messages.pop(group)
-        tones = self._incomplete.tones(present, folded[present])
+        tones = self._folded.tones(present, folded[present])
         return (0.0, 0.0) if tones is None else (tones, present)
 
 

@@ -78,7 +78,8 @@ class ClockTracker:
     def update(
         self,
         time_s: float,
-        coefficients: Array,
+        tones: Array,
+        inverse_noise: Array,
         noise_level: float,
         measured: tuple[float, float] | None = None,
     ) -> bool:
@@ -87,10 +88,12 @@ class ClockTracker:
         Parameters
         ----------
         time_s : float
-        coefficients : ndarray of complex, shape (D+1,)
-            Of J(theta).
+        tones : ndarray of complex, shape (M, K)
+            Of the group, other tags taken out.
+        inverse_noise : ndarray, shape (K,)
+            1 / sigma_k^2 of a tone of unit noise gain.
         noise_level : float
-            Mean noise variance by which they are scaled.
+            Mean noise variance by which the energy of a mean group is to be scaled.
         measured : (float, float), optional
             Error of the predicted phase and its variance, instead of the likelihood's.
 
@@ -100,7 +103,7 @@ class ClockTracker:
             False when the group's tones do not hold the tag; the clock then coasts.
         """
         self._advance(time_s)
-        energy, slope, curvature = map(float, evaluate(turned_by(coefficients, self.phase)))
+        energy, slope, curvature = self.likelihood.at(self.phase, tones, inverse_noise)
         if not self._present(energy, self._energy / noise_level):
             return False
         self._count = min(self._count + 1, _CURVATURE_MEMORY)

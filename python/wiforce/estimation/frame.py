@@ -6,6 +6,8 @@ import numpy as np
 # The strongest path is put so many samples after the frame's start: earlier, weaker paths still
 # fall behind it, and echoes up to 56 samples later stay inside the repetition that is dropped.
 MARGIN = 8
+# Averaging so many frames raises the preamble by 33 dB over what changes from frame to frame.
+SEARCHED_FRAMES = 2000
 # Best match over the typical one, in standard deviations, that counts as a preamble.
 _CLEAR = 12.0
 
@@ -57,3 +59,12 @@ def keeps_alignment(offset, waveform):
     """Whether frames taken from sample 0 hold their preamble when they begin at ``offset``."""
     late = (offset + MARGIN) % waveform.frame_length
     return late <= waveform.first_averaged - MARGIN
+
+
+def frame_offset_in(samples, waveform):
+    """Samples before the first frame of a recording that begins with these samples.
+
+    0 where frames taken from sample 0 on hold their preambles, and where no preamble stands out.
+    """
+    offset = find_frame_offset(samples, waveform)
+    return 0 if offset is None or keeps_alignment(offset, waveform) else offset

@@ -52,7 +52,7 @@ class GroupWeights:
         return mixed[:half] + 1j * mixed[half:]
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class GroupTones:
     """One group as it came: tones (M, K), the same whitened, and the weights behind them."""
 

@@ -12,6 +12,10 @@ from numpy.typing import NDArray
 
 Array = NDArray[Any]
 
+# Part of a group's snapshots with samples at full scale from which on it counts as saturated. A
+# recording that was scaled to its own peak reaches full scale here and there, and lost nothing.
+CLIPPED_SHARE = 0.01
+
 
 @dataclass
 class Groups:

@@ -102,6 +102,11 @@ def phase_information(mixing, solver, slopes, ends, left, inverse_noise):
 
 def phase_errors(gradient, information, excess):
     """Gauss-Newton step of each phase and its variance; (S,) each, nothing known where infinite."""
+    if len(gradient) == 1:
+        known, excess_of_one = float(information[0, 0]), float(excess[0])
+        if not known > 0:
+            return np.zeros(1), np.full(1, np.inf)
+        return gradient / known, np.array([(known + excess_of_one) / known**2])
     scale = np.sqrt(np.maximum(np.diag(information), 0.0))
     if not np.all(scale > 0):
         return np.zeros(len(scale)), np.full(len(scale), np.inf)

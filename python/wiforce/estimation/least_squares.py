@@ -23,7 +23,7 @@ from .tracked_tag import TrackedTag
 _WORST_GAIN = 100.0
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class GroupFit:
     """Tones = mixing @ ends + residual, for the rows of ends that were fitted.
 
@@ -130,16 +130,18 @@ class ToneModel:
         fit = self.fit(item)
         if fit is None:
             return ends, gain, item.power()
-        ends[fit.rows] = fit.ends
+        if len(fit.rows) == count:
+            ends, gain = fit.ends, fit.gain.copy()
+        else:
+            ends[fit.rows], gain[fit.rows] = fit.ends, fit.gain
         # In units of the whole group: a perfect end would have 1/N.
-        separable = fit.gain * self.table.group_length < _WORST_GAIN
-        gain[fit.rows] = np.where(separable, fit.gain, np.inf)
+        gain[gain * self.table.group_length >= _WORST_GAIN] = np.inf
         freedom = max(len(fit.residual) - len(fit.rows), 1)
         return ends, gain, power_of(fit.residual).sum(axis=0) / freedom
 
     def without_others(self, tag: TrackedTag, item: GroupTones, fit: GroupFit | None) -> Array:
         """The group's tones less what a fit ascribes to the other tags."""
-        if fit is None:
+        if fit is None or len(self.tags) == 1:
             return item.tones
         foreign = ~np.isin(fit.rows, tag.rows)
         return item.tones - fit.mixing[:, foreign] @ fit.ends[foreign]

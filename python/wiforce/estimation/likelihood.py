@@ -60,7 +60,7 @@ class PhaseLikelihood:
             rule = "must leave each tag enough lines that no other tag's fall on; its own are "
             shown = ", ".join(map(str, sorted(set(abs(self.lines))))) or "none"
             raise InputError(f"clock_hz of tag {tag + 1}", rule + shown)
-        self.projection = self._project(clock2_delay)
+        self._set_basis()
 
     def delayed(self, clock2_delay):
         """The same for another delay of clock 2."""
@@ -68,7 +68,7 @@ class PhaseLikelihood:
         other.rows, other.lines, other.scale = self.rows, self.lines, self.scale
         other._averaging_phase = self._averaging_phase
         other.clock2_delay = clock2_delay
-        other.projection = other._project(clock2_delay)
+        other._set_basis()
         return other
 
     def _spectra(self, clock2_delay):
@@ -77,9 +77,43 @@ class PhaseLikelihood:
         coefficients[:, 1] *= np.exp(-1j * self.lines * clock2_delay)
         return coefficients * self.scale[:, None]
 
-    def _project(self, clock2_delay):
-        basis, _ = np.linalg.qr(self._spectra(clock2_delay))
-        return basis @ basis.conj().T
+    def _basis(self, clock2_delay):
+        return np.linalg.qr(self._spectra(clock2_delay))[0]
+
+    def _set_basis(self):
+        basis = self._basis(self.clock2_delay)
+        self.projection = basis @ basis.conj().T
+        # u = B^H D^-1 P of the lines P, and its derivatives by theta, D = diag(exp(j m theta)).
+        turns = (-1j * self.lines) ** np.arange(3)[:, None]
+        self._derivatives = (basis.conj().T * turns[:, None, :]).reshape(6, -1) * self.scale
+
+    def at(self, phase, tones, inverse_noise):
+        """J, J' and J'' at one phase, without its coefficients.
+
+        Parameters
+        ----------
+        phase : float
+        tones : ndarray of complex, shape (M, K)
+        inverse_noise : ndarray, shape (K,)
+
+        Returns
+        -------
+        float, float, float
+            Of J = sum_k |u_k|^2 / sigma_k^2 with u = B^H D^-1 P, where Pi(0) = B B^H and
+            D = diag(exp(j m theta)).
+        """
+        turned = self._derivatives * np.exp(-1j * phase * self.lines)
+        u, slope, curvature = (turned @ tones[self.rows]).reshape(3, 2, -1)
+        weighted = u.conj() * inverse_noise
+        return (
+            float(np.vdot(weighted.conj(), u).real),
+            2 * float(np.vdot(weighted.conj(), slope).real),
+            2
+            * float(
+                np.vdot(weighted.conj(), curvature).real
+                + np.vdot(slope, slope * inverse_noise).real
+            ),
+        )
 
     @property
     def degree(self):
@@ -133,7 +167,7 @@ class PhaseLikelihood:
     def delays(self):
         """Delays of clock 2 all over its period, and Pi(0) for each; (n,) and (n, L, L)."""
         delays = np.pi * (np.arange(_DELAYS) / _DELAYS - 0.5)
-        return delays, np.array([self._project(delay) for delay in delays])
+        return delays, np.array([b @ b.conj().T for b in map(self._basis, delays)])
 
     def coefficients(self, covariance, projection=None):
         """Coefficients q of J(theta) = q_0 + 2 Re sum_d q_d exp(j d theta).

@@ -155,10 +155,10 @@ class EndSeparator:
             if tag.tracker is None:
                 self._search.retry(tag, item)
                 continue
-            covariance = self._search.covariance(tag, item, predicted)
-            coefficients = tag.tracker.likelihood.coefficients(covariance)
+            tones = self._model.without_others(tag, item, predicted)
+            inverse_noise, level = self._noise.inverse / item.weights.loss, self._noise.level
             error = measured.get(tag)
-            if tag.tracker.update(item.center_s, coefficients, self._noise.level, error):
+            if tag.tracker.update(item.center_s, tones, inverse_noise, level, error):
                 tag.last_seen_s = item.center_s
             elif item.center_s - tag.last_seen_s > _LOST_S:
                 tag.drop()

@@ -7,15 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..signal.switching import switch_averages
+from ..signal.switching import switch_averages, switch_slopes
 from ..signal.weights import ToneTable
 from .acquisition import ClockFit
 from .clock_tracker import ClockTracker
 from .group_tones import GroupTones, GroupWeights
 from .groups import Array
 from .likelihood import PhaseLikelihood
-
-_STEP_RAD = 1e-4
 
 
 @dataclass(frozen=True)
@@ -77,15 +75,17 @@ class TrackedTag:
         """Radians of clock 1 by which clock 2's pulses come late."""
         return self.tracker.likelihood.clock2_delay if self.tracker else 0.0
 
-    def waveforms(self, center_s: float, weights: GroupWeights, turn: float = 0.0) -> Array:
-        """s1 and s2 of every snapshot of a group, the clock ahead by ``turn``; shape (n, 2)."""
-        assert self.tracker is not None
-        phase, rate = self.tracker.predict(center_s)
-        phases = phase + turn + (self.rate + rate) * weights.times_s
-        half_window = self._half_window * (1 + rate / self.rate)
-        return switch_averages(phases, half_window, self.clock2_delay)
+    def waveforms(self, center_s: float, weights: GroupWeights) -> Array:
+        """s1 and s2 of every snapshot of a group; shape (n, 2)."""
+        return switch_averages(*self._at(center_s, weights))
 
     def slopes(self, center_s: float, weights: GroupWeights) -> Array:
         """Derivatives of the waveforms by the clock's phase; shape (n, 2)."""
-        later, sooner = (self.waveforms(center_s, weights, t) for t in (_STEP_RAD, -_STEP_RAD))
-        return (later - sooner) / (2 * _STEP_RAD)
+        return switch_slopes(*self._at(center_s, weights))
+
+    def _at(self, center_s: float, weights: GroupWeights) -> tuple[Array, float, float]:
+        """Clock phase of every snapshot, half of what a snapshot averages, delay of clock 2."""
+        assert self.tracker is not None
+        phase, rate = self.tracker.predict(center_s)
+        phases = phase + (self.rate + rate) * weights.times_s
+        return phases, self._half_window * (1 + rate / self.rate), self.clock2_delay

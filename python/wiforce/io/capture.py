@@ -111,6 +111,11 @@ def open_capture(path, datatype=None):
     return _open_sigmf(meta, data)
 
 
+def second_antenna(name):
+    """Path of the second antenna's capture beside that of the first, both without suffix."""
+    return f"{name}.antenna2"
+
+
 def _open_raw(path, datatype):
     if datatype not in DATATYPES:
         raise InputError("datatype", f"must be one of {', '.join(DATATYPES)}", datatype)

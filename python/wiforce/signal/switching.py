@@ -48,11 +48,7 @@ def switch_averages(phase, half_window, clock2_delay=0.0):
     ndarray, shape (n, 2)
         Averages of s1 and s2, each in 0..1.
     """
-    # Cycles from the nearest pulse's centre, each clock in its own: pulses are 1/4 wide.
-    cycles = np.empty((len(phase), 2))
-    np.multiply(phase, 1 / (2 * np.pi), out=cycles[:, 0])
-    np.subtract(2 * cycles[:, 0], 0.5 + clock2_delay / np.pi, out=cycles[:, 1])
-    cycles -= np.rint(cycles)
+    cycles = _cycles_from_pulse(phase, clock2_delay)
     np.abs(cycles, out=cycles)
     # A window that is shorter than pulse and gap sees one edge at most: the average is a ramp.
     half = half_window / (2 * np.pi) * np.array([1.0, 2.0])
@@ -60,3 +56,28 @@ def switch_averages(phase, half_window, clock2_delay=0.0):
     cycles /= -2 * half
     np.maximum(cycles, 0.0, out=cycles)
     return np.minimum(cycles, 1.0, out=cycles)
+
+
+def switch_slopes(phase, half_window, clock2_delay=0.0):
+    """Derivatives of :func:`switch_averages` by the clock's phase; same parameters.
+
+    Returns
+    -------
+    ndarray, shape (n, 2)
+        Per radian; 0 where the window holds no edge.
+    """
+    cycles = _cycles_from_pulse(phase, clock2_delay)
+    half = half_window / (2 * np.pi) * np.array([1.0, 2.0])
+    # The second clock turns twice as fast, and its window is twice as wide in its own cycles.
+    steepness = np.array([1.0, 2.0]) / (2 * np.pi) / (2 * half)
+    on_ramp = np.abs(np.abs(cycles) - 1 / 8) < half
+    return np.where(on_ramp, -np.sign(cycles) * steepness, 0.0)
+
+
+def _cycles_from_pulse(phase, clock2_delay):
+    """Cycles from the nearest pulse's centre, each clock in its own: pulses are 1/4 wide."""
+    cycles = np.empty((len(phase), 2))
+    np.multiply(phase, 1 / (2 * np.pi), out=cycles[:, 0])
+    np.subtract(2 * cycles[:, 0], 0.5 + clock2_delay / np.pi, out=cycles[:, 1])
+    cycles -= np.rint(cycles)
+    return cycles

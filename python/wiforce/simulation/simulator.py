@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError, unwritable
+from ..io.capture import second_antenna
 from ..io.samples import DATATYPES, samples_of
 from .adc import Adc
 from .channel import AirChannel
@@ -74,11 +75,6 @@ def _write_capture(scene, channel, datatype, data, truth, meta, progress):
                 progress(samples.size // (2 if datatype == "ci16_le" else 1))
     write_truth(scene, channel, truth)
     _write_metadata(scene, datatype, data, meta)
-
-
-def second_antenna(name):
-    """Path of the second antenna's capture beside that of the first, both without suffix."""
-    return f"{name}.antenna2"
 
 
 def frame_count(scene):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Tones of phase groups that lack snapshots, solved exactly over those that are there."""
+"""Tones of a phase group from its folded frames, exact where some of them are missing."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from ..signal.weights import ToneTable
 from .groups import Array
 
 
-class IncompleteGroups:
-    """Turns the snapshots of an incomplete group into its tones.
+class FoldedGroups:
+    """Turns the folded frames of a group into its tones.
 
-    Zeros for what is absent would let everything that stands still leak into the tones.
+    In an incomplete group, zeros for what is absent would let everything that stands still leak
+    into the tones: weights are solved for the snapshots that are there.
 
     Parameters
     ----------
@@ -44,8 +45,11 @@ class IncompleteGroups:
         ndarray of complex, shape (M, K), or None
             None when the snapshots do not determine the tones.
         """
-        partial = self._table.for_present(present)
-        if partial is None:
-            return None
-        tones = partial.weights @ np.asarray(folded, complex)
+        weights = self._table.weights
+        if not np.all(present):
+            partial = self._table.for_present(present)
+            if partial is None:
+                return None
+            weights = partial.weights
+        tones = weights @ np.asarray(folded, complex)
         return np.fft.fft(tones * self._rotation, axis=1)[:, self._bins] * self._factors
