@@ -6,8 +6,9 @@ All take those settings of ``end_separation`` that make the tones, by the same n
 
 import numpy as np
 
+from ..signal.lines import tag_lines
 from ..signal.waveform import sounding_waveform
-from ..signal.weights import design_weights, tag_lines
+from ..signal.weights import design_weights
 from .estimators import estimator_named
 
 
