@@ -34,7 +34,7 @@ _MODULES = {
     "ForceDisplay": "gui",
     "load_scene": "scene",
     "load_sensor": "sensor",
-    "open_writer": "io.readings",
+    "open_writer": "io.writers",
     "sounding_waveform": "signal.waveform",
     # what the blocks' parameters are made with, and checked by
     "tone_weights": "estimation.tones",

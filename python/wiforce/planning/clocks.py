@@ -79,7 +79,7 @@ class End:
     >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
     >>> end = assess_clocks([1000.0], sounding_waveform(), 625).ends[0]
     >>> [line.harmonic for line in end.alone]
-    [1, 3, 5, 7]
+    [1, 3, 5, 7, 9]
     """
 
     tag: int
@@ -110,7 +110,7 @@ class ClockReport:
     --------
     >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
     >>> assess_clocks([1000.0, 1400.0], sounding_waveform(), 625).collisions
-    ((0, 7, 1, 5),)
+    ((0, 7, 1, 5), (0, 14, 1, 10))
     """
 
     ends: tuple[End, ...]

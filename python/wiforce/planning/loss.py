@@ -50,7 +50,7 @@ def line_loss_db(
     --------
     >>> from gnuradio.wiforce.estimation.tracked_tag import TagClock
     >>> line_loss_db([TagClock(1000.0)], 625, 57.6e-6, 20.48e-6, 0.0, 8).round(2)
-    array([0.29, 0.34])
+    array([0.27, 0.44])
     """
     clocks_hz = [clock.clock_hz for clock in clocks]
     group_length = min(group_length, _LONGEST)
