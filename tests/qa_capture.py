@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Recordings: what an outside file may say, and what is refused before anything is read."""
+"""Recordings: what their metadata may state, and what is refused before anything is read."""
 
 import json
 
@@ -27,7 +27,7 @@ def write(folder, samples=1000, datatype="ci16_le", captures=None, name="x", **c
 
 
 @pytest.mark.parametrize("suffix", ["", ".sigmf-meta", ".sigmf-data"])
-def test_a_capture_opens_by_any_of_its_names(tmp_path, suffix):
+def test_open_capture_any_of_its_names_is_found(tmp_path, suffix):
     stem = write(tmp_path, name="Prüfung 1.5 N")
     capture = open_capture(f"{stem}{suffix}")
     assert capture.datatype == "ci16_le"
@@ -36,7 +36,7 @@ def test_a_capture_opens_by_any_of_its_names(tmp_path, suffix):
     assert capture.segments == (Segment(0, 0, 1000),)
 
 
-def test_a_gap_keeps_its_place_on_the_sample_count(tmp_path):
+def test_open_capture_gap_keeps_device_sample_count(tmp_path):
     captures = [
         {"core:sample_start": 0, "core:global_index": 50},
         {"core:sample_start": 400, "core:global_index": 950},
@@ -46,14 +46,14 @@ def test_a_gap_keeps_its_place_on_the_sample_count(tmp_path):
     assert capture.samples == 1000 and capture.span == 1500
 
 
-def test_a_file_cut_short_keeps_the_segments_that_are_left(tmp_path):
+def test_open_capture_truncated_file_keeps_remaining_segments(tmp_path):
     places = [(0, 0), (600, 700), (5000, 6000)]
     captures = [{"core:sample_start": a, "core:global_index": b} for a, b in places]
     capture = open_capture(write(tmp_path, captures=captures))
     assert capture.segments == (Segment(0, 0, 600), Segment(600, 700, 400))
 
 
-def test_captures_that_go_on_from_each_other_cost_no_frame_at_their_border(tmp_path):
+def test_open_capture_contiguous_captures_are_merged(tmp_path):
     captures = [
         {"core:sample_start": 0, "core:global_index": 50},
         {"core:sample_start": 300, "core:global_index": 350},
@@ -65,7 +65,7 @@ def test_captures_that_go_on_from_each_other_cost_no_frame_at_their_border(tmp_p
 
 
 @pytest.mark.parametrize("path", ["../secret.bin", "x.sigmf-data/../../secret.bin"])
-def test_no_path_in_the_metadata_leads_to_other_samples(tmp_path, path):
+def test_open_capture_foreign_path_in_metadata_is_ignored(tmp_path, path):
     (tmp_path / "secret.bin").write_bytes(bytes(4 * 77))
     folder = tmp_path / "folder"
     folder.mkdir()
@@ -73,7 +73,7 @@ def test_no_path_in_the_metadata_leads_to_other_samples(tmp_path, path):
     assert capture.path == folder / "x.sigmf-data" and capture.samples == 1000
 
 
-def test_raw_samples_need_only_their_type(tmp_path):
+def test_open_capture_raw_file_needs_datatype_only(tmp_path):
     path = tmp_path / "raw.bin"
     path.write_bytes(bytes(8 * 77 + 3))
     assert open_capture(path, "cf32_le").segments == (Segment(0, 0, 77),)
@@ -95,11 +95,11 @@ def test_raw_samples_need_only_their_type(tmp_path):
                     {"core:sample_start": 100, "core:global_index": 20},
                 ]
             },
-            "core:global_index must not go back",
+            "core:global_index must not decrease",
         ),
     ],
 )
-def test_what_cannot_be_read_right_is_refused_with_file_and_rule(tmp_path, changes, rule):
+def test_open_capture_invalid_metadata_names_file_and_rule(tmp_path, changes, rule):
     stem = write(tmp_path, **changes)
     with pytest.raises(InputError) as refusal:
         open_capture(stem)
@@ -107,14 +107,14 @@ def test_what_cannot_be_read_right_is_refused_with_file_and_rule(tmp_path, chang
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{", '{"global": 3}', "null", '{"global": {}}', "\xff"])
-def test_metadata_that_is_not_sigmf_is_refused(tmp_path, text):
+def test_open_capture_metadata_not_sigmf_raises(tmp_path, text):
     stem = write(tmp_path)
     (tmp_path / "x.sigmf-meta").write_bytes(text.encode("latin-1"))
     with pytest.raises(InputError, match="x.sigmf-meta"):
         open_capture(stem)
 
 
-def test_missing_files_are_named(tmp_path):
+def test_open_capture_missing_file_is_named(tmp_path):
     with pytest.raises(InputError, match="none.sigmf-meta: no such file"):
         open_capture(tmp_path / "none")
     stem = write(tmp_path)
@@ -123,16 +123,16 @@ def test_missing_files_are_named(tmp_path):
         open_capture(stem)
 
 
-def test_a_scene_of_another_rate_or_carrier_is_refused(tmp_path):
+def test_check_against_other_rate_or_carrier_raises(tmp_path):
     capture = open_capture(write(tmp_path))
     scene = {"sensors": [{"name": "arm", "model": "wiforce-900mhz"}]}
     capture.check_against(load_scene(scene))
-    for key, value, told in (
+    for key, value, message in (
         ("sample_rate_hz", 10e6, "sample rate must be the scene's 1e"),
         ("center_frequency_hz", 2.4e9, "carrier must be the scene's 2.4e"),
     ):
         other = {"radio": {key: value}, "sensors": scene["sensors"]}
         if key == "center_frequency_hz":
             other["sensors"] = [{"name": "arm", "model": "wiforce-2400mhz"}]
-        with pytest.raises(InputError, match=told):
+        with pytest.raises(InputError, match=message):
             capture.check_against(load_scene(other))

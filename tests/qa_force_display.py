@@ -11,7 +11,7 @@ import pytest
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.gui import Trend, track, widget, words
-from gnuradio.wiforce.io.readings import Reading
+from gnuradio.wiforce.io.readings import Flag, Reading
 from PyQt5 import QtCore, QtWidgets
 from PyQt5.QtGui import QColor
 
@@ -68,7 +68,7 @@ def columns_of(image, color, rows):
     return [x / image.width() for x in found]
 
 
-def test_the_press_is_drawn_where_it_is_and_as_long_as_it_is_strong(display, qt):
+def test_display_press_is_drawn_at_location_with_length_of_force(display, qt):
     color = QColor("#0072b2")
     heights = []
     for location_mm, force_n in ((20.0, 2.0), (60.0, 6.0)):
@@ -89,27 +89,27 @@ def test_the_press_is_drawn_where_it_is_and_as_long_as_it_is_strong(display, qt)
     assert heights[1] > 2 * heights[0]
 
 
-def test_values_are_written_with_two_standard_deviations_and_their_units():
+def test_values_have_two_standard_deviations_and_units():
     reading = Reading(**PRESSED | {"flags": ()})
     assert words.values(reading) == "4.00 \u00b1 0.20 N   40.0 \u00b1 1.0 mm"
     assert words.values(reading, bounds=False) == "4.00 N   40.0 mm"
     assert words.notes(reading) == "SNR 12.0 dB"
 
 
-def test_what_is_not_known_is_not_shown_as_a_number():
+def test_values_unknown_are_not_numbers():
     assert words.values(Reading(1.0, "arm")) == "no reading"
     assert words.values(Reading(1.0, "arm", touch=0)) == "not touched"
     lost = Reading(1.0, "arm", touch=1, location_mm=30.0, flags=("force-unobservable",))
     assert words.values(lost) == "? N   30.0 mm"
-    assert words.doubts(lost) == ["force-unobservable"]
-    assert words.doubts(Reading(1.0, "arm", touch=0, flags=("reference",))) == []
+    assert words.warning_flags(lost) == ["force-unobservable"]
+    assert words.warning_flags(Reading(1.0, "arm", touch=0, flags=("reference",))) == []
 
 
 ODD_VALUES = [None, math.nan, math.inf, -math.inf, -3.0, 1e9, "4", True, []]
 
 
 @pytest.mark.parametrize("key", [k for k in PRESSED if k != "flags"])
-def test_empty_infinite_and_absurd_values_are_survived(display, qt, key):
+def test_display_absurd_values_are_tolerated(display, qt, key):
     for value in ODD_VALUES:
         picture(display, qt, PRESSED | {key: value})
     picture(display, qt, {k: v for k, v in PRESSED.items() if k != key})
@@ -117,26 +117,25 @@ def test_empty_infinite_and_absurd_values_are_survived(display, qt, key):
     assert display.latest("arm").force_n == 4.0
 
 
-def test_what_is_no_reading_at_all_is_passed_over(display, qt):
+def test_display_malformed_message_is_ignored(display, qt):
     picture(display, qt, {}, None, 3, "reading", {"sensor": "arm"}, {"time_s": 1.0})
     assert display.sensors() == []
 
 
-def test_every_flag_is_survived_alone_and_all_at_once(display, qt):
-    from gnuradio.wiforce.io.readings import FLAGS
-
-    for flags in (*FLAGS, " ".join(FLAGS), FLAGS, "unheard-of"):
+def test_display_any_flags_are_tolerated(display, qt):
+    words = tuple(flag.word for flag in Flag)
+    for flags in (*words, " ".join(words), words, "unknown"):
         picture(display, qt, PRESSED | {"flags": flags})
     assert display.latest("arm").flags == ()
 
 
-def test_a_reading_in_doubt_looks_other_than_one_without(display, qt):
+def test_display_flagged_reading_looks_different(display, qt):
     plain = picture(display, qt, PRESSED)
     doubtful = picture(display, qt, PRESSED | {"flags": "weak"})
     assert plain != doubtful
 
 
-def test_sensors_that_stop_turn_grey_and_leave_while_others_stay(display, qt, monkeypatch):
+def test_display_silent_sensor_turns_grey_and_is_removed(display, qt, monkeypatch):
     clock = {"now": 0.0}
     monkeypatch.setattr(widget.time, "monotonic", lambda: clock["now"])
     other = PRESSED | {"sensor": "finger", "location_mm": 70.0}
@@ -154,7 +153,7 @@ def test_sensors_that_stop_turn_grey_and_leave_while_others_stay(display, qt, mo
     assert len(colors) == 2
 
 
-def test_it_can_be_made_as_small_as_300_by_200_and_large_again(display, qt):
+def test_display_resized_keeps_sensors_visible(display, qt):
     two = (PRESSED, PRESSED | {"sensor": "finger", "flags": "weak ambiguous"})
     for width, height in ((300, 200), (1600, 1000), (300, 200), (640, 520)):
         display.resize(width, height)
@@ -168,14 +167,14 @@ def test_it_can_be_made_as_small_as_300_by_200_and_large_again(display, qt):
     assert not display._history.isVisible()
 
 
-def test_a_run_that_begins_anew_begins_a_new_history():
+def test_track_earlier_time_starts_new_history():
     kept = track.Track(20.0)
     for time_s in (1.0, 2.0, 3.0, 0.5):
         kept.add(Reading(time_s, "arm", touch=1, force_n=time_s))
     assert kept.series("force_n")[0].tolist() == [0.5]
 
 
-def test_the_history_keeps_its_span_and_leaves_gaps_where_nothing_is_known():
+def test_track_history_keeps_span_and_gaps():
     kept = track.Track(2.0)
     for time_s in range(6):
         force_n = None if time_s == 4 else float(time_s)
@@ -186,7 +185,7 @@ def test_the_history_keeps_its_span_and_leaves_gaps_where_nothing_is_known():
     np.testing.assert_array_equal(forces, [np.nan, np.nan, 5.0])
 
 
-def test_readings_may_come_from_another_thread_faster_than_they_are_drawn(display, qt):
+def test_display_readings_from_other_thread_faster_than_refresh_are_shown(display, qt):
     def send():
         for n in range(5000):
             display.add(PRESSED | {"time_s": n * 0.001})
@@ -201,7 +200,7 @@ def test_readings_may_come_from_another_thread_faster_than_they_are_drawn(displa
 
 @pytest.mark.parametrize("parameter", ["length_mm", "force_span_n", "history_s"])
 @pytest.mark.parametrize("value", [0, -1, math.nan, math.inf])
-def test_sizes_that_make_no_sense_are_refused(qt, parameter, value):
+def test_display_invalid_size_raises(qt, parameter, value):
     with pytest.raises(InputError, match=f"{parameter}: must be positive"):
         wiforce.ForceDisplay(**{parameter: value})
 
@@ -221,7 +220,7 @@ class Collector(gr.basic_block):
         self.got_one.set()
 
 
-def test_the_block_shows_readings_by_message_and_its_button_sends_tare(qt):
+def test_block_shows_messages_and_sends_tare(qt):
     flowgraph = gr.top_block()
     source = blocks.message_strobe(pmt.to_pmt(PRESSED), 5)
     block = wiforce.force_display()
@@ -243,7 +242,7 @@ def test_the_block_shows_readings_by_message_and_its_button_sends_tare(qt):
     assert isinstance(block.widget, QtWidgets.QWidget)
 
 
-def test_a_trend_rolls_and_leaves_gaps_where_nothing_is_known(qt):
+def test_trend_rolls_and_leaves_gaps(qt):
     trend = Trend(["found", "set"], "offset (ppm)", rate=10.0, history_s=2.0)
     trend.add(0, [1.0, math.nan, *range(28)])
     trend.add(1, [5.0])
@@ -254,7 +253,7 @@ def test_a_trend_rolls_and_leaves_gaps_where_nothing_is_known(qt):
     assert [part.tolist() for part in trend.series(1)] == [[0.0], [5.0]]
 
 
-def test_the_trend_block_shows_every_item_of_every_stream(qt):
+def test_trend_block_shows_all_items_of_all_streams(qt):
     block = wiforce.trend_display(labels=["a", "b"], y_label="phase (deg)", rate=1000.0)
     flowgraph = gr.top_block()
     sources = [blocks.vector_source_f(np.arange(n, n + 500.0)) for n in (0, 7)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files of readings: what a script that parses them relies on."""
+"""Readings, their flags and their files: what a script that parses them relies on."""
 
 import csv
 import json
@@ -8,24 +8,36 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.readings import COLUMNS, Reading, open_writer
+from gnuradio.wiforce.io.readings import COLUMNS, Flag, Reading
+from gnuradio.wiforce.io.writers import open_writer
 
 TOUCHED = Reading(0.018, "arm", 1, 4.123456, 0.05, 45.0, 0.1, 91.5, -12.25, 9.876, ("gap", "weak"))
-UNTOLD = Reading(0.054, "arm", None, None, None, None, None, None, None, None, ("gap",))
+UNKNOWN = Reading(0.054, "arm", None, None, None, None, None, None, None, None, ("gap",))
 
 
-def test_columns_are_those_of_the_contract():
+def test_columns_equal_documented_order():
     assert ",".join(COLUMNS) == (
         "time_s,sensor,touch,force_n,force_std_n,location_mm,location_std_mm,"
         "phase1_deg,phase2_deg,snr_db,flags"
     )
 
 
-def test_csv_leaves_unknown_values_empty_and_is_readable_while_written(tmp_path):
+def test_flag_words_equal_documented_order():
+    """Scripts look for these words; their order in a cell is that of the documentation."""
+    documented = (
+        "reference gap transition weak ambiguous force-unobservable inconsistent extrapolated "
+        "moved saturated"
+    )
+    assert " ".join(flag.word for flag in Flag) == documented
+    assert Flag(2 ** len(Flag) - 1).words == tuple(documented.split())
+    assert Flag(0).words == ()
+
+
+def test_csv_writer_unknown_values_are_empty_and_rows_flushed(tmp_path):
     path = tmp_path / "out.csv"
     writer = open_writer(path)
     writer.write(TOUCHED)
-    writer.write(UNTOLD)
+    writer.write(UNKNOWN)
     with open(path, newline="") as stream:
         rows = list(csv.DictReader(stream))
     writer.close()
@@ -34,7 +46,7 @@ def test_csv_leaves_unknown_values_empty_and_is_readable_while_written(tmp_path)
     assert rows[1]["touch"] == "" and rows[1]["force_n"] == ""
 
 
-def test_json_lines_say_null_and_never_nan(tmp_path):
+def test_json_writer_unknown_values_are_null(tmp_path):
     path = tmp_path / "out.jsonl"
     writer = open_writer(path)
     writer.write(Reading(0.018, "arm", 1, float("nan"), snr_db=float("-inf")))
@@ -52,30 +64,30 @@ def earlier(tmp_path):
     return path
 
 
-def test_an_earlier_file_is_kept_until_there_is_a_reading(earlier):
+def test_writer_existing_file_is_kept_until_first_reading(earlier):
     with pytest.raises(InputError), open_writer(earlier):
         raise InputError("another parameter", "is refused")
     assert earlier.read_text() == "precious\n"
     with open_writer(earlier) as writer:
         assert earlier.read_text() == "precious\n"
-        writer.write(UNTOLD)
+        writer.write(UNKNOWN)
         assert earlier.read_text() == f"{','.join(COLUMNS)}\n0.054,arm,,,,,,,,,gap\n"
 
 
-def test_a_run_without_a_reading_leaves_no_earlier_ones(earlier):
+def test_writer_closed_without_reading_leaves_header_only(earlier):
     with open_writer(earlier):
         pass
     assert earlier.read_text() == ",".join(COLUMNS) + "\n"
 
 
-def test_a_run_that_has_begun_shows_no_earlier_readings_whatever_becomes_of_it(earlier):
+def test_writer_failing_after_begin_leaves_header_only(earlier):
     with pytest.raises(InputError), open_writer(earlier) as writer:
         assert writer.begin() is writer
         raise InputError("a device", "is lost")
     assert earlier.read_text() == ",".join(COLUMNS) + "\n"
 
 
-def test_a_pipe_is_opened_at_once_while_a_run_can_be_interrupted(tmp_path):
+def test_writer_pipe_is_opened_at_once(tmp_path):
     pipe = tmp_path / "out.csv"
     os.mkfifo(pipe)
     with ThreadPoolExecutor(1) as pool:
@@ -87,6 +99,6 @@ def test_a_pipe_is_opened_at_once_while_a_run_can_be_interrupted(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["out.txt", "out", "missing/out.csv", "x" * 300 + "out.csv"])
-def test_an_output_that_cannot_be_is_refused_by_name(tmp_path, name):
+def test_open_writer_unusable_path_is_named(tmp_path, name):
     with pytest.raises(InputError, match="out"):
         open_writer(tmp_path / name)

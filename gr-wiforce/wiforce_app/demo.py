@@ -8,7 +8,7 @@ import numpy as np
 import yaml
 from gnuradio.wiforce._config import DATA_DIR
 from gnuradio.wiforce.io.capture import open_capture
-from gnuradio.wiforce.io.readings import open_writer
+from gnuradio.wiforce.io.writers import open_writer
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.sensor import load_sensor, write_sensor
 from gnuradio.wiforce.sensor.calibration import calibrate

@@ -7,7 +7,7 @@ import threading
 
 import click
 from gnuradio.wiforce.errors import OutputError
-from gnuradio.wiforce.io.readings import open_writer
+from gnuradio.wiforce.io.writers import open_writer
 from gnuradio.wiforce.scene import load_scene
 
 from .ranges import FiniteRange

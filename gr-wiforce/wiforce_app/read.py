@@ -8,7 +8,7 @@ import click
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.frame import find_frame_offset, keeps_alignment
 from gnuradio.wiforce.io.capture import open_capture, second_antenna
-from gnuradio.wiforce.io.readings import open_writer
+from gnuradio.wiforce.io.writers import open_writer
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import load_scene
 

@@ -36,7 +36,7 @@ _MODULES = {
     "Receiver": "receiver",
     "load_scene": "scene",
     "load_sensor": "sensor",
-    "open_writer": "io.readings",
+    "open_writer": "io.writers",
     "plan": "planning.plan",
     "sounding_waveform": "signal.waveform",
     # what the blocks' parameters are made with, and checked by

@@ -1,70 +1,113 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What bad input raises everywhere in the project, and what output that cannot be written."""
+"""Errors that the project raises for bad input and for output that cannot be written."""
 
 import errno
+from collections.abc import Mapping
+from typing import Any
 
-_NO_ROOM = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO)
+_DISK_ERRORS = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO)
 
 
 class InputError(ValueError):
-    """Bad input: says in one line where it was found, which rule it broke and the value given.
+    """Bad input: one line that says where it is, which rule it breaks and the value given.
 
     Parameters
     ----------
-    where : str
+    where : str or path
         File and key, file and row, option or parameter.
     rule : str
         What is required, for example ``"must be a positive integer"``.
     value : object, optional
-        What was given instead.
+        The value given instead.
+
+    Attributes
+    ----------
+    where : str
+        As given.
+
+    Examples
+    --------
+    >>> raise InputError("frame_length", "must be at least 320", 64)
+    Traceback (most recent call last):
+    ...
+    gnuradio.wiforce.errors.InputError: frame_length: must be at least 320, got 64
     """
 
-    def __init__(self, where, rule, *value):
-        given = f", got {_short(value[0])}" if value else ""
-        super().__init__(f"{where}: {rule}{given}")
+    def __init__(self, where: object, rule: str, *value: object) -> None:
+        self.where = str(where)
+        self._what = rule + (f", got {_short(value[0])}" if value else "")
+        super().__init__(f"{self.where}: {self._what}")
 
-    def __reduce__(self):
-        """Told by another process it is the same error."""
-        return _told_again, (type(self), str(self))
+    def renamed(self, names: Mapping[str, str]) -> "InputError":
+        """The same error in the caller's terms.
+
+        Parameters
+        ----------
+        names : mapping of str to str
+            The caller's name of each parameter, such as the key of a scene file. A name that is
+            not in it stays.
+
+        Returns
+        -------
+        InputError
+
+        Examples
+        --------
+        >>> error = InputError("group_length", "must be positive", 0)
+        >>> print(error.renamed({"group_length": "phase_group.snapshots"}))
+        phase_group.snapshots: must be positive, got 0
+        """
+        return type(self)(names.get(self.where, self.where), self._what)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle the text of the value, which itself may not be picklable."""
+        return type(self), (self.where, self._what)
 
 
 class OutputError(OSError):
-    """Output that cannot be written to its end: says in one line where, and why.
+    """Output that cannot be written to its end: one line that says where, and why.
 
     Parameters
     ----------
-    where : str
-        File.
+    where : str or path
+        The file.
     rule : str
         What happened, and what is kept.
+
+    Examples
+    --------
+    >>> str(OutputError("press.csv", "cannot be written (disk full)"))
+    'press.csv: cannot be written (disk full)'
     """
 
-    def __init__(self, where, rule):
+    def __init__(self, where: object, rule: str) -> None:
         super().__init__(f"{where}: {rule}")
 
 
-def unwritable(where, error):
-    """What to raise when the system refuses to write a file: its disk, or its name, is to blame.
+def unwritable(where: object, error: OSError) -> OutputError | InputError:
+    """The error to raise when the system refuses to write a file.
 
     Parameters
     ----------
-    where : path
+    where : str or path
+        The file.
     error : OSError
+        What the system reported.
 
     Returns
     -------
     OutputError or InputError
+        OutputError when the disk is the cause, InputError when the path is.
+
+    Examples
+    --------
+    >>> unwritable("out.csv", OSError(errno.ENOSPC, "No space left on device"))
+    OutputError('out.csv: cannot be written (No space left on device)')
     """
-    kind = OutputError if error.errno in _NO_ROOM else InputError
+    kind = OutputError if error.errno in _DISK_ERRORS else InputError
     return kind(where, f"cannot be written ({error.strerror or error})")
 
 
-def _told_again(kind, text):
-    error = kind.__new__(kind)
-    error.args = (text,)
-    return error
-
-
-def _short(value, limit=80):
+def _short(value: object, limit: int = 80) -> str:
     text = " ".join(repr(value).split())
     return text if len(text) <= limit else text[: limit - 3] + "..."

@@ -10,8 +10,8 @@ import pytest
 # notice, far above rounding (1e-9), which batches of other sizes or another order of sums bring.
 ALLOWED = 1e-3
 STD = {"force_n": "force_std_n", "location_mm": "location_std_mm"}
-# Standard deviation of a phase in one group of the scenes that every run reads; the phases of better
-# scenes are held by force and location. An SNR need not be known that well.
+# Standard deviation of a phase in one group of the scenes that every run reads; better scenes are
+# held by force and location. An SNR need not be known that well.
 SCALE = {"time_s": 1e-6, "phase1_deg": 0.08, "phase2_deg": 0.08, "snr_db": 0.1}
 QUICK = [*cases.QUICK, "tabletop_two-tracked"]
 QUICK += [fault.__name__ for fault in faults.FAULTS[::3]] + ["sequence2"]

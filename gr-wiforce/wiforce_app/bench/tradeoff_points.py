@@ -14,7 +14,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.expected import MEDIAN, phase_std_deg
-from gnuradio.wiforce.planning.plan import check_lines, plan
+from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.planning.steps import steps
 from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.scene import load_scene
@@ -61,11 +61,7 @@ def settings_of(scene):
             )
         try:
             varied = dataclasses.replace(plan(other), **changes)
-            if varied.estimator == "harmonic":
-                check_lines(
-                    varied.clocks, varied.waveform, varied.group_length, varied.clutter_hz,
-                    varied.harmonics,
-                )  # fmt: skip
+            varied.check_lines()
         except InputError:
             return
         found.append(Setting(name, other, varied))

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 from gnuradio.wiforce.io.capture import open_capture
-from gnuradio.wiforce.planning.expected import expect, why_not_readable
+from gnuradio.wiforce.planning.expected import expect
+from gnuradio.wiforce.planning.levels import why_not_readable
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.load import about_scene

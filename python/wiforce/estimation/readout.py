@@ -16,7 +16,7 @@ from .transition import TransitionFlags
 
 # Longest gap in the stream that is filled with rows flagged "gap".
 _LONGEST_GAP_S = 3600.0
-_GAP = flag_words(int(Flag.GAP))
+_GAP = flag_words(Flag.GAP.value)
 
 
 class Readout:

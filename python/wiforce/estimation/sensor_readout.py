@@ -80,7 +80,7 @@ class SensorReadout:
             phases, slope = corrected_phase_deg(level, self._untouched, self._off)
             std = std * slope
         weak = there & (std.max(axis=1) > WEAK_PHASE_DEG)
-        flags[weak] |= int(Flag.WEAK)
+        flags[weak] |= Flag.WEAK.value
         values = np.full((len(groups), 4), _NAN)
         if self._tracker is not None:
             self._track(phases, std, touch, there, values, flags)
@@ -88,7 +88,7 @@ class SensorReadout:
             values[touched], raised = self._invert(phases[touched], std[touched])
             flags[touched] |= raised
         uncertain = (touch == 1) & ~(values[:, 1] <= WEAK_FORCE_N)
-        flags[uncertain] |= int(Flag.WEAK)
+        flags[uncertain] |= Flag.WEAK.value
         self._watch_motion(phases, std, touch, there, values, flags)
         phases[~there] = _NAN
         return {
@@ -135,11 +135,11 @@ class SensorReadout:
         }
         flags = np.zeros(len(groups), np.int64)
         for flag, rows in raised.items():
-            flags[rows] |= int(flag)
+            flags[rows] |= flag.value
         there = groups.locked[:, sensor] & np.isfinite(std).all(axis=1) & ~overlapping
         there &= (np.abs(ratios) > 0).all(axis=1)
-        unexplained = ~there & ~overlapping & ((flags & ~int(Flag.INCONSISTENT)) == 0)
-        flags[unexplained] |= int(Flag.WEAK)
+        unexplained = ~there & ~overlapping & ((flags & ~Flag.INCONSISTENT.value) == 0)
+        flags[unexplained] |= Flag.WEAK.value
         return flags, there
 
     def _decide_touch(
@@ -166,9 +166,9 @@ class SensorReadout:
             decision = self._touch.update(times_s[row], changes[row], stds[row], in_reference[row])
             touch[row], drift[row] = decision.touch, decision.drift_deg
             if decision.moved:
-                flags[row] |= int(Flag.MOVED)
+                flags[row] |= Flag.MOVED.value
             if decision.disturbed:
-                flags[row] |= int(Flag.INCONSISTENT)
+                flags[row] |= Flag.INCONSISTENT.value
         return touch, drift
 
     def _invert(self, phases: Array, std: Array) -> tuple[Array, Array]:
@@ -205,4 +205,4 @@ class SensorReadout:
                     phases[row].tolist(), std[row].tolist(), location_mm, spreads[row]
                 )
                 if turned:
-                    flags[row] |= int(Flag.MOVED)
+                    flags[row] |= Flag.MOVED.value

@@ -76,7 +76,7 @@ def _flagged(groups: Groups) -> Groups:
     anything = (changed | begins_or_ends).any(axis=1)[:, None]
     doubtful = (changed | (anything & disturbed)) & (touch >= 0)
     return groups.having(
-        flags=np.where(doubtful, groups.flags | int(Flag.TRANSITION), groups.flags)
+        flags=np.where(doubtful, groups.flags | Flag.TRANSITION.value, groups.flags)
     )
 
 

@@ -6,22 +6,24 @@ import pyqtgraph as pg
 from PyQt5.QtCore import QSize
 from PyQt5.QtWidgets import QSizePolicy, QVBoxLayout, QWidget
 
-from .plot import time_plot
+from .style import time_plot
+from .track import Track
 
 _COLUMNS = ("force_n", "location_mm")
 
 
 class History(QWidget):
-    """Two plots over the same time.
+    """Force and location of all sensors in two plots over the same time.
 
     Parameters
     ----------
     history_s : float
+        Length of the time axis, in s.
     length_mm : float
-        Top of the scale of locations.
+        Upper limit of the location axis.
     """
 
-    def __init__(self, history_s, length_mm):
+    def __init__(self, history_s: float, length_mm: float) -> None:
         super().__init__()
         self._history_s = history_s
         self._force = time_plot("force (N)")
@@ -31,20 +33,20 @@ class History(QWidget):
         self._location.setYRange(0, length_mm, padding=0.05)
         self._location.getAxis("left").setTickSpacing(length_mm / 4, length_mm / 4)
         self._force.setXLink(self._location)
-        self._curves = {}
+        self._curves: dict[str, list[pg.PlotDataItem]] = {}
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(0)
         layout.addWidget(self._force, 3)
         layout.addWidget(self._location, 4)
-        # So that the window may be made as low as the sensors allow.
+        # The window may be made as low as the sensors allow.
         self.setSizePolicy(QSizePolicy.Expanding, QSizePolicy.Ignored)
 
-    def minimumSizeHint(self):
+    def minimumSizeHint(self) -> QSize:
         return QSize(0, 0)
 
-    def draw(self, tracks, colors):
-        """Draws what the tracks remember.
+    def draw(self, tracks: dict[str, Track], colors: dict[str, str]) -> None:
+        """Draw the history of all tracks.
 
         Parameters
         ----------
@@ -65,10 +67,11 @@ class History(QWidget):
                 curve.setData(*track.series(column))
             forces = track.series("force_n")[1]
             largest = max(largest, np.max(forces, initial=0.0, where=np.isfinite(forces)))
-            newest = max(newest, track.latest.time_s)
+            if track.latest is not None:
+                newest = max(newest, track.latest.time_s)
         self._force.setYRange(0, largest, padding=0.08)
         start = max(0.0, newest - self._history_s)
         self._location.setXRange(start, max(newest, start + 1.0), padding=0)
 
-    def _plots(self):
+    def _plots(self) -> tuple[pg.PlotWidget, pg.PlotWidget]:
         return self._force, self._location

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a display remembers of one sensor: its latest reading and the recent past."""
+"""History of one sensor for a display: its latest reading and those of the last seconds."""
 
 import dataclasses
 import math
 from collections import deque
+from typing import Any
 
 import numpy as np
 
-from ..io.readings import FLAGS, Reading
+from ..io.readings import Flag, Reading
 
 _NUMBERS = (
     "force_n",
@@ -18,23 +19,24 @@ _NUMBERS = (
     "phase2_deg",
     "snr_db",
 )
-# Most groups kept, whatever the history's length: short groups come at some hundreds a second.
+_FLAGS = frozenset(flag.word for flag in Flag)
+# Most groups kept, however long the history: short groups arrive at some hundreds per second.
 _MOST = 20_000
 
 
-def as_reading(reading):
-    """A Reading from what the port ``readings`` gives, or any part of it.
+def as_reading(reading: Any) -> Reading | None:
+    """A Reading from a message of the port ``readings``, or from part of one.
 
     Parameters
     ----------
     reading : Reading or dict
-        Keys as the columns of a readings file; flags as one text or a sequence. What is absent,
-        not finite, or not a number is unknown.
+        Keys as the columns of a readings file; flags as one text or a sequence. A value that is
+        absent, not finite, or not a number is unknown.
 
     Returns
     -------
     Reading or None
-        None when it does not say which sensor, or not when.
+        None when sensor or time are not given.
     """
     if isinstance(reading, Reading):
         reading = dataclasses.asdict(reading)
@@ -50,12 +52,12 @@ def as_reading(reading):
         time_s=time_s,
         sensor=sensor,
         touch=None if touch is None else int(touch == 1),
-        flags=tuple(flag for flag in flags if flag in FLAGS),
+        flags=tuple(flag for flag in flags if flag in _FLAGS),
         **{name: _number(reading.get(name)) for name in _NUMBERS},
     )
 
 
-def _number(value):
+def _number(value: Any) -> float | None:
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     return float(value) if math.isfinite(value) else None
@@ -64,18 +66,22 @@ def _number(value):
 class Track:
     """One sensor's readings over the last ``history_s`` seconds of signal.
 
+    Parameters
+    ----------
+    history_s : float
+
     Attributes
     ----------
-    latest : Reading
+    latest : Reading or None
     """
 
-    def __init__(self, history_s):
+    def __init__(self, history_s: float) -> None:
         self._history_s = history_s
-        self._past = deque(maxlen=_MOST)
-        self.latest = None
+        self._past: deque[Reading] = deque(maxlen=_MOST)
+        self.latest: Reading | None = None
 
-    def add(self, reading):
-        """Takes a reading; one from before the latest means that a run has begun anew."""
+    def add(self, reading: Reading) -> None:
+        """Add a reading; one earlier than the latest means that a new run has begun."""
         if self.latest is not None and reading.time_s < self.latest.time_s:
             self._past.clear()
         self.latest = reading
@@ -83,11 +89,19 @@ class Track:
         while self._past[0].time_s < reading.time_s - self._history_s:
             self._past.popleft()
 
-    def series(self, name):
-        """Times in s and values of one column; two arrays.
+    def series(self, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """One column over time.
 
-        NaN where it is unknown, and where the press changed within the group: that mixes before
-        and after.
+        Parameters
+        ----------
+        name : str
+            A column with numbers.
+
+        Returns
+        -------
+        times, values : ndarray of float, shape (n,)
+            Times in s. Values are NaN where they are unknown, and where the press changed within
+            the group, whose phases mix both states.
         """
         times = [reading.time_s for reading in self._past]
         values = [

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Qt widget: slow values over the last seconds, rolling."""
+"""Qt widget: slowly sampled values over the last seconds, rolling."""
 
 from collections import deque
+from collections.abc import Sequence
 
 import numpy as np
 import pyqtgraph as pg
@@ -9,15 +10,14 @@ from PyQt5.QtCore import QSize, QTimer
 from PyQt5.QtWidgets import QApplication, QVBoxLayout, QWidget
 
 from ..errors import InputError
-from .plot import time_plot
-from .style import INK, SENSORS
+from .style import INK, SENSORS, time_plot
 
 _REFRESH_MS = 200
 _MOST = 20_000
 
 
 class Trend(QWidget):
-    """Rolling plot of values that come at a steady rate, some to some hundred a second.
+    """Rolling plot of values that arrive at a steady rate, up to some hundreds per second.
 
     Parameters
     ----------
@@ -28,20 +28,30 @@ class Trend(QWidget):
     rate : float
         Values per second and line.
     history_s : float
+        Length of the time axis, in s.
     title : str
-    y_range : (float, float), optional
-        Fixed; by default as the values ask for.
+    y_range : tuple of float, length 2, optional
+        Limits of the vertical axis; by default those of the values.
     parent : QWidget, optional
 
     Raises
     ------
     InputError
-        (A ValueError) naming parameter, rule and value.
+        For a parameter out of range; the message names it.
     RuntimeError
         When there is no QApplication.
     """
 
-    def __init__(self, labels, y_label, rate, history_s=10.0, title="", y_range=None, parent=None):
+    def __init__(
+        self,
+        labels: Sequence[str],
+        y_label: str,
+        rate: float,
+        history_s: float = 10.0,
+        title: str = "",
+        y_range: tuple[float, float] | None = None,
+        parent: QWidget | None = None,
+    ) -> None:
         for name, value in (("rate", rate), ("history_s", history_s)):
             if not 0 < value < np.inf:
                 raise InputError(name, "must be positive", value)
@@ -55,7 +65,7 @@ class Trend(QWidget):
         self._rate = rate
         self._history_s = history_s
         length = min(_MOST, int(np.ceil(rate * history_s)) + 1)
-        self._values = [deque(maxlen=length) for _ in labels]
+        self._values: list[deque[float]] = [deque(maxlen=length) for _ in labels]
         self._count = [0] * len(labels)
         self._plot = time_plot(y_label)
         self._plot.setLabel("bottom", "time (s)")
@@ -75,23 +85,23 @@ class Trend(QWidget):
         self._timer.timeout.connect(self.refresh)
         self._timer.start(_REFRESH_MS)
 
-    def add(self, line, values):
-        """Takes the next values of a line; NaN leaves a gap. May be called from any thread."""
+    def add(self, line: int, values: Sequence[float]) -> None:
+        """Add the next values of a line; NaN leaves a gap. May be called from any thread."""
         self._values[line].extend(map(float, values))
         self._count[line] += len(values)
 
-    def series(self, line):
-        """Times in s since the first value, and the values shown of a line; two arrays."""
+    def series(self, line: int) -> tuple[np.ndarray, np.ndarray]:
+        """Times in s since the first value, and the values shown of a line."""
         values = np.array(self._values[line])
         return (self._count[line] - len(values) + np.arange(len(values))) / self._rate, values
 
-    def refresh(self):
-        """Redraws; the widget's own timer calls this five times a second."""
+    def refresh(self) -> None:
+        """Redraw; the widget's own timer calls this five times per second."""
         newest = max(self._count) / self._rate
         for line, curve in enumerate(self._curves):
             curve.setData(*self.series(line))
         start = max(0.0, newest - self._history_s)
         self._plot.setXRange(start, max(newest, start + 1.0), padding=0)
 
-    def sizeHint(self):
+    def sizeHint(self) -> QSize:
         return QSize(640, 200)

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Qt widget: where sensors are pressed, how hard, and how sure that is."""
+"""Qt widget: force and location of all sensors with their uncertainty."""
 
 import time
 from collections import deque
+from typing import Any
 
 import numpy as np
 from PyQt5.QtCore import QSize, Qt, QTimer, pyqtSignal
-from PyQt5.QtGui import QPalette
+from PyQt5.QtGui import QPalette, QResizeEvent
 from PyQt5.QtWidgets import (
     QApplication,
     QHBoxLayout,
@@ -18,6 +19,7 @@ from PyQt5.QtWidgets import (
 )
 
 from ..errors import InputError
+from ..io.readings import Reading
 from .history import History
 from .sensor_view import SensorView
 from .style import PAPER, SENSORS
@@ -26,7 +28,7 @@ from .track import Track, as_reading
 _REFRESH_MS = 40
 # Histories are redrawn less often: they cost ten times the rest and change slowly.
 _HISTORY_EVERY = 5
-# Below this height the histories give way to the sensors.
+# Below this height the histories are hidden, to leave room for the sensors.
 _HISTORY_FROM_PX = 320
 _STALE_S = 1.0
 _FORGET_S = 10.0
@@ -36,11 +38,11 @@ _MOST_WAITING = 10_000
 class ForceDisplay(QWidget):
     """Live picture of readings: every sensor with its press, and the recent past.
 
-    Sensors appear with their first reading, turn grey when no more come, and leave after 10 s.
-    Force is an arrow's length and a number with two standard deviations. Readings in doubt (any
-    flag but ``reference``) have another colour and the flags' names beside them.
+    A sensor appears with its first reading, turns grey 1 s after its latest one, and is removed
+    after 10 s. Force is shown as an arrow's length and as a number with two standard deviations.
+    Readings with a flag other than ``reference`` have another colour and the flags beside them.
 
-    The signal ``tare_requested`` says that the tare button was pressed.
+    The signal ``tare_requested`` is emitted when the tare button is pressed.
 
     Parameters
     ----------
@@ -55,16 +57,22 @@ class ForceDisplay(QWidget):
     Raises
     ------
     InputError
-        (A ValueError) for a value that is not positive.
+        For a value that is not positive; the message names the parameter.
     RuntimeError
         When there is no QApplication.
     """
 
     tare_requested = pyqtSignal()
 
-    def __init__(self, length_mm=80.0, force_span_n=8.0, history_s=20.0, parent=None):
-        given = {"length_mm": length_mm, "force_span_n": force_span_n, "history_s": history_s}
-        for name, value in given.items():
+    def __init__(
+        self,
+        length_mm: float = 80.0,
+        force_span_n: float = 8.0,
+        history_s: float = 20.0,
+        parent: QWidget | None = None,
+    ) -> None:
+        sizes = {"length_mm": length_mm, "force_span_n": force_span_n, "history_s": history_s}
+        for name, value in sizes.items():
             if not 0 < value < np.inf:
                 raise InputError(name, "must be positive", value)
         if QApplication.instance() is None:  # Qt itself ends the process
@@ -73,44 +81,44 @@ class ForceDisplay(QWidget):
         self._length_mm = float(length_mm)
         self._force_span_n = float(force_span_n)
         self._history_s = float(history_s)
-        # Readings come from another thread; they wait here for the next refresh.
-        self._waiting = deque(maxlen=_MOST_WAITING)
-        self._tracks = {}
-        self._views = {}
-        self._colors = {}
-        self._seen = {}
+        # Readings arrive from another thread and wait here for the next refresh.
+        self._waiting: deque[Any] = deque(maxlen=_MOST_WAITING)
+        self._tracks: dict[str, Track] = {}
+        self._views: dict[str, SensorView] = {}
+        self._colors: dict[str, str] = {}
+        self._seen: dict[str, float] = {}
         self._refreshes = 0
         self._build()
         self._timer = QTimer(self)
         self._timer.timeout.connect(self.refresh)
         self._timer.start(_REFRESH_MS)
 
-    def add(self, reading):
-        """Shows a reading soon. May be called from any thread.
+    def add(self, reading: Any) -> None:
+        """Show a reading at the next refresh. May be called from any thread.
 
         Parameters
         ----------
         reading : Reading or dict
-            As the port ``readings`` gives it; what is unknown may be absent, None or NaN.
+            As from the port ``readings``; unknown values may be absent, None or NaN.
         """
         self._waiting.append(reading)
 
-    def sensors(self):
+    def sensors(self) -> list[str]:
         """Names of the sensors shown, from top to bottom."""
         return list(self._views)
 
-    def latest(self, sensor):
-        """The reading shown of a sensor."""
+    def latest(self, sensor: str) -> Reading | None:
+        """The reading shown for a sensor."""
         return self._tracks[sensor].latest
 
-    def clear(self):
-        """Forgets everything shown."""
+    def clear(self) -> None:
+        """Remove everything shown."""
         self._waiting.clear()
         for name in self.sensors():
             self._forget(name)
 
-    def refresh(self):
-        """Takes what waits and redraws; the widget's own timer calls this 25 times a second."""
+    def refresh(self) -> None:
+        """Redraw with the readings that wait; the widget's timer calls this 25 times per second."""
         now = time.monotonic()
         while self._waiting:
             reading = as_reading(self._waiting.popleft())
@@ -129,14 +137,14 @@ class ForceDisplay(QWidget):
             self._time.setText(self._newest())
             self._history.draw(self._tracks, self._colors)
 
-    def sizeHint(self):
+    def sizeHint(self) -> QSize:
         return QSize(640, 520)
 
-    def resizeEvent(self, event):
+    def resizeEvent(self, event: QResizeEvent) -> None:
         self._history.setVisible(self.height() >= _HISTORY_FROM_PX)
         super().resizeEvent(event)
 
-    def _build(self):
+    def _build(self) -> None:
         palette = self.palette()
         palette.setColor(QPalette.Window, PAPER)
         self.setPalette(palette)
@@ -149,7 +157,7 @@ class ForceDisplay(QWidget):
         layout.addWidget(self._history, 1)
         layout.addLayout(self._build_foot())
 
-    def _build_rows(self):
+    def _build_rows(self) -> QScrollArea:
         sensors = QWidget()
         self._rows = QVBoxLayout(sensors)
         self._rows.setContentsMargins(0, 0, 0, 0)
@@ -163,10 +171,10 @@ class ForceDisplay(QWidget):
         scroll.setWidget(sensors)
         return scroll
 
-    def _build_foot(self):
+    def _build_foot(self) -> QHBoxLayout:
         self._time = QLabel()
         self._tare = QPushButton("Tare")
-        self._tare.setToolTip("Take the untouched reference anew: nothing may press a sensor.")
+        self._tare.setToolTip("Measure the untouched reference again; nothing may press a sensor.")
         self._tare.clicked.connect(lambda: self.tare_requested.emit())
         foot = QHBoxLayout()
         foot.addWidget(self._time)
@@ -174,11 +182,11 @@ class ForceDisplay(QWidget):
         foot.addWidget(self._tare)
         return foot
 
-    def _newest(self):
-        times = [track.latest.time_s for track in self._tracks.values()]
+    def _newest(self) -> str:
+        times = [track.latest.time_s for track in self._tracks.values() if track.latest]
         return f"{max(times):.1f} s of signal" if times else ""
 
-    def _track(self, name):
+    def _track(self, name: str) -> Track:
         if name not in self._tracks:
             self._tracks[name] = Track(self._history_s)
             self._colors[name] = self._free_color()
@@ -187,11 +195,11 @@ class ForceDisplay(QWidget):
             self._rows.addWidget(view)
         return self._tracks[name]
 
-    def _free_color(self):
+    def _free_color(self) -> str:
         """The first colour that no sensor has, or the least used one."""
         return min(SENSORS, key=list(self._colors.values()).count)
 
-    def _forget(self, name):
+    def _forget(self, name: str) -> None:
         del self._tracks[name], self._seen[name], self._colors[name]
         view = self._views.pop(name)
         self._rows.removeWidget(view)

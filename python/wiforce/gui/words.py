@@ -1,38 +1,45 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Readings in words."""
+"""Readings as short texts."""
+
+from ..io.readings import Reading
 
 
-def values(reading, bounds=True):
+def values(reading: Reading, bounds: bool = True) -> str:
     """Force and location with two standard deviations, or why there are none.
 
     Parameters
     ----------
     reading : Reading
     bounds : bool
-        Whether to give the standard deviations, where space allows.
+        False leaves out the standard deviations.
+
+    Returns
+    -------
+    str
     """
     if reading.touch is None:
         return "no reading"
     if reading.touch == 0:
         return "not touched"
-    force = _value(reading.force_n, bounds and reading.force_std_n, 2, "N")
-    location = _value(reading.location_mm, bounds and reading.location_std_mm, 1, "mm")
+    force_std_n, location_std_mm = reading.force_std_n, reading.location_std_mm
+    force = _value(reading.force_n, force_std_n if bounds else None, 2, "N")
+    location = _value(reading.location_mm, location_std_mm if bounds else None, 1, "mm")
     return f"{force}   {location}"
 
 
-def _value(value, std, decimals, unit):
+def _value(value: float | None, std: float | None, decimals: int, unit: str) -> str:
     if value is None:
         return f"? {unit}"
     spread = f" \u00b1 {2 * std:.{decimals}f}" if std else ""
     return f"{value:.{decimals}f}{spread} {unit}"
 
 
-def doubts(reading):
-    """The flags that put a reading in doubt."""
+def warning_flags(reading: Reading) -> list[str]:
+    """Words of the flags that warn of errors: all but ``reference``."""
     return [flag for flag in reading.flags if flag != "reference"]
 
 
-def notes(reading):
+def notes(reading: Reading) -> str:
     """SNR and flags."""
     snr = [] if reading.snr_db is None else [f"SNR {reading.snr_db:.1f} dB"]
     return "  ".join([*snr, *reading.flags])

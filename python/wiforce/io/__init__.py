@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files: captures, readings, YAML and text, checked at the edge."""
+"""Files: recordings, readings, CSV and YAML; checked when read, written whole or row by row."""

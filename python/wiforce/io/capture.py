@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Recordings on disk: SigMF pairs and raw sample files, checked before anything is read."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,12 +13,31 @@ from ..signal.carrier import same_carrier
 from .samples import DATATYPES, samples_of
 from .textfile import read_bytes
 
+if TYPE_CHECKING:
+    from ..scene import Scene
+
 MAX_METADATA_BYTES = 8_000_000
 
 
 @dataclass(frozen=True)
 class Segment:
-    """An unbroken run of samples: where it lies in the file and on the device's sample count."""
+    """A run of samples without a gap.
+
+    Attributes
+    ----------
+    file_sample : int
+        Its first sample, counted from the beginning of the file.
+    global_index : int
+        The same sample on the device's count, which goes on during gaps.
+    length : int
+        Number of samples.
+
+    Examples
+    --------
+    >>> first, second = Segment(0, 50, 400), Segment(400, 950, 600)
+    >>> second.global_index - (first.global_index + first.length)  # samples lost
+    500
+    """
 
     file_sample: int
     global_index: int
@@ -34,41 +55,64 @@ class Capture:
     datatype : str
         ``ci16_le`` or ``cf32_le``.
     sample_rate_hz, center_frequency_hz : float or None
-        None when the file does not say.
+        None when the file does not state it.
     segments : tuple of Segment
         In order of time; a gap lies between two of them.
+
+    Examples
+    --------
+    >>> segments = Segment(0, 50, 400), Segment(400, 950, 600)
+    >>> capture = Capture(Path("a.sigmf-data"), "ci16_le", 12.5e6, 900e6, segments)
+    >>> capture.samples, capture.span
+    (1000, 1500)
     """
 
     path: Path
     datatype: str
     sample_rate_hz: float | None
     center_frequency_hz: float | None
-    segments: tuple
+    segments: tuple[Segment, ...]
 
     @property
-    def samples(self):
-        """Samples in the file."""
+    def samples(self) -> int:
+        """Number of samples in the file."""
         return sum(segment.length for segment in self.segments)
 
     @property
-    def span(self):
-        """Samples from the first to the last, those lost in gaps included."""
+    def span(self) -> int:
+        """Number of samples from the first to the last, those lost in gaps included."""
         first, last = self.segments[0], self.segments[-1]
         return last.global_index + last.length - first.global_index
 
-    def read(self, count):
-        """The first samples of the file as complex64, full scale 1; at most ``count``."""
+    def read(self, count: int) -> np.ndarray:
+        """Read the first samples of the file.
+
+        Parameters
+        ----------
+        count : int
+            Number of samples; fewer are returned when the file is shorter.
+
+        Returns
+        -------
+        ndarray of complex64, shape (n,)
+            Full scale is 1 per component.
+        """
         if self.datatype == "cf32_le":
             return np.fromfile(self.path, "<c8", count)
         codes = np.fromfile(self.path, "<i2", 2 * count)
         return samples_of(codes[: len(codes) // 2 * 2])
 
-    def check_against(self, scene):
-        """Refuses a scene that disagrees on sample rate or carrier.
+    def check_against(self, scene: "Scene") -> None:
+        """Refuse a scene whose sample rate or carrier differs.
+
+        Parameters
+        ----------
+        scene : Scene
 
         Raises
         ------
         InputError
+            Naming the file, the scene's value and its own.
         """
         own, wanted = self.sample_rate_hz, scene.radio.sample_rate_hz
         if own is not None and abs(own - wanted) > 1e-6 * wanted:
@@ -78,8 +122,8 @@ class Capture:
             raise InputError(self.path, f"carrier must be the scene's {wanted:g} Hz", own)
 
 
-def open_capture(path, datatype=None):
-    """Opens a SigMF capture by either file's name or their common stem, or a raw file.
+def open_capture(path: str | Path, datatype: str | None = None) -> Capture:
+    """Open a SigMF capture by either file's name or their common stem, or a raw file.
 
     Parameters
     ----------
@@ -94,7 +138,14 @@ def open_capture(path, datatype=None):
     Raises
     ------
     InputError
-        When a file is missing, empty or not what it says it is.
+        When a file is missing or empty, or its metadata is not valid.
+
+    Examples
+    --------
+    >>> np.ones(1000, np.complex64).tofile("ones.cf32")
+    >>> capture = open_capture("ones.cf32", "cf32_le")
+    >>> capture.samples, capture.read(2)
+    (1000, array([1.+0.j, 1.+0.j], dtype=complex64))
     """
     path = Path(path)
     if not path.name:
@@ -111,12 +162,12 @@ def open_capture(path, datatype=None):
     return _open_sigmf(meta, data)
 
 
-def second_antenna(name):
+def second_antenna(name: str | Path) -> str:
     """Path of the second antenna's capture beside that of the first, both without suffix."""
     return f"{name}.antenna2"
 
 
-def _open_raw(path, datatype):
+def _open_raw(path: Path, datatype: str) -> Capture:
     if datatype not in DATATYPES:
         raise InputError("datatype", f"must be one of {', '.join(DATATYPES)}", datatype)
     if not path.is_file():
@@ -125,15 +176,16 @@ def _open_raw(path, datatype):
     return Capture(path, datatype, None, None, (Segment(0, 0, samples),))
 
 
-def _count(path, datatype, size):
+def _count(path: Path, datatype: str, size: int) -> int:
     sample_bytes = DATATYPES[datatype].sample_bytes
     if size < sample_bytes:
         raise InputError(path, "is empty")
     return size // sample_bytes
 
 
-def _open_sigmf(meta, data):
-    # While a recorder writes, the metadata read next tells every gap in the samples counted here.
+def _open_sigmf(meta: Path, data: Path) -> Capture:
+    # The size is taken first: while a recorder writes, metadata read later then covers every gap
+    # in the samples counted here.
     size = data.stat().st_size
     fields, captures = _metadata(meta)
     datatype = fields.get("core:datatype")
@@ -151,8 +203,8 @@ def _open_sigmf(meta, data):
     return Capture(data, datatype, rate, carrier, _segments(meta, captures, total))
 
 
-def _metadata(meta):
-    """Global and capture fields of a metadata file, held to SigMF's own schema."""
+def _metadata(meta: Path) -> tuple[Mapping[str, Any], Sequence[Mapping[str, Any]]]:
+    """Global and capture fields of a metadata file, validated by SigMF's own schema."""
     import json
 
     try:
@@ -174,32 +226,32 @@ def _metadata(meta):
     except (SigMFError, KeyError, TypeError, AttributeError) as error:
         raise InputError(meta, f"is not valid SigMF ({_first_line(error)})") from error
     except Exception as error:
-        # The schema's checker has its own family of errors and no common base with SigMF's.
+        # jsonschema's errors have no common base class with SigMF's.
         if type(error).__module__.split(".")[0] != "jsonschema":
             raise
         raise InputError(meta, f"is not valid SigMF ({_first_line(error)})") from error
     return parsed.get("global", {}), parsed.get("captures", [])
 
 
-def _first_line(error):
+def _first_line(error: Exception) -> str:
     return str(error).strip().splitlines()[0][:120] if str(error).strip() else "no reason given"
 
 
-def _positive(meta, name, value):
+def _positive(meta: Path, name: str, value: Any) -> float:
     number = isinstance(value, int | float) and not isinstance(value, bool)
     if not number or not 0 < value < 1e15:
         raise InputError(meta, f"{name} must be a positive number", value)
     return float(value)
 
 
-def _segments(meta, captures, total):
-    """Samples between losses; captures that go on from each other are one."""
+def _segments(meta: Path, captures: Sequence[Mapping[str, Any]], total: int) -> tuple[Segment, ...]:
+    """Runs of samples between gaps; contiguous captures are merged."""
     captures = captures or [{"core:sample_start": 0}]
     starts = [capture.get("core:sample_start", 0) for capture in captures]
     if any(later < earlier for earlier, later in zip(starts, starts[1:], strict=False)):
-        raise InputError(meta, "core:sample_start must rise from capture to capture", starts)
+        raise InputError(meta, "core:sample_start must increase from capture to capture", starts)
     ends = [*starts[1:], max(total, starts[-1])]
-    segments = []
+    segments: list[Segment] = []
     for capture, start, end in zip(captures, starts, ends, strict=True):
         if capture.get("core:header_bytes", 0):
             raise InputError(meta, "core:header_bytes must be 0", capture["core:header_bytes"])
@@ -207,13 +259,13 @@ def _segments(meta, captures, total):
         index = capture.get("core:global_index", None)
         if index is None:
             index = last.global_index + (start - last.file_sample)
-        # A file cut short keeps the captures that it still holds.
+        # A truncated file keeps the captures that it still holds.
         length = min(end, total) - start
         if length <= 0:
             continue
         lost = index - (last.global_index + last.length)
         if segments and lost < 0:
-            raise InputError(meta, "core:global_index must not go back", index)
+            raise InputError(meta, "core:global_index must not decrease", index)
         if segments and lost == 0:
             segments[-1] = replace(last, length=last.length + length)
         else:

@@ -1,67 +1,99 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Readings: the rows a reader gives, one per phase group and sensor, and their files."""
+"""Readings: what is known of one sensor in one phase group, and the flags that qualify it."""
 
-import csv
-import io
-import json
+import enum
 import math
-import sys
 from collections import Counter
-from dataclasses import asdict, dataclass
-from enum import IntFlag, auto
-from functools import lru_cache
-from pathlib import Path
-
-from ..errors import InputError, OutputError
-from .textfile import check_output
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
 
 
-class Flag(IntFlag):
-    """Why a reading is doubtful; its word is the member's name in lower case with hyphens."""
+class Flag(enum.Flag):
+    """Conditions that a user of a reading should know of.
 
-    REFERENCE = auto()
-    GAP = auto()
-    TRANSITION = auto()
-    WEAK = auto()
-    AMBIGUOUS = auto()
-    FORCE_UNOBSERVABLE = auto()
-    INCONSISTENT = auto()
-    EXTRAPOLATED = auto()
-    MOVED = auto()
-    SATURATED = auto()
-
-    @property
-    def word(self):
-        """The flag as files and messages spell it."""
-        return self.name.lower().replace("_", "-")
-
-
-FLAGS = tuple(flag.word for flag in Flag)
-_BIT_OF = {flag.word: int(flag) for flag in Flag}
-
-
-@lru_cache
-def flag_words(bits):
-    """Words of the flags in a sum of bits, in their order.
+    Attributes
+    ----------
+    REFERENCE
+        The group is part of the untouched reference.
+    GAP
+        Snapshots of the group are missing.
+    TRANSITION
+        The press changed inside the group.
+    WEAK
+        Standard deviation of a phase above 3 deg, or of the force above 1.5 N.
+    AMBIGUOUS
+        Two locations a half wavelength apart explain the phases.
+    FORCE_UNOBSERVABLE
+        The phases do not determine the force.
+    INCONSISTENT
+        No force and location of the sensor model explain the phases: two presses, a wide contact,
+        a broken line.
+    EXTRAPOLATED
+        Force or location lie outside the calibrated span.
+    MOVED
+        A phase step common to both ends: the tag or an antenna moved.
+    SATURATED
+        Samples of the group reached the converter's full scale.
 
     Examples
     --------
-    >>> flag_words(int(Flag.GAP | Flag.WEAK))
+    >>> Flag.FORCE_UNOBSERVABLE.word
+    'force-unobservable'
+    >>> (Flag.WEAK | Flag.GAP).words
     ('gap', 'weak')
     """
-    return tuple(flag.word for flag in Flag if flag & bits)
+
+    REFERENCE = enum.auto()
+    GAP = enum.auto()
+    TRANSITION = enum.auto()
+    WEAK = enum.auto()
+    AMBIGUOUS = enum.auto()
+    FORCE_UNOBSERVABLE = enum.auto()
+    INCONSISTENT = enum.auto()
+    EXTRAPOLATED = enum.auto()
+    MOVED = enum.auto()
+    SATURATED = enum.auto()
+
+    @property
+    def word(self) -> str:
+        """The word of a single flag in files of readings."""
+        return str(self.name).lower().replace("_", "-")
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """The word of every flag that is set, in the order of the members."""
+        return _words(self)
 
 
-@lru_cache
-def flag_bits(words):
-    """The sum of bits of a tuple of words.
+@cache
+def _words(flags: Flag) -> tuple[str, ...]:
+    return tuple(flag.word for flag in Flag if flag in flags)
+
+
+@cache
+def flag_words(bits: int) -> tuple[str, ...]:
+    """The words of flags that are given as the sum of their values.
+
+    Examples
+    --------
+    >>> flag_words(Flag.GAP.value + Flag.WEAK.value)
+    ('gap', 'weak')
+    """
+    return Flag(bits).words
+
+
+@cache
+def flag_bits(words: tuple[str, ...]) -> int:
+    """The sum of the values of some flags' words.
 
     Examples
     --------
     >>> flag_words(flag_bits(("weak", "gap")))
     ('gap', 'weak')
     """
-    return sum(_BIT_OF[word] for word in words)
+    return sum(flag.value for flag in Flag if flag.word in words)
 
 
 @dataclass(frozen=True)
@@ -71,18 +103,26 @@ class Reading:
     Attributes
     ----------
     time_s : float
-        Centre of the group, from the capture's first sample.
+        Centre of the group, in s from the capture's first sample.
     sensor : str
+        Its name.
     touch : int or None
-        1 when the line is shorted, 0 when not, None when it can't be told.
+        1 when the line is shorted, 0 when not, None when it is not known.
     force_n, force_std_n, location_mm, location_std_mm : float or None
-        None when not touched.
+        Force in N and location in mm from port 1, with standard deviations; None when not
+        touched.
     phase1_deg, phase2_deg : float or None
         psi_1 and psi_2 in (-180, 180].
     snr_db : float or None
         SNR of this group, of the weaker end, per subcarrier and snapshot.
     flags : tuple of str
-        Of :data:`FLAGS`; empty when all is well.
+        Words of :class:`Flag`, in its order; empty when nothing is wrong.
+
+    Examples
+    --------
+    >>> reading = Reading(0.018, "arm", 1, 4.12345678, 0.05, 45.0, 0.1, flags=("gap",))
+    >>> reading.row()["force_n"], reading.row()["flags"]
+    (4.1235, 'gap')
     """
 
     time_s: float
@@ -95,47 +135,68 @@ class Reading:
     phase1_deg: float | None = None
     phase2_deg: float | None = None
     snr_db: float | None = None
-    flags: tuple = ()
+    flags: tuple[str, ...] = ()
 
-    def row(self):
-        """Values by column name, numbers rounded for print, what is unknown as None."""
+    def row(self) -> dict[str, Any]:
+        """The reading as a row of a file.
+
+        Returns
+        -------
+        dict
+            Values by column name: numbers rounded for print, unknown ones None, flags as one
+            text.
+        """
         row = {
             key: _rounded(key, value) if isinstance(value, float) else value
-            for key, value in asdict(self).items()
+            for key, value in vars(self).items()
         }
         row["flags"] = " ".join(self.flags)
         return row
 
 
 COLUMNS = tuple(Reading.__dataclass_fields__)
-_DECIMALS = {"time_s": 6, "snr_db": 2}
+_DECIMALS = dict.fromkeys(COLUMNS, 4) | {"time_s": 6, "snr_db": 2}
 
 
-def _rounded(key, value):
-    return round(value, _DECIMALS.get(key, 4)) if math.isfinite(value) else None
+def _rounded(key: str, value: float) -> float | None:
+    return round(value, _DECIMALS[key]) if math.isfinite(value) else None
 
 
 class GroupCounts:
-    """How many phase groups came to which end; together all that the stream spans.
+    """Counts of phase groups by outcome; together all groups that the stream spans.
 
     Attributes
     ----------
     clear : int
-        Groups of which no sensor has a flag.
+        Groups in which no sensor has a flag.
     flagged : int
         Groups with a flag.
     dropped : int
         Groups of which nothing was received.
     flags : Counter
-        Flagged groups by flag.
+        Flagged groups by word of the flag.
+
+    Examples
+    --------
+    >>> counts = GroupCounts()
+    >>> counts.note([Reading(0.018, "arm", flags=("gap",))])
+    >>> counts.note([Reading(0.054, "arm")])
+    >>> print(counts)
+    2 groups: 1 clear, 1 flagged (1 gap), 0 dropped
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.clear = self.flagged = self.dropped = 0
-        self.flags = Counter()
+        self.flags: Counter[str] = Counter()
 
-    def note(self, readings):
-        """Count one group by its readings, one per sensor."""
+    def note(self, readings: Iterable[Reading]) -> None:
+        """Count one group.
+
+        Parameters
+        ----------
+        readings : iterable of Reading
+            Those of the group, one per sensor.
+        """
         flags = {flag for reading in readings for flag in reading.flags}
         self.flags.update(flags)
         if flags:
@@ -144,142 +205,20 @@ class GroupCounts:
             self.clear += 1
 
     @property
-    def groups(self):
+    def groups(self) -> int:
+        """All groups."""
         return self.clear + self.flagged + self.dropped
 
-    def asdict(self):
+    def asdict(self) -> dict[str, int]:
+        """Number of groups by outcome."""
         return {key: getattr(self, key) for key in ("clear", "flagged", "dropped")}
 
-    def short(self):
+    def short(self) -> str:
         """As ``str``, without the flags."""
-        kinds = ", ".join(f"{count} {kind}" for kind, count in self.asdict().items())
-        return f"{self.groups} groups: {kinds}"
+        outcomes = ", ".join(f"{count} {outcome}" for outcome, count in self.asdict().items())
+        return f"{self.groups} groups: {outcomes}"
 
-    def __str__(self):
-        named = ", ".join(f"{self.flags[flag]} {flag}" for flag in FLAGS if self.flags[flag])
+    def __str__(self) -> str:
+        words = [flag.word for flag in Flag if self.flags[flag.word]]
+        named = ", ".join(f"{self.flags[word]} {word}" for word in words)
         return self.short().replace(" flagged", f" flagged ({named})" if named else " flagged")
-
-
-class ReadingsWriter:
-    """Writes readings a row each: what was written is in the file at once, and in whole rows.
-
-    What a file held before is kept until the first row comes, or the writer is closed without one,
-    or :meth:`begin` is called: whoever is refused or fails before that loses nothing. As a context
-    it is closed when all went well, and else keeps what it has written.
-
-    Parameters
-    ----------
-    path : str or Path, optional
-        Standard output when not given.
-    form : callable
-        From a reading's ``row()`` to a line of text.
-    header : str
-        First line.
-    """
-
-    def __init__(self, path, form, header=""):
-        self._path, self._form = path, form
-        self._header, self._begun, self._file = header, False, None
-        self._whole, self._refusal = 0, None
-        if path is not None:
-            check_output(path)
-            if Path(path).exists() and not Path(path).is_file():
-                # A pipe holds nothing that could be lost, and may have to be waited for.
-                self.begin()
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, kind, *_):
-        if kind is None:
-            self.close()
-        elif self._file is not None:
-            self._file.close()
-
-    def write(self, reading):
-        """Write one reading.
-
-        Raises
-        ------
-        OutputError
-            When it cannot be written, as on a full disk; the file then ends with the row before,
-            and takes no other.
-        """
-        self.begin()
-        self._put(self._form(reading.row()))
-
-    def close(self):
-        self.begin()
-        if self._file is not None:
-            self._file.close()
-
-    def begin(self):
-        """Empties the file but for its header, unless it has begun; returns the writer.
-
-        Raises
-        ------
-        InputError
-            When the file cannot be opened.
-        OutputError
-            When it cannot be written to.
-        """
-        if self._begun:
-            return self
-        if self._path is not None:
-            try:
-                self._file = open(self._path, "wb", buffering=0)
-            except (OSError, ValueError) as error:
-                reason = getattr(error, "strerror", None) or error
-                raise InputError(self._path, f"cannot be written ({reason})") from error
-        self._begun = True
-        self._put(self._header)
-        return self
-
-    def _put(self, text):
-        if self._path is None:
-            sys.stdout.write(text)
-            sys.stdout.flush()
-            return
-        if self._refusal is not None:
-            raise self._refusal
-        left = text.encode()
-        try:
-            while left:
-                left = left[self._file.write(left) :]
-        except OSError as error:
-            self._cut()
-            rule = f"cannot be written further ({error.strerror}); all rows until then are kept"
-            self._refusal = OutputError(self._path, rule)
-            raise self._refusal from error
-        self._whole += len(text.encode())
-
-    def _cut(self):
-        """Take back the part of a row that was still written."""
-        try:
-            self._file.truncate(self._whole)
-        except OSError:
-            pass  # no regular file
-
-
-def _csv_line(cells):
-    stream = io.StringIO()
-    csv.writer(stream, lineterminator="\n").writerow("" if c is None else c for c in cells)
-    return stream.getvalue()
-
-
-def open_writer(path=None):
-    """A writer of readings by the file's suffix: ``.csv``, or ``.jsonl`` for JSON lines.
-
-    ``None`` writes CSV to standard output.
-
-    Raises
-    ------
-    InputError
-        For another suffix or a path that cannot be written to.
-    """
-    name = "" if path is None else str(path).lower()
-    if name.endswith(".jsonl"):
-        return ReadingsWriter(path, lambda row: json.dumps(row, allow_nan=False) + "\n")
-    if path is not None and not name.endswith(".csv"):
-        raise InputError(path, "output must end in .csv or .jsonl")
-    return ReadingsWriter(path, lambda row: _csv_line(row.values()), _csv_line(COLUMNS))

@@ -1,31 +1,38 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Kinds of samples: their names in GNU Radio and SigMF, and a converter's 16-bit integers."""
+"""Sample types: their names in GNU Radio and SigMF, and conversion of 16-bit integers."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import InputError
 
 
 class ItemType(NamedTuple):
-    """Complex samples of one kind.
+    """A type of complex samples.
 
     Attributes
     ----------
     name : str
-        GNU Radio's.
+        In GNU Radio.
     datatype : str
-        SigMF's.
+        In SigMF.
     sample_bytes : int
+        Size of a complex sample, in bytes.
     item : numpy type, or tuple of it and a count
         In the signature of a Python block.
+
+    Examples
+    --------
+    >>> DATATYPES["ci16_le"].name, DATATYPES["ci16_le"].sample_bytes
+    ('sc16', 4)
     """
 
     name: str
     datatype: str
     sample_bytes: int
-    item: object
+    item: Any
 
 
 _KINDS = (
@@ -36,12 +43,27 @@ ITEM_TYPES = {kind.name: kind for kind in _KINDS}
 DATATYPES = {kind.datatype: kind for kind in _KINDS}
 
 
-def item_type_named(name):
-    """The ItemType of a block's parameter ``item_type``.
+def item_type_named(name: str) -> ItemType:
+    """The type that a block's parameter ``item_type`` names.
+
+    Parameters
+    ----------
+    name : str
+        ``fc32`` or ``sc16``.
+
+    Returns
+    -------
+    ItemType
 
     Raises
     ------
     InputError
+        For another name.
+
+    Examples
+    --------
+    >>> item_type_named("fc32").sample_bytes
+    8
     """
     if name not in ITEM_TYPES:
         raise InputError("item_type", f"must be one of {', '.join(ITEM_TYPES)}", name)
@@ -51,6 +73,22 @@ def item_type_named(name):
 FULL_SCALE = 32768
 
 
-def samples_of(codes):
-    """Complex samples (n,), full scale 1 per component, of codes (n, 2) or I Q I Q (2n,)."""
+def samples_of(codes: ArrayLike) -> np.ndarray:
+    """Complex samples of a converter's 16-bit integers.
+
+    Parameters
+    ----------
+    codes : array_like of int16, shape (n, 2) or (2 n,)
+        I and Q of each sample.
+
+    Returns
+    -------
+    ndarray of complex64, shape (n,)
+        Full scale is 1 per component.
+
+    Examples
+    --------
+    >>> samples_of(np.array([16384, -32768], np.int16))
+    array([0.5-1.j], dtype=complex64)
+    """
     return (np.asarray(codes).astype(np.float32) / FULL_SCALE).view(np.complex64).ravel()

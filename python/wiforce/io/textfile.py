@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Text files: read up to a limit, for they come from outside; written whole or not at all, and
-not before all is known to be well."""
+"""Text files: read up to a limit, as they come from outside, and written whole or not at all."""
 
 import csv
 import io
@@ -12,19 +11,29 @@ from ..errors import InputError
 MAX_CSV_BYTES = 32_000_000
 
 
-def read_bytes(path, limit):
-    """A file's content.
+def read_bytes(path: str | Path, limit: int) -> bytes:
+    """Read a file that must not be larger than a limit.
 
     Parameters
     ----------
     path : str or Path
     limit : int
-        Bytes that it may have.
+        In bytes.
+
+    Returns
+    -------
+    bytes
 
     Raises
     ------
     InputError
         When it cannot be read or is larger.
+
+    Examples
+    --------
+    >>> size = Path("note.txt").write_bytes(b"hello")
+    >>> read_bytes("note.txt", 1000)
+    b'hello'
     """
     try:
         with open(path, "rb") as stream:
@@ -38,19 +47,30 @@ def read_bytes(path, limit):
     return data
 
 
-def read_csv(path):
-    """A CSV file in UTF-8.
+def read_csv(path: str | Path) -> tuple[tuple[str, ...], list[tuple[int, dict[str, str]]]]:
+    """Read a CSV file in UTF-8.
+
+    Parameters
+    ----------
+    path : str or Path
 
     Returns
     -------
     header : tuple of str
+        Names of the columns.
     rows : list of (int, dict)
         Line number and cells by column, None where a row is short; empty rows are left out.
 
     Raises
     ------
     InputError
-        When it cannot be read, is larger than 32 MB, is no CSV or holds no row.
+        When it cannot be read, is larger than 32 MB, is not CSV or has no rows.
+
+    Examples
+    --------
+    >>> write_whole("taps.csv", "port,phase_deg\\n1,90\\n")
+    >>> read_csv("taps.csv")
+    (('port', 'phase_deg'), [(2, {'port': '1', 'phase_deg': '90'})])
     """
     data = read_bytes(path, MAX_CSV_BYTES)
     try:
@@ -64,8 +84,8 @@ def read_csv(path):
     return header, rows
 
 
-def check_output(path):
-    """Refuses a path that nothing can be written to, before any work is done for it.
+def check_output(path: str | Path) -> None:
+    """Refuse a path that cannot be written to, before any work is done for it.
 
     Parameters
     ----------
@@ -74,7 +94,14 @@ def check_output(path):
     Raises
     ------
     InputError
-        For a folder that is not there or a file that cannot be written.
+        For a folder that does not exist or a file that cannot be written.
+
+    Examples
+    --------
+    >>> check_output("missing/out.csv")
+    Traceback (most recent call last):
+    ...
+    gnuradio.wiforce.errors.InputError: missing/out.csv: cannot be written (folder does not exist)
     """
     path = Path(path)
     folder = path.absolute().parent
@@ -88,12 +115,24 @@ def check_output(path):
         raise InputError(path, "cannot be written")
 
 
-def write_whole(path, text):
-    """Writes a file in UTF-8, or replaces it; what was there stays when that fails.
+def write_whole(path: str | Path, text: str) -> None:
+    """Write a file in UTF-8, or replace it; the previous content is kept when that fails.
+
+    Parameters
+    ----------
+    path : str or Path
+    text : str
 
     Raises
     ------
     OSError
+        When the system refuses to write.
+
+    Examples
+    --------
+    >>> write_whole("note.txt", "hello")
+    >>> Path("note.txt").read_text()
+    'hello'
     """
     path = Path(path)
     part = path.with_name(path.name + ".part")

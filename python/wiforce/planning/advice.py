@@ -1,48 +1,65 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What may go wrong in a scene, and what would make it better."""
+"""Advice on a scene: what may go wrong, and changes that would make its readings better."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..errors import InputError
-from .clocks import assess_clocks, propose_clocks
-from .expected import expect, receive_levels, why_not_readable
+from ..scene import Scene
+from ..signal.waveform import PREAMBLE_LENGTH
+from .clock_search import propose_clocks
+from .clocks import ClockReport, assess_clocks
+from .expected import expect
+from .levels import receive_levels, why_not_readable
+from .plan import Plan
 from .plan import plan as plan_of
 
 # A press that rises within so many groups is blurred by them.
 _GROUPS_PER_RISE = 2
-# Shares of the reading's variance, or dB, that are worth a word.
-_WORTH_DB = 0.5
+# A cost below half a dB, 6 % of a standard deviation, is not worth a warning.
+_NOTICEABLE_DB = 0.5
+# Line 4 beyond this part of half the snapshot rate comes close to its mirror image.
 _NYQUIST_MARGIN = 0.9
+# Difference between the levels of tags, in dB, that is worth a warning.
 _LEVELS_APART_DB = 20
-_SHORTEST_FRAME = 320
+# Group lengths that are tried: 125, 250, 625 and 1250 snapshots of the default frame.
 _GROUP_LENGTHS_S = (0.0072, 0.0144, 0.036, 0.072)
-# What a proposal must bring to be made.
-_WORTH = 0.97
+# Clocks are assessed in groups of at most this length: longer ones only resolve more.
+_LONGEST_ASSESSED, _LONGEST_SEARCHED = 1250, 625
+# A reference of so many groups adds 1/12 to the variance of a reading.
+_REFERENCE_GROUPS, _FEW_REFERENCE_GROUPS = 12, 4
+# A proposal must lower the noise by 3 %, or shorten groups by 10 % at no more noise than that.
+_WORTHWHILE_NOISE, _WORTHWHILE_TIME = 0.97, 0.9
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """A change to a scene and what it would bring.
+    """A change to a scene and its effect.
 
     Attributes
     ----------
     change : str
         Key of the scene file and its new value.
     reason : str
-    phase_std_deg, time_resolution_s : (float, float)
+    phase_std_deg, time_resolution_s : tuple of float, length 2
         Noise of the worst end and length of a phase group, now and after the change.
+
+    Examples
+    --------
+    >>> Proposal("reference_s: 0.44", "longer", (0.1, 0.09), (0.036, 0.036)).change
+    'reference_s: 0.44'
     """
 
     change: str
     reason: str
-    phase_std_deg: tuple
-    time_resolution_s: tuple
+    phase_std_deg: tuple[float, float]
+    time_resolution_s: tuple[float, float]
 
 
-def warnings(scene, plan):
-    """What may go wrong, a sentence each.
+def warnings(scene: Scene, plan: Plan) -> list[str]:
+    """What may go wrong in a scene.
 
     Parameters
     ----------
@@ -52,6 +69,15 @@ def warnings(scene, plan):
     Returns
     -------
     list of str
+        A sentence each.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.planning.plan import plan
+    >>> from gnuradio.wiforce.scene import load_scene
+    >>> scene = load_scene("two_sensors")
+    >>> warnings(scene, plan(scene))[0][:59]
+    "clock collision: line 7 of 'left' falls on line 5 of 'right"
     """
     return [
         *_clock_warnings(scene, plan),
@@ -61,29 +87,29 @@ def warnings(scene, plan):
     ]
 
 
-def _assess(plan):
+def _assess(plan: Plan) -> ClockReport:
     tolerance_ppm = max(clock.tolerance_ppm for clock in plan.clocks)
     return assess_clocks(
-        [clock.clock_hz for clock in plan.clocks],
+        plan.clocks_hz,
         plan.waveform,
-        min(plan.group_length, 1250),
+        min(plan.group_length, _LONGEST_ASSESSED),
         tolerance_ppm=tolerance_ppm,
         clutter_hz=plan.clutter_hz,
     )
 
 
-def _clock_warnings(scene, plan):
+def _clock_warnings(scene: Scene, plan: Plan) -> Iterator[str]:
     report = _assess(plan)
     names = scene.sensor_names
     yield from report.problems
-    loss_db = {}
+    loss_db: dict[int, float] = {}
     for end in report.ends:
         loss_db[end.tag] = max(loss_db.get(end.tag, 0.0), end.loss_db)
     for tag, line, other, other_line in report.collisions:
         yield (
             f"clock collision: line {line} of '{names[tag]}' falls on line {other_line} of "
-            f"'{names[other]}'; solved for together, ends lose up to "
-            f"{max(loss_db[tag], loss_db[other]):.2f} dB in all"
+            f"'{names[other]}'; they are estimated jointly, at a cost of up to "
+            f"{max(loss_db[tag], loss_db[other]):.2f} dB per end"
         )
     nyquist_hz = 0.5 / plan.waveform.snapshot_period_s
     for clock, name in zip(plan.clocks, names, strict=True):
@@ -94,28 +120,31 @@ def _clock_warnings(scene, plan):
             )
     levels = [tag.level_db for tag in scene.simulation.tags]
     if np.ptp(levels) > _LEVELS_APART_DB:
-        yield f"tags differ by {np.ptp(levels):.0f} dB: a press of the strong one disturbs the weak"
+        yield (
+            f"the levels of the tags differ by {np.ptp(levels):.0f} dB: a press of the strongest "
+            "disturbs the readings of the weakest"
+        )
 
 
-def _motion_warnings(scene, plan):
+def _motion_warnings(scene: Scene, plan: Plan) -> Iterator[str]:
     period_s = plan.group_period_s
     fast = [p.rise_s for p in scene.simulation.presses if p.rise_s < _GROUPS_PER_RISE * period_s]
     if fast:
         yield (
             f"N_g against dynamics: a press rises in {min(fast):g} s, a phase group lasts "
-            f"{period_s:.3g} s; readings while it rises are averages and flagged 'transition'"
+            f"{period_s:.3g} s; readings while it rises are averages, flagged 'transition'"
         )
-    if plan.loss_db and max(plan.loss_db) > _WORTH_DB:
+    if plan.loss_db and max(plan.loss_db) > _NOTICEABLE_DB:
         yield (
-            f"{plan.group_length} snapshots per group tell the lines from each other and from "
+            f"{plan.group_length} snapshots per group separate the lines from each other and from "
             f"clutter at a cost of {max(plan.loss_db):.1f} dB"
         )
     if scene.simulation.moving_clutter_hz > plan.clutter_hz:
         yield (
-            f"what moves reaches {scene.simulation.moving_clutter_hz:g} Hz, but "
+            f"moving clutter reaches {scene.simulation.moving_clutter_hz:g} Hz, but "
             f"environment.moving_clutter_hz is {plan.clutter_hz:g}: it leaks into the lines"
         )
-    if plan.reference_groups < 4:
+    if plan.reference_groups < _FEW_REFERENCE_GROUPS:
         share = 100 / (1 + plan.reference_groups)
         yield (
             f"the untouched reference holds {plan.reference_groups} group(s): {share:.0f} % of "
@@ -123,17 +152,17 @@ def _motion_warnings(scene, plan):
         )
 
 
-def _receiver_warnings(scene):
+def _receiver_warnings(scene: Scene) -> Iterator[str]:
     levels = receive_levels(scene)
     reasons = [why_not_readable(scene, i, levels) for i in range(len(scene.sensors))]
     yield from dict.fromkeys(filter(None, reasons))
     if not levels.out_of_range:
         cost_db = 10 * np.log10(1 + levels.quantisation / levels.noise)
-        if cost_db > _WORTH_DB:
-            yield f"ADC range: the ADC's steps cost {cost_db:.1f} dB"
+        if cost_db > _NOTICEABLE_DB:
+            yield f"ADC range: quantisation noise costs {cost_db:.1f} dB"
 
 
-def _sensor_warnings(scene):
+def _sensor_warnings(scene: Scene) -> Iterator[str]:
     for sensor in scene.sensors:
         model = sensor.load_model(scene)
         for press in scene.simulation.presses:
@@ -142,17 +171,30 @@ def _sensor_warnings(scene):
             if press.sensor == sensor.name and not np.all(inside):
                 yield (
                     f"press of '{sensor.name}' at {press.start_s:g} s ({min(forces):g} to "
-                    f"{max(forces):g} N at {press.location_mm:g} mm) leaves what its model was "
-                    "calibrated for"
+                    f"{max(forces):g} N at {press.location_mm:g} mm) leaves the span that its "
+                    "model was calibrated for"
                 )
 
 
-def improve(scene, plan):
-    """Changes to a scene that would make its readings better.
+def improve(scene: Scene, plan: Plan) -> list[Proposal]:
+    """Changes to a scene that would make its readings better, each by itself.
+
+    Parameters
+    ----------
+    scene : Scene
+    plan : Plan
 
     Returns
     -------
     list of Proposal
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.planning.plan import plan
+    >>> from gnuradio.wiforce.scene import load_scene
+    >>> scene = load_scene("demo")
+    >>> improve(scene, plan(scene))[0].change
+    'sounding.frame_length: 320, phase_group.snapshots: 1406'
     """
     now = _worst_std(scene, plan)
     found = []
@@ -162,24 +204,24 @@ def improve(scene, plan):
             std = _worst_std(better, changed)
         except InputError:
             continue
-        faster = changed.group_period_s < 0.9 * plan.group_period_s
-        if std < _WORTH * now or (faster and std < now / _WORTH):
+        faster = changed.group_period_s < _WORTHWHILE_TIME * plan.group_period_s
+        if std < _WORTHWHILE_NOISE * now or (faster and std < now / _WORTHWHILE_NOISE):
             times = (plan.group_period_s, changed.group_period_s)
             found.append(Proposal(change, reason, (now, std), times))
     return found
 
 
-def _worst_std(scene, plan):
+def _worst_std(scene: Scene, plan: Plan) -> float:
     return max(max(sensor.phase_std_deg) for sensor in expect(scene, plan))
 
 
-def _changes(scene, plan):
-    """(text of the change, why, the changed scene), each by itself."""
+def _changes(scene: Scene, plan: Plan) -> Iterator[tuple[str, str, Scene]]:
+    """Text of the change, why, and the changed scene."""
     yield from _guard_changes(scene)
     yield from _length_changes(scene, plan)
     yield from _clock_changes(scene, plan)
-    if plan.reference_groups < 12:
-        reference_s = round(12 * plan.group_period_s + 0.005, 2)
+    if plan.reference_groups < _REFERENCE_GROUPS:
+        reference_s = round(_REFERENCE_GROUPS * plan.group_period_s + 0.005, 2)
         yield (
             f"reference_s: {reference_s:g}",
             "a longer untouched reference",
@@ -187,24 +229,24 @@ def _changes(scene, plan):
         )
 
 
-def _guard_changes(scene):
+def _guard_changes(scene: Scene) -> Iterator[tuple[str, str, Scene]]:
     frame = scene.sounding.frame_length
-    if frame <= _SHORTEST_FRAME:
+    if frame <= PREAMBLE_LENGTH:
         return
-    snapshots = round(scene.phase_group.snapshots * frame / _SHORTEST_FRAME)
+    snapshots = round(scene.phase_group.snapshots * frame / PREAMBLE_LENGTH)
     yield (
-        f"sounding.frame_length: {_SHORTEST_FRAME}, phase_group.snapshots: {snapshots}",
-        f"no guard: {frame / _SHORTEST_FRAME:.2f} x the preambles, in groups as long as now",
+        f"sounding.frame_length: {PREAMBLE_LENGTH}, phase_group.snapshots: {snapshots}",
+        f"no guard: {frame / PREAMBLE_LENGTH:.2f} times the preambles, in groups as long as now",
         replace(
             scene,
-            sounding=replace(scene.sounding, frame_length=_SHORTEST_FRAME),
+            sounding=replace(scene.sounding, frame_length=PREAMBLE_LENGTH),
             phase_group=replace(scene.phase_group, snapshots=snapshots),
         ),
     )
 
 
-def _length_changes(scene, plan):
-    """Shorter groups follow presses; longer ones are quieter where nothing is fast."""
+def _length_changes(scene: Scene, plan: Plan) -> Iterator[tuple[str, str, Scene]]:
+    """Shorter groups follow presses; longer ones have less noise where nothing is fast."""
     rises = [press.rise_s for press in scene.simulation.presses]
     for period_s in _GROUP_LENGTHS_S:
         snapshots = round(period_s / plan.waveform.snapshot_period_s)
@@ -214,14 +256,14 @@ def _length_changes(scene, plan):
         if fits and (longer or (blurred and snapshots < plan.group_length)) and snapshots >= 32:
             yield (
                 f"phase_group.snapshots: {snapshots}",
-                "quieter, and presses rise slowly enough"
+                "less noise, and presses rise slowly enough"
                 if longer
-                else "follows the presses; averaged again while nothing changes",
+                else "follows the presses; averaged over groups while nothing changes",
                 replace(scene, phase_group=replace(scene.phase_group, snapshots=snapshots)),
             )
 
 
-def _clock_changes(scene, plan):
+def _clock_changes(scene: Scene, plan: Plan) -> Iterator[tuple[str, str, Scene]]:
     """Another clock for each tag but the first."""
     clocks_hz = [sensor.clock_hz for sensor in scene.sensors]
     for i, sensor in enumerate(scene.sensors[1:], 1):
@@ -229,7 +271,7 @@ def _clock_changes(scene, plan):
         better = propose_clocks(
             1,
             plan.waveform,
-            min(plan.group_length, 625),
+            min(plan.group_length, _LONGEST_SEARCHED),
             others,
             tolerance_ppm=sensor.clock_tolerance_ppm,
             clutter_hz=plan.clutter_hz,
@@ -239,6 +281,6 @@ def _clock_changes(scene, plan):
             sensors[i] = replace(sensor, clock_hz=clock_hz)
             yield (
                 f"sensors[{i}].clock_hz: {clock_hz:g}",
-                f"lines of '{sensor.name}' further from those of the others",
+                f"lines of '{sensor.name}' further from those of the other tags",
                 replace(scene, sensors=tuple(sensors)),
             )

@@ -1,137 +1,149 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How accurate a scene's readings will be: noise of the phases from the Cramer-Rao bound, force and
-location from what the reader's model makes of such phases. No samples are simulated."""
+"""Expected errors of a scene's readings, without simulating any samples.
 
+The noise of the phases follows from the Cramer-Rao bound, the errors of force and location from
+passing such phases through the reader's sensor model.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from ..scene import Scene
+from ..scene.schema import SceneSensor
+from ..sensor import LineModel
+from ..sensor.curves import CurveModel
 from ..signal.bound import phase_bound_deg
 from ..signal.carrier import same_carrier
-from ..signal.switching import harmonics
-from ..simulation.channel import NOISE_PEAK, PEAK
 from ..simulation.presses import PressedSensor
+from .levels import ReceivedLevels, line_amplitude, receive_levels, why_not_readable
+from .plan import Plan
 
 # Median of |x| for a Gaussian x of unit standard deviation.
 MEDIAN = 0.6745
-# The untouched phases of a calibration are taken as the mean of so many sweeps.
+# Sweeps over which a calibration is assumed to average the untouched phases.
 _UNTOUCHED_SWEEPS = 10
-# Groups over which the bound is computed are not longer than this; it scales with their length.
+# Longest group for which the bound is computed; beyond it the variance falls with the length.
 _LONGEST = 1250
-# Groups of a scene whose readings are drawn at most, and drawings of each.
+# Most groups of a scene whose readings are drawn at random, and draws of each.
 _GROUPS, _DRAWS = 300, 16
-# Standard deviation of a noise component, in ADC steps, below which rounding is not like noise, and
-# steps of the tag's line that are then too few.
-_DITHER_STEPS, _FEW_STEPS = 0.3, 10
 
 
-@dataclass(frozen=True)
-class ReceivedLevels:
-    """What reaches the receiver, in units of a tag's rho; noise per subcarrier and snapshot.
-
-    ``noise`` is the variance in H of what the scene's ``snr_db`` says, ``quantisation`` that of
-    the ADC's steps; ``tag_steps`` is the amplitude of the first tag's line +1 in ADC steps, and
-    ``noise_steps`` the standard deviation of a sample's noise component.
-    """
-
-    noise: float
-    quantisation: float
-    tag_steps: float
-    noise_steps: float
-
-    @property
-    def out_of_range(self):
-        """Whether the tag is lost in the ADC's rounding, which errs systematically then."""
-        return self.noise_steps < _DITHER_STEPS and self.tag_steps < _FEW_STEPS
+_Model = CurveModel | LineModel
+# Median errors of phases, force and location.
+_Medians = tuple[tuple[float, ...] | None, float | None, float | None]
 
 
 @dataclass(frozen=True)
 class Expected:
-    """What is expected of one sensor.
+    """Expected errors of one sensor.
 
     Attributes
     ----------
     sensor : str
-    phase_std_deg : (float, float)
-        Noise of the phases of a reading while nothing changes.
-    phase_error_deg : (float, float) or None
+        Its name.
+    phase_std_deg : tuple of float, length 2
+        Standard deviation of the phases of a reading while nothing changes.
+    phase_error_deg : tuple of float, length 2, or None
         Median error of the phases' changes against the untouched sensor; None, as all below, for a
         sensor that is not readable.
     force_error_n, location_error_mm : float or None
-        Median error while touched: noise, and what the reader's model errs by.
+        Median error while touched, from noise and from the reader's sensor model.
+
+    Examples
+    --------
+    >>> Expected("arm", (0.1, 0.1), None, None, None).force_error_n is None
+    True
     """
 
     sensor: str
-    phase_std_deg: tuple
-    phase_error_deg: tuple | None
+    phase_std_deg: tuple[float, ...]
+    phase_error_deg: tuple[float, ...] | None
     force_error_n: float | None
     location_error_mm: float | None
 
 
-def receive_levels(scene):
-    """What the receiver gets: the strongest path is brought to the simulator's peak level."""
-    simulation, waveform = scene.simulation, scene.waveform()
-    line = float(harmonics(1, scene.sensors[0].clock_hz * waveform.averaging_s)[0])
-    noise = line**2 / 10 ** (simulation.snr_db / 10)
-    sample_std = np.sqrt(noise / waveform.channel_noise_gain / 2)
-    clutter = [simulation.static_clutter_db, simulation.moving_clutter_db]
-    amplitudes = [line * 10 ** (db / 20) for db in clutter if db is not None]
-    amplitudes += [10 ** (tag.level_db / 20) for tag in simulation.tags]
-    peak = sum(amplitudes) * float(np.abs(waveform.frame()).max()) + NOISE_PEAK * sample_std
-    step = peak / PEAK / 2 ** ((simulation.adc_bits or 16) - 1)
-    quantisation = 2 * step**2 / 12 * waveform.channel_noise_gain
-    return ReceivedLevels(noise, float(quantisation), float(line / step), float(sample_std / step))
-
-
-def expect(scene, plan):
+def expect(scene: Scene, plan: Plan) -> tuple[Expected, ...]:
     """Expected errors of every sensor of a scene.
 
     Parameters
     ----------
     scene : Scene
         Its ``simulation`` gives noise, clutter, presses, moves and the sensor that is pressed.
-        Where nothing is pressed the calibrated span of force and location is taken, with the errors
-        that the calibration itself claims.
+        Where nothing is pressed, the calibrated span of force and location counts, with the
+        errors that the calibration itself states.
     plan : Plan
 
     Returns
     -------
     tuple of Expected
+        One per sensor.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.planning.plan import plan
+    >>> from gnuradio.wiforce.scene import load_scene
+    >>> scene = load_scene("demo")
+    >>> bool(expect(scene, plan(scene))[0].force_error_n < 0.2)
+    True
     """
     levels = receive_levels(scene)
     carrier_hz = scene.radio.center_frequency_hz
     models = [sensor.load_model(scene) for sensor in scene.sensors]
-    points = _pressed_points(scene, models)
+    points = _pressed_points(scene)
     found = []
     stds = _phase_std(scene, plan, models, points, levels)
     for i, (sensor, model, std) in enumerate(zip(scene.sensors, models, stds, strict=True)):
-        if why_not_readable(scene, i, levels):
-            medians = None, None, None
-        elif points[i] is None:
-            medians = _claimed(model, carrier_hz, _span(model), std)
-        else:
-            medians = _drawn(model, carrier_hz, points[i], np.hypot(std, _curvature_deg(scene)))
+        pressed = points[i]
+        medians: _Medians = (None, None, None)
+        if not why_not_readable(scene, i, levels):
+            if pressed is None:
+                medians = _stated(model, carrier_hz, _span(model), std)
+            else:
+                medians = _drawn(model, carrier_hz, pressed, np.hypot(std, _curvature_deg(scene)))
         found.append(Expected(sensor.name, tuple(std.tolist()), *medians))
     return tuple(found)
 
 
-def phase_std_deg(scene, plan):
-    """``Expected.phase_std_deg`` of every sensor alone; shape (S, 2)."""
+def phase_std_deg(scene: Scene, plan: Plan) -> np.ndarray:
+    """Noise of the phases alone, without the errors of force and location.
+
+    Parameters
+    ----------
+    scene : Scene
+    plan : Plan
+
+    Returns
+    -------
+    ndarray of float, shape (S, 2)
+        As ``Expected.phase_std_deg`` of every sensor.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.planning.plan import plan
+    >>> from gnuradio.wiforce.scene import load_scene
+    >>> scene = load_scene("demo")
+    >>> phase_std_deg(scene, plan(scene)).shape
+    (1, 2)
+    """
     models = [sensor.load_model(scene) for sensor in scene.sensors]
-    return _phase_std(scene, plan, models, _pressed_points(scene, models), receive_levels(scene))
+    return _phase_std(scene, plan, models, _pressed_points(scene), receive_levels(scene))
 
 
-def _pressed_points(scene, models):
-    """`_presses` of every sensor."""
-    return [_presses(scene, i) for i in range(len(models))]
-
-
-def _phase_std(scene, plan, models, points, levels):
+def _phase_std(
+    scene: Scene,
+    plan: Plan,
+    models: Sequence[_Model],
+    points: Sequence[np.ndarray | None],
+    levels: ReceivedLevels,
+) -> np.ndarray:
     """Noise of the phases of readings; shape (S, 2)."""
     carrier_hz = scene.radio.center_frequency_hz
     phases = [
-        model.phases_deg(*(_span(model) if p is None else p).T[:2], carrier_hz)
+        model.phases_deg(where[:, 0], where[:, 1], carrier_hz)
         for model, p in zip(models, points, strict=True)
+        for where in [_span(model) if p is None else p]
     ]
     bound = _bound_deg(scene, plan, phases, levels.noise + levels.quantisation).reshape(-1, 2)
     return np.array(
@@ -139,39 +151,24 @@ def _phase_std(scene, plan, models, points, levels):
     )
 
 
-def why_not_readable(scene, index, levels=None):
-    """Why nothing can be read of a simulated scene's sensor; None when it can."""
-    tag, levels = scene.simulation.tags[index], levels or receive_levels(scene)
-    if levels.out_of_range:
-        return (
-            f"ADC range: beside the static path the tag's line has {levels.tag_steps:.2g} steps "
-            f"and noise {levels.noise_steps:.2g}; rounding errs systematically, the tag is out of "
-            "the ADC's range"
-        )
-    if scene.environment.reader_clock == "free" and scene.environment.receive_antennas == 1:
-        return (
-            "reader_clock free: one receive antenna cannot tell the common phase of transmitter "
-            "and receiver from the tag in quadrature with the direct path"
-        )
-    if tag.clock2_duty != "pulses":
-        return (
-            f"both switches of '{tag.sensor}' are on together (clock2_duty: {tag.clock2_duty}): "
-            "its ends cannot be told apart"
-        )
-    return None
+def _curvature_deg(scene: Scene) -> float:
+    """Phase error of the ratio of two antennas, which is not quite linear in the tag.
 
-
-def _curvature_deg(scene):
-    """What the ratio of two antennas errs by, as it is not quite linear in the tag: up to
-    |T| / |S| in the reference and again in the reading; 0 for one antenna."""
+    Up to |T| / |S| in the reference and again in the reading, for tag T and static path S; 0 for
+    one antenna.
+    """
     level_db = scene.simulation.static_clutter_db
     if scene.environment.receive_antennas == 1 or level_db is None:
         return 0.0
-    line = float(harmonics(1, scene.sensors[0].clock_hz * scene.waveform().averaging_s)[0])
-    return float(np.degrees(2 * 10 ** (-level_db / 20) / line))
+    return float(np.degrees(2 * 10 ** (-level_db / 20) / line_amplitude(scene)))
 
 
-def _presses(scene, index):
+def _pressed_points(scene: Scene) -> list[np.ndarray | None]:
+    """:func:`_presses` of every sensor."""
+    return [_presses(scene, i) for i in range(len(scene.sensors))]
+
+
+def _presses(scene: Scene, index: int) -> np.ndarray | None:
     """Groups in which a sensor is steadily touched; None where there are none.
 
     Returns
@@ -183,16 +180,14 @@ def _presses(scene, index):
     sensor, carrier_hz = scene.sensors[index], scene.radio.center_frequency_hz
     simulation, period_s = scene.simulation, scene.group_period_s
     truth = scene.load_model(simulation.tags[index].truth_model)
-    own = [
-        [e for e in many if e.sensor == sensor.name]
-        for many in (simulation.presses, simulation.moves)
-    ]
-    pressed = PressedSensor(truth, *own, carrier_hz)
+    presses = [press for press in simulation.presses if press.sensor == sensor.name]
+    moves = [move for move in simulation.moves if move.sensor == sensor.name]
+    pressed = PressedSensor(truth, presses, moves, carrier_hz)
     rows = []
-    for press in own[0]:
+    for press in presses:
         end_s = min(press.end_s, simulation.duration_s)
         times = (np.arange(press.start_s // period_s, end_s // period_s + 1) + 0.5) * period_s
-        times = times[:: max(1, len(times) * len(own[0]) // _GROUPS)]
+        times = times[:: max(1, len(times) * len(presses) // _GROUPS)]
         around = pressed.state(np.concatenate([times - period_s, times, times + period_s]))
         steady = around.touch.reshape(3, -1).all(axis=0)
         if not steady.any():
@@ -202,19 +197,21 @@ def _presses(scene, index):
         moved = moved * np.conj(pressed.motion(np.array([press.start_s])))
         motion = np.degrees(np.angle(moved))[:, None]
         change = pressed.mean_phases_deg(times, period_s) - truth.untouched_deg(carrier_hz)
-        place = np.stack([states.force_n, states.location_mm], axis=1)
-        rows.append(np.hstack([place, change + motion, motion, motion]))
+        contact = np.stack([states.force_n, states.location_mm], axis=1)
+        rows.append(np.hstack([contact, change + motion, motion, motion]))
     return np.concatenate(rows) if rows else None
 
 
-def _span(model):
-    """Force and location over what a model was calibrated for; shape (9, 2)."""
-    spans = [np.linspace(*span, 3) for span in (model.force_span_n, model.location_span_mm)]
-    return np.stack(np.meshgrid(*spans, indexing="ij"), axis=-1).reshape(-1, 2)
+def _span(model: _Model) -> np.ndarray:
+    """Force and location over a model's calibrated span; shape (9, 2)."""
+    forces, locations = (
+        np.linspace(low, high, 3) for low, high in (model.force_span_n, model.location_span_mm)
+    )
+    return np.stack(np.meshgrid(forces, locations, indexing="ij"), axis=-1).reshape(-1, 2)
 
 
-def _drawn(model, carrier_hz, points, std):
-    """Median errors of phases, force and location where it is known what is pressed."""
+def _drawn(model: _Model, carrier_hz: float, points: np.ndarray, std: np.ndarray) -> _Medians:
+    """Median errors of phases, force and location when the presses are known."""
     noise = std * np.random.default_rng(0).standard_normal((_DRAWS, len(points), 2))
     phases = points[:, 2:4] + model.untouched_deg(carrier_hz) + noise
     found = model.invert(phases.reshape(-1, 2), std, frequency_hz=carrier_hz)
@@ -224,20 +221,22 @@ def _drawn(model, carrier_hz, points, std):
     return tuple(phase.tolist()), _median(force), _median(location)
 
 
-def _median(error):
+def _median(error: np.ndarray) -> float | None:
     known = np.isfinite(error)
     return float(np.median(np.abs(error[known]))) if known.any() else None
 
 
-def _claimed(model, carrier_hz, points, std):
-    """The same where only the calibration tells what it errs by."""
+def _stated(model: _Model, carrier_hz: float, points: np.ndarray, std: np.ndarray) -> _Medians:
+    """The same from the errors that the calibration states."""
     untouched = np.array(model.noise_deg(carrier_hz)) / np.sqrt(_UNTOUCHED_SWEEPS)
     spread = _spread(model, carrier_hz, points, np.hypot(std, untouched))
     force, location = MEDIAN * np.median(spread, axis=0)
     return tuple((MEDIAN * std).tolist()), float(force), float(location)
 
 
-def _bound_deg(scene, plan, phases, variance):
+def _bound_deg(
+    scene: Scene, plan: Plan, phases: Sequence[np.ndarray], variance: float
+) -> np.ndarray:
     """Standard deviation of arg R of every end; shape (2S,)."""
     waveform = plan.waveform
     length = min(plan.group_length, _LONGEST)
@@ -264,36 +263,43 @@ def _bound_deg(scene, plan, phases, variance):
     return bound * np.sqrt(loss * share / groups)
 
 
-def _reading_std(sensor, phases, bound):
+def _reading_std(sensor: SceneSensor, phases: np.ndarray, bound: np.ndarray) -> np.ndarray:
     """From arg R to psi, whose slope is |D| / |G| on average over the presses; shape (2,)."""
     reflections = np.exp(1j * np.radians(phases))
     return bound * np.sqrt(np.mean(np.abs(reflections - sensor.off_reflection) ** 2, axis=0))
 
 
-def _spread(model, frequency_hz, points, phase_std_deg):
+def _spread(
+    model: _Model, frequency_hz: float, points: np.ndarray, phase_std_deg: np.ndarray
+) -> np.ndarray:
     """Standard deviations of force and location at each press; shape (n, 2)."""
     forward = model.inverter(frequency_hz).forward
     at = forward.clip(*points.T)
     slopes = forward.slopes(*at)
     variance = phase_std_deg**2 + _model_variance(model, frequency_hz, *points.T)
     normal = np.einsum("npa,npb,np->nab", slopes, slopes, 1 / variance)
-    # no more can be unknown than the domain is wide
+    # The prior: force and location are uniform over the model's domain.
     normal[:, 0, 0] += 12 / np.ptp(forward.force_n) ** 2
     normal[:, 1, 1] += 12 / np.ptp(forward.location_mm) ** 2
     return np.sqrt(np.einsum("naa->na", np.linalg.inv(normal)))
 
 
-def _model_variance(model, frequency_hz, force_n, location_mm):
-    """Variance of the model's phases that is to be expected; shape (n, 2).
+def _model_variance(
+    model: _Model, frequency_hz: float, force_n: np.ndarray, location_mm: np.ndarray
+) -> np.ndarray:
+    """Expected variance of the model's phases; shape (n, 2).
 
-    Between calibrated locations a model claims what its interpolation might err at worst. What it
-    does err by was seen when locations were left out: there the gaps are twice as wide, and
-    interpolation errs at least twice as much.
+    Between calibrated locations a model states the largest error that its interpolation may have.
+    The error it does have was seen when locations were left out: there the gaps are twice as wide,
+    and interpolation errs at least twice as much.
     """
-    rows = getattr(model, "cross_validation", {}).get("locations", [])
+    stated = model.model_std_deg(force_n, location_mm, frequency_hz) ** 2
+    if not isinstance(model, CurveModel):
+        return stated
+    rows = model.cross_validation.get("locations", [])
     rows = [r for r in rows if same_carrier(r["frequency_mhz"] * 1e6, frequency_hz)]
     if not rows:
-        return model.model_std_deg(force_n, location_mm, frequency_hz) ** 2
+        return stated
     calibrated = model.carriers[model.carrier_index(frequency_hz)].location_mm
     nearest = calibrated[np.argmin(np.abs(location_mm[:, None] - calibrated), axis=1)]
     fitted = model.model_std_deg(force_n, nearest, frequency_hz) ** 2
@@ -302,8 +308,8 @@ def _model_variance(model, frequency_hz, force_n, location_mm):
     return fitted + np.where(between, (left_out / 2) ** 2, 0.0)
 
 
-def _left_out_deg(rows, port, location_mm):
-    """Rms error where locations were left out, drawn to other locations; shape (n,)."""
+def _left_out_deg(rows: Sequence[dict], port: int, location_mm: np.ndarray) -> np.ndarray:
+    """Rms error where locations were left out, interpolated to other locations; shape (n,)."""
     own = sorted((r["location_mm"], r["rms_deg"]) for r in rows if r["port"] == port)
-    places, errors = zip(*own, strict=True)
-    return np.interp(location_mm, places, errors)
+    locations, errors = zip(*own, strict=True)
+    return np.interp(location_mm, locations, errors)

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a scene needs computed, and why: reader, bench and command take their settings from here."""
+"""The plan of a scene: every setting of the receiver, and the weights, computed once."""
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -12,13 +13,15 @@ from ..estimation.likelihood import PhaseLikelihood
 from ..estimation.tracked_tag import TagClock
 from ..scene import Scene, load_scene
 from ..sensor import SensorModel
+from ..signal.lines import tag_lines
 from ..signal.waveform import Waveform
-from ..signal.weights import design_weights, tag_lines
+from ..signal.weights import ToneTable, design_weights
 from .loss import line_loss_db
 
-# Groups shorter than this are averaged over it while nothing changes.
+# Readings are averaged over this time while nothing changes: that of the default phase group.
 _SMOOTHING_S = 0.036
-# Numbers of harmonics to choose from, and how much worse than the best the choice may be.
+# Numbers of harmonics to choose from, and how much worse than the best the choice may be. More
+# lines cost processor time in proportion; 0.1 dB is 1 % of a standard deviation.
 HARMONICS = (8, 12, 16, 24)
 ACCEPTED_LOSS_DB = 0.1
 
@@ -34,43 +37,60 @@ class PlannedSensor:
 
 @dataclass(frozen=True)
 class Plan:
-    """Settings of a reader.
+    """Settings of a receiver.
 
     Attributes
     ----------
     waveform : Waveform
-    clocks : tuple of TagClock
+        The sounding frame.
+    clocks : tuple of TagClock, length S
+        Nominal clock and tolerance of each tag.
     group_length : int
-        Snapshots per phase group.
+        Snapshots per phase group, N.
     clutter_hz : float
-        Clutter band that the weights null; 0 removes the mean only.
+        Clutter band that the weights reject, in Hz; 0 rejects the mean only.
     harmonics : int
         Lines +-1..+-harmonics of each tag are used.
     reference_groups : int
+        Groups that the untouched reference is averaged over.
     smoothing_groups : int
+        Groups that ratios are averaged over while nothing changes.
     estimator : str
         One of ``estimation.estimators.ESTIMATORS``.
-    loss_db : tuple of float
+    loss_db : tuple of float, length 2S or 0
         Expected loss of each end against the bound, from the lines that are left out; empty for
         estimators that are there for comparison.
     scene : Scene or None
         What was planned; None for a plan that reads no sensors.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.scene import load_scene
+    >>> settings = plan(load_scene("demo"))
+    >>> settings.group_length, round(settings.group_period_s, 6), settings.reference_groups
+    (625, 0.036, 13)
     """
 
     waveform: Waveform = field(repr=False)
-    clocks: tuple
+    clocks: tuple[TagClock, ...]
     group_length: int
     clutter_hz: float
     harmonics: int
     reference_groups: int
     smoothing_groups: int
     estimator: str = "harmonic"
-    loss_db: tuple = ()
+    loss_db: tuple[float, ...] = ()
     scene: Scene | None = field(default=None, repr=False, compare=False)
 
     @property
-    def group_period_s(self):
-        return self.group_length * self.waveform.snapshot_period_s
+    def clocks_hz(self) -> tuple[float, ...]:
+        """Nominal fs of each tag, in Hz; length S."""
+        return tuple(clock.clock_hz for clock in self.clocks)
+
+    @property
+    def group_period_s(self) -> float:
+        """Length of a phase group, in s."""
+        return self.table.group_period_s
 
     @property
     def center_frequency_hz(self):
@@ -86,10 +106,10 @@ class Plan:
         )
 
     @cached_property
-    def table(self):
-        """Weights of the run (``signal.weights.ToneTable``)."""
-        return _design(
-            tuple(clock.clock_hz for clock in self.clocks),
+    def table(self) -> ToneTable:
+        """Weights of the run."""
+        return design_weights(
+            self.clocks_hz,
             self.group_length,
             self.waveform.snapshot_period_s,
             self.clutter_hz,
@@ -97,12 +117,22 @@ class Plan:
             estimator_named(self.estimator).rectangular,
         )
 
+    def check_lines(self) -> None:
+        """Refuse settings whose lines nearly coincide.
 
-# Kept, because choosing the harmonics and using the table both need it.
-_design = lru_cache(maxsize=4)(design_weights)
+        Raises
+        ------
+        InputError
+            When the weights cannot be designed, or the lines that a tag has to itself determine
+            neither its clock's phase nor its ends: a group too short, or clocks too much alike.
+        """
+        table = self.table
+        if self.estimator == "harmonic":
+            for tag, clock_hz in enumerate(self.clocks_hz):
+                PhaseLikelihood(table, tag, clock_hz * self.waveform.averaging_s)
 
 
-def plan(scene, snapshots=None, estimator=None):
+def plan(scene: Any, snapshots: int | None = None, estimator: str | None = None) -> Plan:
     """The plan of a scene.
 
     Parameters
@@ -116,12 +146,19 @@ def plan(scene, snapshots=None, estimator=None):
     Returns
     -------
     Plan
+        With its weights designed.
 
     Raises
     ------
     InputError
         When the untouched reference holds no whole group, the weights cannot be designed, or two
-        clocks are too much alike.
+        clocks are too much alike; the message names the scene's key.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.scene import load_scene
+    >>> len(plan(load_scene("demo")).table.tones)
+    24
     """
     scene = load_scene(scene)
     changes = {"snapshots": snapshots, "estimator": estimator}
@@ -132,53 +169,59 @@ def plan(scene, snapshots=None, estimator=None):
     if reference_groups < 1:
         rule = f"must hold at least one phase group of {period:.4g} s"
         raise InputError("reference_s", rule, scene.reference_s)
-    estimator = estimator_named(scene.phase_group.estimator)
-    clocks = tuple(TagClock(s.clock_hz, s.clock_tolerance_ppm) for s in scene.sensors)
-    waveform, length = scene.waveform(), scene.phase_group.snapshots
-    clutter_hz = scene.environment.moving_clutter_hz
-    harmonics, loss_db = HARMONICS[0], ()
-    if scene.phase_group.estimator == "harmonic":
-        harmonics, loss_db = _fewest_harmonics(clocks, waveform, length, clutter_hz)
-    return Plan(
-        waveform,
-        clocks,
-        length,
-        clutter_hz,
-        harmonics,
+    against = estimator_named(scene.phase_group.estimator).against
+    settings = Plan(
+        scene.waveform(),
+        tuple(TagClock(s.clock_hz, s.clock_tolerance_ppm) for s in scene.sensors),
+        scene.phase_group.snapshots,
+        scene.environment.moving_clutter_hz,
+        HARMONICS[0],
         reference_groups,
         # What is compared with the group before must not be averaged over groups.
-        max(1, round(_SMOOTHING_S / period)) if estimator.against == "untouched" else 1,
+        max(1, round(_SMOOTHING_S / period)) if against == "untouched" else 1,
         scene.phase_group.estimator,
-        loss_db,
-        scene,
+        scene=scene,
     )
+    try:
+        if settings.estimator == "harmonic":
+            return _with_fewest_harmonics(settings)
+        settings.check_lines()
+    except InputError as error:
+        raise error.renamed(_scene_keys(scene)) from error
+    return settings
 
 
-def _fewest_harmonics(clocks, waveform, group_length, clutter_hz):
-    """The fewest harmonics that lose hardly more than the best choice, and what they lose."""
-    period_s, averaging_s = waveform.snapshot_period_s, waveform.averaging_s
-    clocks_hz = tuple(clock.clock_hz for clock in clocks)
-    losses = {}
+def _scene_keys(scene: Scene) -> dict[str, str]:
+    """Key of the scene file behind each parameter of the weights' design."""
+    clocks = {f"clocks_hz[{i}]": f"sensors[{i}].clock_hz" for i in range(len(scene.sensors))}
+    return clocks | {
+        "group_length": "phase_group.snapshots",
+        "clutter_hz": "environment.moving_clutter_hz",
+    }
+
+
+def _with_fewest_harmonics(settings: Plan) -> Plan:
+    """The plan with the fewest harmonics that lose hardly more than the best choice."""
+    waveform, length = settings.waveform, settings.group_length
+    period_s, clutter_hz = waveform.snapshot_period_s, settings.clutter_hz
+    losses: dict[int, np.ndarray] = {}
     for harmonics in HARMONICS:
-        lines = tag_lines(clocks_hz, period_s, group_length, harmonics, clutter_hz)
-        if 2 * len(lines) < group_length or not losses:
+        lines = tag_lines(settings.clocks_hz, period_s, length, harmonics, clutter_hz)
+        if 2 * len(lines) < length or not losses:
             losses[harmonics] = line_loss_db(
-                clocks, group_length, period_s, averaging_s, clutter_hz, harmonics
+                settings.clocks, length, period_s, waveform.averaging_s, clutter_hz, harmonics
             )
     best = min(loss.max() for loss in losses.values())
     chosen = next(h for h, loss in losses.items() if loss.max() <= best + ACCEPTED_LOSS_DB)
+
+    def checked(harmonics: int) -> Plan:
+        found = replace(settings, harmonics=harmonics, loss_db=tuple(losses[harmonics].tolist()))
+        found.check_lines()
+        return found
+
     if chosen > HARMONICS[0]:
         try:
-            check_lines(clocks, waveform, group_length, clutter_hz, chosen)
+            return checked(chosen)
         except InputError:
-            chosen = HARMONICS[0]
-    check_lines(clocks, waveform, group_length, clutter_hz, chosen)
-    return chosen, tuple(losses[chosen].tolist())
-
-
-def check_lines(clocks, waveform, group_length, clutter_hz, harmonics):
-    """Raises InputError where lines nearly coincide: a group too short, or clocks too alike."""
-    clocks_hz, period_s = tuple(clock.clock_hz for clock in clocks), waveform.snapshot_period_s
-    table = _design(clocks_hz, group_length, period_s, clutter_hz, harmonics, False)
-    for tag, clock_hz in enumerate(clocks_hz):
-        PhaseLikelihood(table, tag, clock_hz * waveform.averaging_s)
+            pass  # more lines than a group this short can separate
+    return checked(HARMONICS[0])

@@ -1,34 +1,44 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The steps of a scene's plan: needed or skipped, why, and what each costs."""
+"""Steps of the receiver: which ones a scene needs, why, and what each costs."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
+from ..scene import Scene
+from ..signal.clutter import clutter_order
+from ..signal.lines import tag_lines
 from ..signal.waveform import FFT_LENGTH
-from ..signal.weights import clutter_order, tag_lines
-from .plan import ACCEPTED_LOSS_DB, HARMONICS
+from .plan import ACCEPTED_LOSS_DB, HARMONICS, Plan
 
 # Real operations of a 64-point FFT, 5 n log2 n, and of one complex multiplication and addition.
 _FFT = 5 * FFT_LENGTH * 6
 _MULTIPLY_ADD = 8
-# Of one inversion: two Taylor expansions, covariance, checks.
+# Real operations of one inversion: two Taylor expansions, covariance, checks.
 _INVERSION = 200
+# Real operations of averaging over groups, roughly, per end and group of the average.
+_SMOOTHING = 40
 
 
 @dataclass(frozen=True)
 class Step:
-    """A step of the chain.
+    """A step of the receiver.
 
     Attributes
     ----------
     name : str
-        The block, or what is done in it.
+        The block, or a part of its work.
     needed : bool
+        False for a step that this scene skips.
     reason : str
     operations : float
-        Real additions and multiplications per second of signal: what it costs, or what the skip
-        saves.
+        Real additions and multiplications per second of signal, spent or saved.
+
+    Examples
+    --------
+    >>> Step("average over groups", False, "a group is long enough by itself", 2222.0).needed
+    False
     """
 
     name: str
@@ -37,8 +47,8 @@ class Step:
     operations: float
 
 
-def steps(scene, plan):
-    """The steps of a scene, in the order of the chain.
+def steps(scene: Scene, plan: Plan) -> tuple[Step, ...]:
+    """The steps of a scene, in the order of the signal path.
 
     Parameters
     ----------
@@ -48,12 +58,20 @@ def steps(scene, plan):
     Returns
     -------
     tuple of Step
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.planning.plan import plan
+    >>> from gnuradio.wiforce.scene import load_scene
+    >>> scene = load_scene("demo")
+    >>> [step.name for step in steps(scene, plan(scene)) if step.needed][:2]
+    ['preamble_fold', 'phase_group_doppler']
     """
     return (*_snapshot_steps(plan), *_group_steps(scene, plan))
 
 
-def _snapshot_steps(plan):
-    """What runs per snapshot: 17 000 times a second and more."""
+def _snapshot_steps(plan: Plan) -> Iterator[Step]:
+    """Steps that run per snapshot: 17 000 times per second and more."""
     waveform, tones = plan.waveform, len(plan.table.tones)
     rate = 1 / waveform.snapshot_period_s
     folded = waveform.repetitions * FFT_LENGTH
@@ -67,7 +85,7 @@ def _snapshot_steps(plan):
     yield Step(
         "guard and first repetition",
         False,
-        f"{skipped} of {waveform.frame_length} samples hold nothing that is averaged",
+        f"{skipped} of {waveform.frame_length} samples are not averaged",
         2 * skipped * rate,
     )
     yield Step(
@@ -84,30 +102,29 @@ def _snapshot_steps(plan):
         yield Step(
             "more lines",
             False,
-            f"up to +-{HARMONICS[-1]} they would bring {ACCEPTED_LOSS_DB:g} dB at most",
+            f"lines up to +-{HARMONICS[-1]} would gain {ACCEPTED_LOSS_DB:g} dB at most",
             per_tone * (most - tones),
         )
 
 
-def _doppler_reason(plan):
+def _doppler_reason(plan: Plan) -> str:
     lines = f"lines +-1..+-{plan.harmonics} of {len(plan.clocks)} tag(s)"
     reason = f"{len(plan.table.tones)} tones hold {lines}"
     if plan.loss_db:
         reason += f", within {max(plan.loss_db):.2f} dB of all lines"
     if plan.clutter_hz == 0:
-        return reason + "; nothing moves: the weights take out the mean only"
+        return reason + "; nothing moves: the weights reject the mean only"
     order = clutter_order(plan.group_length, plan.waveform.snapshot_period_s, plan.clutter_hz)
-    return reason + f"; the weights null {order} sequences up to {plan.clutter_hz:g} Hz"
+    return reason + f"; the weights reject {order} sequences up to {plan.clutter_hz:g} Hz"
 
 
-def _most_tones(plan):
-    clocks_hz = tuple(clock.clock_hz for clock in plan.clocks)
-    period_s = plan.waveform.snapshot_period_s
-    return len(tag_lines(clocks_hz, period_s, plan.group_length, HARMONICS[-1], plan.clutter_hz))
+def _most_tones(plan: Plan) -> int:
+    period_s, length = plan.waveform.snapshot_period_s, plan.group_length
+    return len(tag_lines(plan.clocks_hz, period_s, length, HARMONICS[-1], plan.clutter_hz))
 
 
-def _group_steps(scene, plan):
-    """What runs per phase group: tens of times a second."""
+def _group_steps(scene: Scene, plan: Plan) -> Iterator[Step]:
+    """Steps that run per phase group: tens of times per second."""
     rate = 1 / plan.group_period_s
     tones, ends = len(plan.table.tones), 2 * len(plan.clocks)
     subcarriers = len(plan.waveform.bins)
@@ -142,15 +159,15 @@ def _group_steps(scene, plan):
         f"up to {plan.smoothing_groups} groups while nothing changes"
         if several
         else "a group is long enough by itself",
-        rate * 40 * ends * max(1, plan.smoothing_groups if several else 0),
+        rate * _SMOOTHING * ends * plan.smoothing_groups,
     )
     off = any(np.any(sensor.off_reflection) for sensor in scene.sensors)
     inversion = rate * _INVERSION * len(plan.clocks)
-    reason = "phases to force and location" + ("; the off state taken out" if off else "")
+    reason = "phases to force and location" + ("; corrected for the off state" if off else "")
     yield Step("force_inversion", True, reason, inversion)
-    yield Step("inversion while untouched", False, "there is no force to be found", inversion)
+    yield Step("inversion while untouched", False, "force and location are not defined", inversion)
 
 
-def _estimator_operations(plan):
+def _estimator_operations(plan: Plan) -> float:
     tones = len(plan.table.tones)
     return (_FFT + 12 * FFT_LENGTH) * tones / plan.group_period_s

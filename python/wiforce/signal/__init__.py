@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What reader and simulator may share: sounding frames, the tag's switching, tone weights."""
+"""The signal model: sounding frames, the tag's switching, weights for its tones, the bound."""

@@ -1,23 +1,25 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The Cramer-Rao bound of a phase reading."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from .clutter import clutter_basis
 from .switching import switch_averages
-from .weights import clutter_basis
 
 
 def phase_bound_deg(
-    ends,
-    noise,
-    clocks,
-    times_s,
-    averaging_s,
-    clutter_hz=0.0,
-    reference_groups=np.inf,
-    snapshot_period_s=None,
-    mask=None,
-):
+    ends: np.ndarray,
+    noise: np.ndarray,
+    clocks: Sequence[tuple[float, float]],
+    times_s: np.ndarray,
+    averaging_s: float,
+    clutter_hz: float = 0.0,
+    reference_groups: float = np.inf,
+    snapshot_period_s: float | None = None,
+    mask: np.ndarray | None = None,
+) -> np.ndarray:
     """Smallest standard deviation of any unbiased estimate of the ends' phase changes.
 
     The change is measured in one group against ``reference_groups`` untouched ones. Unknown are
@@ -30,30 +32,40 @@ def phase_bound_deg(
         a_k D_i: the ends as seen on each subcarrier.
     noise : ndarray, shape (K,)
         Variance of the noise in H.
-    clocks : sequence of (clock_hz, phase)
-        Actual fs of each tag and its phase in radians at time 0.
+    clocks : sequence of (clock_hz, phase), length S
+        Actual fs of each tag in Hz and its phase in radians at time 0.
     times_s : ndarray, shape (N,)
-        Time of every snapshot of the group, evenly spaced.
+        Time of every snapshot of the group in s, evenly spaced.
     averaging_s : float
-        Ta of the waveform.
+        Ta of the waveform, in s.
     clutter_hz : float
-        Bandwidth of what moves; 0 leaves only the mean unknown.
+        Highest Doppler frequency of anything that moves; 0 leaves only the mean unknown.
     reference_groups : float
         R; infinity for a reference without noise.
     snapshot_period_s : float, optional
-        T, when it cannot be had from ``times_s``.
+        T in s, when ``times_s`` holds a single snapshot.
     mask : ndarray of bool, shape (N,), optional
-        Snapshots present.
+        True where a snapshot is present; all are by default.
 
     Returns
     -------
-    ndarray, shape (2S,)
-        Degrees. For one tag and ideal edges about
-        (180/pi) sqrt((1 + 1/R) / (2 gamma K N q)), q = 1/6.
+    ndarray of float, shape (2S,)
+        In degrees.
 
     Notes
     -----
-    Fisher information of phases, amplitudes, clock phases and offsets; its inverse's diagonal.
+    The diagonal of the inverse Fisher information of phases, amplitudes, clock phases and clock
+    offsets. For one tag and ideal edges it is about
+    (180/pi) sqrt((1 + 1/R) / (2 gamma K N q)) with q = 1/6 and gamma = |a_k D_i|^2 / noise. See
+    S. M. Kay, Fundamentals of Statistical Signal Processing: Estimation Theory, 1993, chapter 3.
+
+    Examples
+    --------
+    One tag at 0 dB on 62 subcarriers, in a group of 625 snapshots:
+
+    >>> times_s = np.arange(625) * 57.6e-6
+    >>> phase_bound_deg(np.ones((2, 62)), np.ones(62), [(1000.0, 0.3)], times_s, 20.48e-6).round(2)
+    array([0.52, 0.53])
     """
     period = snapshot_period_s or times_s[1] - times_s[0]
     clutter = clutter_basis(len(times_s), period, clutter_hz)
@@ -75,7 +87,13 @@ def phase_bound_deg(
     return np.degrees(np.sqrt(variance))
 
 
-def _derivatives(ends, clocks, times_s, averaging_s, step=1e-5):
+def _derivatives(
+    ends: np.ndarray,
+    clocks: Sequence[tuple[float, float]],
+    times_s: np.ndarray,
+    averaging_s: float,
+    step: float = 1e-5,
+) -> tuple[np.ndarray, list[list[tuple[int, np.ndarray]]]]:
     """Derivatives of the signal by phases, amplitudes, clock phases and offsets.
 
     Returns the waveforms as columns, and for every parameter its (column, channel) terms.

@@ -1,28 +1,45 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The two switching waveforms of a tag, as a snapshot sees them.
+"""The two switching waveforms of a tag, as a channel snapshot sees them: averaged.
 
 Clock 1 runs at fs with 25 % duty, high for phases within +-pi/4 of 0. Clock 2 runs at 2 fs with
 25 % duty: pulses pi/4 wide centred at +-pi/2 of clock 1's phase. A snapshot averages both over
 the time Ta of the folded samples.
+
+This is the estimator's model of the tag. The simulator has its own, at the level of samples
+(:mod:`..simulation.switching`), and deliberately shares no code with this one, so that a mistake
+in either shows in the readings.
 """
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 
-def harmonics(m, averaging_phase=0.0):
-    """Fourier coefficients of the two averaged waveforms at harmonic m of fs.
+def harmonics(m: ArrayLike, averaging_phase: float = 0.0) -> np.ndarray:
+    """Fourier coefficients of the two averaged waveforms at harmonics of fs.
 
     Parameters
     ----------
-    m : array_like of int
+    m : array_like of int, any shape
+        Harmonic numbers.
     averaging_phase : float
         fs Ta, the part of a clock period that a snapshot averages over.
 
     Returns
     -------
-    ndarray, shape (..., 2)
-        c1[m] = 1/4 sinc(m/4) sinc(m fs Ta);
-        c2[m] = 1/4 sinc(m/8) cos(pi m/2) sinc(m fs Ta) for even m, 0 for odd m.
+    ndarray of float, shape (..., 2)
+        c1[m] and c2[m].
+
+    Notes
+    -----
+    c1[m] = 1/4 sinc(m/4) sinc(m fs Ta);
+    c2[m] = 1/4 sinc(m/8) cos(pi m/2) sinc(m fs Ta) for even m, 0 for odd m. End 1 is alone at
+    m = +-1, end 2 alone at m = +-4.
+
+    Examples
+    --------
+    >>> harmonics([1, 4]).round(4)
+    array([[0.2251, 0.    ],
+           [0.    , 0.1592]])
     """
     m = np.asarray(m)
     smear = np.sinc(m * averaging_phase)
@@ -31,7 +48,7 @@ def harmonics(m, averaging_phase=0.0):
     return np.stack([c1, c2], axis=-1)
 
 
-def switch_averages(phase, half_window, clock2_delay=0.0):
+def switch_averages(phase: np.ndarray, half_window: float, clock2_delay: float = 0.0) -> np.ndarray:
     """Both switching waveforms averaged over a window of clock phase.
 
     Parameters
@@ -45,8 +62,17 @@ def switch_averages(phase, half_window, clock2_delay=0.0):
 
     Returns
     -------
-    ndarray, shape (n, 2)
+    ndarray of float, shape (n, 2)
         Averages of s1 and s2, each in 0..1.
+
+    Examples
+    --------
+    >>> half_window = np.pi * 1000.0 * 20.48e-6
+    >>> switch_averages(np.array([0.0, np.pi / 4, np.pi / 2, np.pi]), half_window)
+    array([[1. , 0. ],
+           [0.5, 0. ],
+           [0. , 1. ],
+           [0. , 0. ]])
     """
     cycles = _cycles_from_pulse(phase, clock2_delay)
     np.abs(cycles, out=cycles)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The sounding frame: what a reader transmits and how a snapshot of the channel follows from it.
 
-Simulator and reader share this definition and nothing else.
+This definition is all of the signal model that simulator and estimator share.
 """
 
 from dataclasses import dataclass, field
@@ -25,8 +25,8 @@ _WIFI_SHORT = {-24: 1, -20: -1, -16: 1, -12: -1, -8: -1, -4: 1}
 _WIFI_SHORT |= {4: -1, 8: -1, 12: 1, 16: 1, 20: 1, 24: 1}
 
 
-def _symbol(subcarriers, values):
-    """Time symbol of one OFDM symbol with unit mean power; complex128, shape (64,)."""
+def _symbol(subcarriers: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Time samples of one OFDM symbol with unit mean power; complex128, shape (64,)."""
     spectrum = np.zeros(FFT_LENGTH, complex)
     spectrum[np.asarray(subcarriers) % FFT_LENGTH] = values
     return np.fft.ifft(spectrum) * FFT_LENGTH / np.sqrt(np.sum(np.abs(values) ** 2))
@@ -43,14 +43,22 @@ class Waveform:
     frame_length : int
         Samples per frame, at least 320.
     sample_rate_hz : float
+        In Hz.
     subcarriers : ndarray of int, shape (K,)
         Occupied subcarriers in ascending order, negative ones included.
     reference : ndarray of complex, shape (K,)
         X_k on the occupied subcarriers.
     preamble : ndarray of complex, shape (320,)
+        Transmit samples.
     first_averaged, repetitions : int
         The samples ``first_averaged .. first_averaged + 64 repetitions - 1`` of a frame are
         folded into their mean of 64 samples.
+
+    Examples
+    --------
+    >>> waveform = sounding_waveform("wifi")
+    >>> len(waveform.subcarriers), waveform.first_averaged, waveform.repetitions
+    (52, 192, 2)
     """
 
     name: str
@@ -63,28 +71,35 @@ class Waveform:
     repetitions: int = 4
 
     @property
-    def snapshot_period_s(self):
-        """Time between two channel snapshots, T."""
+    def snapshot_period_s(self) -> float:
+        """Time between two channel snapshots, T, in s."""
         return self.frame_length / self.sample_rate_hz
 
     @property
-    def averaging_s(self):
-        """Time spanned by the averaged samples, Ta."""
+    def averaging_s(self) -> float:
+        """Time spanned by the averaged samples, Ta, in s."""
         return self.repetitions * FFT_LENGTH / self.sample_rate_hz
 
     @property
-    def bins(self):
+    def bins(self) -> np.ndarray:
         """FFT bin of each occupied subcarrier; shape (K,)."""
         return self.subcarriers % FFT_LENGTH
 
     @property
-    def channel_noise_gain(self):
-        """sigma_H^2 / sigma^2: noise variance in H over that of a sample."""
+    def channel_noise_gain(self) -> float:
+        """sigma_H^2 / sigma^2: noise variance in H over that of a sample, K / (64 repetitions)."""
         return len(self.subcarriers) / (self.repetitions * FFT_LENGTH)
 
-    def equalizer(self):
-        """Factors by which the FFT of a folded vector becomes H; shape (64,), 0 where unoccupied.
+    def equalizer(self) -> np.ndarray:
+        """Factors that turn the FFT of a folded vector into the channel.
 
+        Returns
+        -------
+        ndarray of complex, shape (64,)
+            0 on unoccupied subcarriers.
+
+        Notes
+        -----
         H[k] = FFT64(folded)[k] / (X_k 64 / sqrt(K)).
         """
         factors = np.zeros(FFT_LENGTH, complex)
@@ -92,14 +107,22 @@ class Waveform:
         factors[self.bins] = np.sqrt(power) / (FFT_LENGTH * self.reference)
         return factors
 
-    def frame(self):
-        """Transmit samples, unit mean power over the preamble; shape (frame_length,)."""
+    def frame(self) -> np.ndarray:
+        """Transmit samples of one frame.
+
+        Returns
+        -------
+        ndarray of complex, shape (frame_length,)
+            Unit mean power over the preamble.
+        """
         samples = np.zeros(self.frame_length, complex)
         samples[:PREAMBLE_LENGTH] = self.preamble
         return samples
 
 
-def sounding_waveform(name="repeated", frame_length=720, sample_rate_hz=12.5e6):
+def sounding_waveform(
+    name: str = "repeated", frame_length: int = 720, sample_rate_hz: float = 12.5e6
+) -> Waveform:
     """The waveform of a scene's ``sounding`` section.
 
     Parameters
@@ -111,17 +134,33 @@ def sounding_waveform(name="repeated", frame_length=720, sample_rate_hz=12.5e6):
     frame_length : int
         Samples per frame, 320 or more.
     sample_rate_hz : float
+        In Hz.
+
+    Returns
+    -------
+    Waveform
 
     Raises
     ------
     InputError
         For an unknown name, a frame shorter than its preamble, or a rate that is not positive.
+
+    Examples
+    --------
+    >>> waveform = sounding_waveform()
+    >>> round(waveform.snapshot_period_s * 1e6, 3), round(waveform.averaging_s * 1e6, 3)
+    (57.6, 20.48)
+    >>> received = 0.5j * waveform.frame()
+    >>> folded = received[64:320].reshape(4, 64).mean(axis=0)
+    >>> channel = np.fft.fft(folded) * waveform.equalizer()
+    >>> bool(np.allclose(channel[waveform.bins], 0.5j))
+    True
     """
     if int(frame_length) != frame_length or frame_length < PREAMBLE_LENGTH:
         raise InputError("frame_length", f"must be an integer >= {PREAMBLE_LENGTH}", frame_length)
     if not (np.isfinite(sample_rate_hz) and sample_rate_hz > 0):
         raise InputError("sample_rate_hz", "must be positive", sample_rate_hz)
-    common = (name, int(frame_length), float(sample_rate_hz))
+    common = name, int(frame_length), float(sample_rate_hz)
     if name == "repeated":
         k = np.r_[-31:0, 1:32]
         x = np.exp(1j * np.pi * k**2 / FFT_LENGTH)

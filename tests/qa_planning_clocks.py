@@ -4,12 +4,12 @@
 import numpy as np
 import pytest
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.planning.clocks import (
-    assess_clocks,
+from gnuradio.wiforce.planning.clock_search import propose_clocks
+from gnuradio.wiforce.planning.clocks import assess_clocks
+from gnuradio.wiforce.planning.pulses import (
     double_rate_pulses,
     line_coefficients,
     one_rate_pulses,
-    propose_clocks,
     switch_waveform,
 )
 from gnuradio.wiforce.signal.waveform import sounding_waveform
@@ -47,7 +47,7 @@ def information_of(waveforms):
 
 
 @pytest.mark.parametrize("name", SCHEMES)
-def test_lines_are_those_of_the_waveform_drawn_point_by_point(name):
+def test_line_coefficients_equal_fourier_sum_of_drawn_waveform(name):
     points = 64_000
     cycles = (np.arange(points) + 0.5) / points
     for pulses in SCHEMES[name]:
@@ -58,7 +58,7 @@ def test_lines_are_those_of_the_waveform_drawn_point_by_point(name):
 
 
 @pytest.mark.parametrize("name", SCHEMES)
-def test_snapshots_are_those_of_the_waveform_averaged_by_brute_force(name):
+def test_switch_waveform_equals_brute_force_average(name):
     for pulses in SCHEMES[name]:
         times = np.arange(625) * WAVEFORM.snapshot_period_s
         ours = switch_waveform(pulses, 1100 * times + 0.123, 1100 * WAVEFORM.averaging_s)
@@ -67,7 +67,7 @@ def test_snapshots_are_those_of_the_waveform_averaged_by_brute_force(name):
 
 
 @pytest.mark.parametrize("clocks_hz", [(1000.0,), (1000.0, 1400.0), (1000.0, 1790.0, 700.0)])
-def test_information_bounds_what_brute_force_finds_at_any_clock_phase(clocks_hz):
+def test_assess_clocks_information_is_lowest_over_clock_phases(clocks_hz):
     report = assess_clocks(clocks_hz, WAVEFORM, 625)
     claimed = np.array([end.information for end in report.ends])
     rng = np.random.default_rng(5)
@@ -85,20 +85,20 @@ def test_information_bounds_what_brute_force_finds_at_any_clock_phase(clocks_hz)
     assert np.all(claimed > 0.9 * np.min(found, axis=0))
 
 
-def test_the_papers_tag_has_the_information_of_the_published_bound():
+def test_assess_clocks_paper_tag_has_published_information():
     first, second = assess_clocks([1000], WAVEFORM, 625).ends
     # q1, q2 at Ta = 20.48 us, known to three digits
     assert (first.information, second.information) == pytest.approx((0.158, 0.152), abs=6e-4)
 
 
-def test_end_1_stands_alone_at_odd_lines_and_end_2_at_the_fourth():
+def test_assess_clocks_paper_tag_has_end_1_alone_at_odd_lines():
     first, second = assess_clocks([1000], WAVEFORM, 625).ends
     assert [line.harmonic for line in first.alone][:3] == [1, 3, 5]
     assert 4 in [line.harmonic for line in second.alone]
     assert (0, 2, 2) in next(x for x in first.lines if x.harmonic == 2).shared_with
 
 
-def test_aliases_are_seen_where_snapshots_fold_them():
+def test_assess_clocks_aliased_line_lies_where_snapshots_fold_it():
     tenth = next(x for x in assess_clocks([1000], WAVEFORM, 625).ends[0].lines if x.harmonic == 10)
     times = np.arange(6250) * WAVEFORM.snapshot_period_s
     spectrum = np.abs(np.fft.rfft(np.cos(2 * np.pi * 10_000 * times)))
@@ -106,13 +106,13 @@ def test_aliases_are_seen_where_snapshots_fold_them():
     assert tenth.seen_hz == pytest.approx(np.argmax(spectrum) * resolution_hz, abs=resolution_hz)
 
 
-def test_the_collision_of_the_papers_two_tags_is_named_and_costs_little():
+def test_assess_clocks_two_paper_tags_report_their_collision():
     report = assess_clocks([1000, 1400], WAVEFORM, 625)
     assert (0, 7, 1, 5) in report.collisions
     assert report.readable and report.worst_loss_db < 1.0
 
 
-def test_a_second_tag_at_twice_the_clock_is_refused_because_some_phase_hides_it():
+def test_assess_clocks_tag_at_twice_the_clock_is_not_readable():
     report = assess_clocks([1000, 2000], WAVEFORM, 625)
     assert not report.readable
     # at this phase clock 1 of the second tag is clock 2 of the first
@@ -121,26 +121,26 @@ def test_a_second_tag_at_twice_the_clock_is_refused_because_some_phase_hides_it(
     assert information_of(np.column_stack(pair)).max() < 1e-9
 
 
-def test_two_pulses_half_a_cycle_apart_could_be_swapped_and_three_eighths_could_not():
+def test_assess_clocks_pulses_half_a_cycle_apart_could_be_swapped():
     half = assess_clocks([1000], WAVEFORM, 625, one_rate_pulses())
     assert half.worst_loss_db < 1.0 and not half.readable
     assert "swapped" in half.problems[0]
     assert assess_clocks([1000], WAVEFORM, 625, one_rate_pulses(delay=3 / 8)).readable
 
 
-def test_one_rate_pulses_leave_room_for_a_clock_above_half_of_nyquist():
+def test_one_rate_pulses_allow_clock_near_nyquist():
     nyquist = 0.5 / WAVEFORM.snapshot_period_s
     one_rate = one_rate_pulses(delay=3 / 8)
     assert assess_clocks([0.45 * nyquist], WAVEFORM, 625, one_rate).readable
 
 
-def test_switches_that_fill_the_whole_cycle_cannot_be_told_apart():
+def test_assess_clocks_complementary_switches_are_not_readable():
     report = assess_clocks([1000], WAVEFORM, 625, one_rate_pulses(0.5, 0.5))
     assert report.worst_loss_db > 30 and not report.readable
 
 
 @pytest.mark.parametrize(
-    "build, told",
+    "build, parameter",
     [
         (lambda: double_rate_pulses(0.25, 0.75), "duty2"),
         (lambda: double_rate_pulses(0.0), "duty1"),
@@ -148,17 +148,17 @@ def test_switches_that_fill_the_whole_cycle_cannot_be_told_apart():
         (lambda: one_rate_pulses(delay=1.0), "delay"),
     ],
 )
-def test_pulses_that_overlap_are_refused(build, told):
-    with pytest.raises(InputError, match=told):
+def test_pulses_overlapping_raise(build, parameter):
+    with pytest.raises(InputError, match=parameter):
         build()
 
 
-def test_proposed_clocks_are_readable_beside_those_taken():
+def test_propose_clocks_are_readable_beside_those_taken():
     proposed = propose_clocks(2, WAVEFORM, 625, taken=[1000])
     assert len(proposed) == 2
     report = assess_clocks([1000, *proposed], WAVEFORM, 625)
     assert report.readable and report.worst_loss_db < 1.2
 
 
-def test_no_clock_is_proposed_where_movers_leave_no_room():
+def test_propose_clocks_clutter_leaves_no_room_returns_empty():
     assert propose_clocks(1, WAVEFORM, 64, clutter_hz=2000) == []

@@ -1,10 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Weights that take the tag's tones out of a group."""
+"""Weights that extract the tags' tones from a group, against least squares."""
+
+import re
 
 import numpy as np
 import pytest
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.signal.weights import clutter_basis, design_weights, tag_lines
+from gnuradio.wiforce.signal.clutter import clutter_basis
+from gnuradio.wiforce.signal.lines import tag_lines
+from gnuradio.wiforce.signal.weights import design_weights
 from plain import WAVEFORM, T
 
 # Weights are rounded to single precision (24 bits): relative error of a sum about 1e-7.
@@ -33,9 +37,7 @@ def plain_model(table, clutter_hz):
         ((1790,), 63, 0, 4),
     ],
 )
-def test_tones_are_the_least_squares_solution_of_every_subcarrier(
-    clocks, length, clutter, harmonics
-):
+def test_weights_applied_give_least_squares_solution(clocks, length, clutter, harmonics):
     table = design_weights(clocks, length, T, clutter, harmonics)
     snapshots = complex_noise(np.random.default_rng(1), length, 5)
     solution = [
@@ -47,19 +49,19 @@ def test_tones_are_the_least_squares_solution_of_every_subcarrier(
     assert np.max(np.abs(table.weights @ snapshots - expected)) < 30 * SINGLE
 
 
-def test_a_kernel_in_single_precision_applies_the_very_same_weights():
+def test_weights_in_single_precision_are_exact():
     table = design_weights([1000.0], 625, T, 250.0)
     assert np.array_equal(table.weights, table.weights.astype(np.complex64))
     assert np.array_equal(table.weights, table.weights[::-1].conj())
 
 
-def test_a_static_path_of_80_db_leaves_nothing_in_the_tones():
+def test_weights_static_path_is_rejected():
     table = design_weights([1000.0, 1400.0], 600, T)
     assert np.max(np.abs(table.weights.sum(axis=1))) < SINGLE
 
 
 @pytest.mark.parametrize("doppler_hz", [0.0, 7.3, -31.0, 120.0, 249.0])
-def test_whatever_moves_within_the_band_is_nulled(doppler_hz):
+def test_weights_clutter_in_band_is_rejected(doppler_hz):
     table = design_weights([1000.0], 625, T, 250.0)
     path = np.exp(2j * np.pi * doppler_hz * table.times_s)
     # -118 dB at the band's edge, less inside; a plain DFT leaks -41 dB.
@@ -67,7 +69,7 @@ def test_whatever_moves_within_the_band_is_nulled(doppler_hz):
 
 
 @pytest.mark.parametrize("length, cost_db", [(625, 0.07), (250, 0.31), (125, 0.93)])
-def test_the_band_costs_line_1_no_more_noise_than_stated(length, cost_db):
+def test_weights_clutter_band_costs_line_1_stated_noise(length, cost_db):
     table = design_weights([1000.0], length, T, 250.0)
     gain = np.sum(np.abs(table.weights) ** 2, axis=1) * length
     lines = [tone.owners[0][1] for tone in table.tones]
@@ -75,21 +77,21 @@ def test_the_band_costs_line_1_no_more_noise_than_stated(length, cost_db):
     assert 10 * np.log10(gain[lines.index(4)]) < 0.1
 
 
-def test_clutter_basis_is_orthonormal_and_holds_the_band():
+def test_clutter_basis_is_orthonormal_and_spans_band():
     basis = clutter_basis(400, T, 100.0)
     assert np.max(np.abs(basis.T @ basis - np.eye(basis.shape[1]))) < 1e-9
     path = np.exp(2j * np.pi * 99.0 * T * np.arange(400))
-    left = path - basis @ (basis.T @ path)
-    assert np.linalg.norm(left) / np.linalg.norm(path) < 1e-6
+    residual = path - basis @ (basis.T @ path)
+    assert np.linalg.norm(residual) / np.linalg.norm(path) < 1e-6
 
 
-def test_lines_that_two_tags_share_are_one_tone_with_two_owners():
+def test_tag_lines_shared_by_two_tags_are_one_tone():
     tones = tag_lines([1000.0, 1400.0], T, 625)
     shared = {t.frequency_hz: t.owners for t in tones if len(t.owners) > 1}
     assert shared == {7000.0: ((0, 7), (1, 5)), -7000.0: ((0, -7), (1, -5))}
 
 
-def test_aliased_lines_lie_where_sampling_puts_them():
+def test_tag_lines_aliased_lie_where_sampling_puts_them():
     tones = tag_lines([1000.0], T, 625, harmonics=16)
     snapshots = np.arange(625)
     for tone in tones:
@@ -103,7 +105,7 @@ def test_aliased_lines_lie_where_sampling_puts_them():
     assert not any(17 in dict(t.owners).values() for t in tag_lines([1000.0], T, 625, 17, 400.0))
 
 
-def test_lost_snapshots_are_solved_for_what_is_left():
+def test_for_present_gaps_gives_least_squares_over_the_rest():
     rng = np.random.default_rng(3)
     table = design_weights([1000.0], 625, T, 60.0)
     mask = rng.random(625) > 0.2
@@ -116,40 +118,40 @@ def test_lost_snapshots_are_solved_for_what_is_left():
     assert np.max(np.abs(white @ white.conj().T - np.eye(len(white)))) < 1e-9
 
 
-@pytest.mark.parametrize("left", [0, 10, 25])
-def test_too_few_snapshots_are_refused_rather_than_guessed_from(left):
+@pytest.mark.parametrize("present", [0, 10, 25])
+def test_for_present_too_few_snapshots_returns_none(present):
     table = design_weights([1000.0], 625, T, 60.0)
-    assert table.for_present(np.arange(625) < left) is None
+    assert table.for_present(np.arange(625) < present) is None
 
 
-def test_derotation_stops_each_lines_turning_within_the_symbol():
+def test_derotation_undoes_rotation_within_symbol():
     table = design_weights([1000.0], 625, T)
     rate = WAVEFORM.sample_rate_hz
     rotation, gain = table.derotation(rate), table.symbol_gain(rate)
     for row, tone in enumerate(table.tones):
-        turning = [np.exp(2j * np.pi * tone.line_hz * (n - 31.5) / rate) for n in range(64)]
-        assert rotation[row] * turning == pytest.approx(np.ones(64), abs=1e-12)
+        rotating = [np.exp(2j * np.pi * tone.line_hz * (n - 31.5) / rate) for n in range(64)]
+        assert rotation[row] * rotating == pytest.approx(np.ones(64), abs=1e-12)
         # The mean of 64 samples against the average over their time: 1e-6 at 8 kHz.
-        assert gain[row] == pytest.approx(np.mean(turning).real, abs=1e-5)
+        assert gain[row] == pytest.approx(np.mean(rotating).real, abs=1e-5)
 
 
 @pytest.mark.parametrize(
-    "arguments, told",
+    "arguments, message",
     [
-        (([2200.0], 625, T), "clock_hz: 4 clock_hz must lie below half the snapshot rate"),
-        (([-5.0], 625, T), "clock_hz"),
-        (([1000.0], 625, T, 990.0), "moving_clutter_hz"),
+        (([2200.0], 625, T), "clocks_hz[0]: must be above 0, and 4 times it below half the"),
+        (([-5.0], 625, T), "clocks_hz[0]"),
+        (([1000.0], 625, T, 990.0), "clutter_hz: must lie more than 20.8 Hz below every clock"),
         (([1000.0], 625, T, 0.0, 3), "harmonics: must be at least 4, got 3"),
-        (([1000.0], 15, T), "phase_group.snapshots: must exceed the 15 lines"),
-        (([1000.0], 48, T, 200.0), "phase_group.snapshots: is too short to tell"),
+        (([1000.0], 15, T), "group_length: must exceed the 15 lines"),
+        (([1000.0], 48, T, 200.0), "group_length: is too short to separate"),
     ],
 )
-def test_what_cannot_be_read_is_refused_by_name(arguments, told):
-    with pytest.raises(InputError, match=told.replace("(", r"\(")):
+def test_design_weights_unreadable_setting_names_parameter(arguments, message):
+    with pytest.raises(InputError, match=re.escape(message)):
         design_weights(*arguments)
 
 
-def test_a_clock_whose_every_line_meets_an_alias_is_refused():
+def test_design_weights_every_line_aliased_raises():
     # 8 x 390 Hz is the snapshot rate of 3125 Hz within the resolution: line 5 falls on line -3 ...
-    with pytest.raises(InputError, match="clock_hz: must leave the tag a line"):
+    with pytest.raises(InputError, match="must leave the tag a line"):
         design_weights([390.0], 125, 320e-6)

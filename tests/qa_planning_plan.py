@@ -7,9 +7,11 @@ import subprocess
 
 import numpy as np
 import pytest
+from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.tracked_tag import TagClock
 from gnuradio.wiforce.planning.advice import improve, warnings
-from gnuradio.wiforce.planning.expected import expect, receive_levels
+from gnuradio.wiforce.planning.expected import expect
+from gnuradio.wiforce.planning.levels import receive_levels
 from gnuradio.wiforce.planning.loss import line_loss_db
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.planning.steps import steps
@@ -36,7 +38,7 @@ def square(cycles, half, centers):
 
 
 @pytest.mark.parametrize("harmonics, clutter_hz", [(8, 0.0), (12, 0.0), (8, 60.0)])
-def test_expected_loss_is_that_of_least_squares_over_the_tones(harmonics, clutter_hz):
+def test_line_loss_equals_least_squares_over_tones(harmonics, clutter_hz):
     clock = TagClock(1000.0, 100.0)
     table = design_weights([1000.0], 625, T, clutter_hz, harmonics)
     clutter = table.basis[:, len(table.tones) :]
@@ -62,7 +64,7 @@ def test_expected_loss_is_that_of_least_squares_over_the_tones(harmonics, clutte
     assert loss == pytest.approx(10 * np.log10(taken / whole), abs=0.01)
 
 
-def test_the_fewest_harmonics_within_a_tenth_of_a_db_of_the_best_are_taken():
+def test_plan_chooses_fewest_harmonics_within_a_tenth_of_a_db():
     chosen = plan(scene_of())
     losses = {h: line_loss_db(chosen.clocks, 625, T, TA, 0.0, h).max() for h in (8, 12, 16, 24)}
     accepted = [h for h, loss in losses.items() if loss <= min(losses.values()) + 0.1]
@@ -71,7 +73,7 @@ def test_the_fewest_harmonics_within_a_tenth_of_a_db_of_the_best_are_taken():
 
 
 @pytest.mark.parametrize("snapshots", [33, 97, 110, 136, 500])
-def test_a_scene_that_few_lines_can_read_is_not_lost_to_more_lines(snapshots):
+def test_plan_short_group_falls_back_to_fewer_lines(snapshots):
     clocks = [("a", 1000), ("b", 1400)] if snapshots < 500 else [("a", 700), ("b", 1000)]
     sensors = [
         {"name": n, "model": "line-900mhz-calibrated", "clock_hz": f, "clock_tolerance_ppm": 10}
@@ -81,7 +83,7 @@ def test_a_scene_that_few_lines_can_read_is_not_lost_to_more_lines(snapshots):
     assert np.all(np.isfinite(chosen.table.weights))
 
 
-def test_what_the_scene_does_not_need_is_skipped_and_says_why():
+def test_steps_not_needed_are_skipped_with_reason():
     still = {s.name: s for s in steps(scene_of(), plan(scene_of()))}
     assert "nothing moves" in still["phase_group_doppler"].reason
     skipped = [name for name, step in still.items() if not step.needed]
@@ -98,7 +100,7 @@ def test_what_the_scene_does_not_need_is_skipped_and_says_why():
     assert busy["average over groups"].needed
 
 
-def test_operations_are_those_counted_by_hand():
+def test_steps_operations_equal_hand_count():
     scene = scene_of()
     found = {s.name: s.operations for s in steps(scene, plan(scene))}
     rate = 12.5e6 / 720
@@ -136,7 +138,7 @@ SECOND = {
 
 
 @pytest.mark.parametrize("sections", [SHORT, SECOND], ids=["still", "moving"])
-def test_errors_are_as_large_as_the_plan_says(sections, tmp_path):
+def test_expect_simulated_scene_gives_errors_of_readings(sections, tmp_path):
     from gnuradio.wiforce.io.capture import open_capture
     from wiforce_app.read import read_capture
 
@@ -156,7 +158,7 @@ def test_errors_are_as_large_as_the_plan_says(sections, tmp_path):
     assert 0.5 < found.median_location_mm / expected.location_error_mm < 2
 
 
-def test_expected_noise_falls_with_energy_and_with_nothing_else():
+def test_expect_noise_falls_with_energy_only():
     scene = scene_of()
     std = np.array(expect(scene, plan(scene))[0].phase_std_deg)
     louder = dataclasses.replace(scene.simulation, snr_db=scene.simulation.snr_db + 6)
@@ -167,7 +169,7 @@ def test_expected_noise_falls_with_energy_and_with_nothing_else():
     assert std / better == pytest.approx(10**0.3, rel=0.03)
 
 
-def test_adc_steps_are_those_of_the_simulator():
+def test_receive_levels_adc_steps_equal_simulator():
     from gnuradio.wiforce.simulation.channel import AirChannel
 
     scene = scene_of()
@@ -185,31 +187,31 @@ TWO = [
 
 
 @pytest.mark.parametrize(
-    "scene, told",
+    "scene, warning",
     [
         ({"sensors": TWO}, "line 7 of 'a' falls on line 5 of 'b'"),
         ({"sounding": {"frame_length": 1500}}, "Nyquist"),
         ({"simulation": {"presses": [{**PRESS, "rise_s": 0.02}]}}, "N_g against dynamics"),
         ({"simulation": {"presses": [{**PRESS, "location_mm": 75.0}]}}, "calibrated for"),
         ({"simulation": {"static_clutter_db": 110, "snr_db": 20}}, "out of the ADC's range"),
-        ({"simulation": {"tags": [{"clock2_duty": "two_frequencies"}]}}, "on together"),
+        ({"simulation": {"tags": [{"clock2_duty": "two_frequencies"}]}}, "on at the same time"),
         ({"environment": {"reader_clock": "free"}}, "one receive antenna"),
         ({"reference_s": 0.05}, "untouched reference"),
         ({"simulation": {"moving_clutter_db": 10, "moving_clutter_hz": 50}}, "leaks"),
         ({"sensors": TWO, "simulation": {"tags": [{"sensor": "b", "level_db": -30}]}}, "differ by"),
     ],
 )
-def test_what_may_go_wrong_is_said(scene, told):
+def test_warnings_faulty_scene_names_fault(scene, warning):
     scene = scene_of(**scene)
-    assert any(told in warning for warning in warnings(scene, plan(scene)))
+    assert any(warning in found for found in warnings(scene, plan(scene)))
 
 
-def test_a_sound_scene_raises_no_warning():
+def test_warnings_sound_scene_is_empty():
     scene = load_scene("demo")
     assert warnings(scene, plan(scene)) == []
 
 
-def test_proposals_bring_what_they_say():
+def test_improve_proposals_have_stated_effect():
     scene = scene_of(simulation={"presses": [{**PRESS, "rise_s": 0.02}]})
     found = improve(scene, plan(scene))
     guard = next(p for p in found if p.change.startswith("sounding.frame_length: 320"))
@@ -225,14 +227,14 @@ def command(*arguments):
     )
 
 
-def test_the_command_prints_steps_errors_and_warnings():
+def test_command_prints_steps_errors_and_warnings():
     done = command("two_sensors")
     assert done.returncode == 0 and done.stderr == ""
-    for told in ("phase_group_doppler", "skipped", "expected at snr_db 10", "clock collision"):
-        assert told in done.stdout
+    for words in ("phase_group_doppler", "skipped", "expected at snr_db 10", "clock collision"):
+        assert words in done.stdout
 
 
-def test_the_command_as_json_holds_what_the_functions_give():
+def test_command_json_holds_results_of_functions():
     report = json.loads(command("demo", "--json", "--improve").stdout)
     scene = load_scene("demo")
     assert report["expected"][0]["force_error_n"] == expect(scene, plan(scene))[0].force_error_n
@@ -240,7 +242,7 @@ def test_the_command_as_json_holds_what_the_functions_give():
     assert report["proposals"] and report["warnings"] == []
 
 
-def test_measured_times_say_what_each_step_takes_and_each_skip_saves():
+def test_command_measure_gives_time_of_each_step():
     report = json.loads(command("tabletop", "--measure", "--json").stdout)
     took = {step["name"]: step["seconds_per_s"] for step in report["steps"]}
     assert [step.name for step in steps(load_scene("tabletop"), plan(load_scene("tabletop")))] == [
@@ -251,7 +253,30 @@ def test_measured_times_say_what_each_step_takes_and_each_skip_saves():
     assert took["end_separation"] > 0 and took["phase_group_doppler"] > 0
 
 
-def test_a_scene_that_is_none_is_refused_in_one_line(tmp_path):
+def test_command_bad_scene_fails_with_one_line(tmp_path):
     (tmp_path / "bad.yaml").write_text("sensors: []\n")
     done = command(tmp_path / "bad.yaml")
     assert done.returncode == 2 and done.stdout == "" and len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "snapshots, clutter_hz, message",
+    [
+        (40, 200, "phase_group.snapshots: "),
+        (625, 985, "environment.moving_clutter_hz: must lie more than"),
+    ],
+)
+def test_plan_infeasible_weights_names_key_of_scene(snapshots, clutter_hz, message):
+    """Users edit the scene's file: a parameter of an inner function would tell them nothing."""
+    scene = scene_of(
+        phase_group={"snapshots": snapshots}, environment={"moving_clutter_hz": clutter_hz}
+    )
+    with pytest.raises(InputError, match=message):
+        plan(scene)
+
+
+def test_plan_clock_without_own_line_names_sensor():
+    sensor = {"name": "arm", "model": "line-900mhz-calibrated", "clock_hz": 390}
+    scene = scene_of([sensor], sounding={"frame_length": 4000}, phase_group={"snapshots": 125})
+    with pytest.raises(InputError, match=r"sensors\[0\].clock_hz: must leave the tag a line"):
+        plan(scene)

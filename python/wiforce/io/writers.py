@@ -1,0 +1,200 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Files of readings, written a row at a time: CSV or JSON lines."""
+
+import csv
+import json
+import sys
+from collections.abc import Callable
+from io import FileIO
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from ..errors import InputError, OutputError
+from .readings import COLUMNS, Reading
+from .textfile import check_output
+
+
+class ReadingsWriter:
+    """Writes readings, a row each; every row is in the file at once, and whole.
+
+    The previous content of a file is kept until the first row is written, the writer is closed
+    without one, or :meth:`begin` is called: a run that is refused or fails before that loses
+    nothing. As a context manager it closes the file after success, and otherwise keeps what has
+    been written.
+
+    Parameters
+    ----------
+    path : str or Path, optional
+        Standard output by default.
+    form : callable
+        From a reading's ``row()`` to a line of text.
+    header : str
+        First line.
+
+    Raises
+    ------
+    InputError
+        When the path cannot be written to.
+
+    Examples
+    --------
+    >>> with ReadingsWriter("forces.txt", lambda row: f"{row['force_n']}\\n") as writer:
+    ...     writer.write(Reading(0.018, "arm", 1, 4.0))
+    >>> Path("forces.txt").read_text()
+    '4.0\\n'
+    """
+
+    def __init__(
+        self,
+        path: str | Path | None,
+        form: Callable[[dict[str, Any]], str],
+        header: str = "",
+    ) -> None:
+        self._path, self._form = path, form
+        self._header, self._begun = header, False
+        self._file: FileIO | None = None
+        self._complete_bytes = 0
+        self._failure: OutputError | None = None
+        if path is not None:
+            check_output(path)
+            if Path(path).exists() and not Path(path).is_file():
+                # Opening a pipe loses nothing, and may have to wait for its reader.
+                self.begin()
+
+    def __enter__(self) -> "ReadingsWriter":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if kind is None:
+            self.close()
+        elif self._file is not None:
+            self._file.close()
+
+    def write(self, reading: Reading) -> None:
+        """Write one reading.
+
+        Parameters
+        ----------
+        reading : Reading
+
+        Raises
+        ------
+        OutputError
+            When it cannot be written, as on a full disk; the file then ends with the previous
+            row, and later rows are refused.
+        """
+        self.begin()
+        self._put(self._form(reading.row()))
+
+    def close(self) -> None:
+        """Close the file; one without readings holds its header only.
+
+        Raises
+        ------
+        InputError, OutputError
+            As :meth:`begin`.
+        """
+        self.begin()
+        if self._file is not None:
+            self._file.close()
+
+    def begin(self) -> "ReadingsWriter":
+        """Empty the file except for its header, unless that has been done.
+
+        Returns
+        -------
+        ReadingsWriter
+            Itself.
+
+        Raises
+        ------
+        InputError
+            When the file cannot be opened.
+        OutputError
+            When it cannot be written to.
+        """
+        if self._begun:
+            return self
+        if self._path is not None:
+            try:
+                self._file = open(self._path, "wb", buffering=0)
+            except (OSError, ValueError) as error:
+                reason = getattr(error, "strerror", None) or error
+                raise InputError(self._path, f"cannot be written ({reason})") from error
+        self._begun = True
+        self._put(self._header)
+        return self
+
+    def _put(self, text: str) -> None:
+        if self._file is None:
+            sys.stdout.write(text)
+            sys.stdout.flush()
+            return
+        if self._failure is not None:
+            raise self._failure
+        data = text.encode()
+        written = 0
+        try:
+            while written < len(data):
+                written += self._file.write(data[written:])
+        except OSError as error:
+            self._remove_partial_row()
+            rule = f"cannot be written further ({error.strerror}); all rows until then are kept"
+            self._failure = OutputError(self._path, rule)
+            raise self._failure from error
+        self._complete_bytes += len(data)
+
+    def _remove_partial_row(self) -> None:
+        try:
+            self._file.truncate(self._complete_bytes)
+        except OSError:
+            pass  # not a regular file
+
+
+class _LineBuffer:
+    """A file for ``csv.writer`` whose ``write`` returns the line, as ``writerow`` then does."""
+
+    @staticmethod
+    def write(line: str) -> str:
+        return line
+
+
+_csv_line = csv.writer(_LineBuffer, lineterminator="\n").writerow
+
+
+def open_writer(path: str | Path | None = None) -> ReadingsWriter:
+    """A writer of readings in the format that the file's suffix names.
+
+    Parameters
+    ----------
+    path : str or Path, optional
+        ``.csv``, or ``.jsonl`` for JSON lines; None writes CSV to standard output.
+
+    Returns
+    -------
+    ReadingsWriter
+
+    Raises
+    ------
+    InputError
+        For another suffix or a path that cannot be written to.
+
+    Examples
+    --------
+    >>> with open_writer("press.csv") as writer:
+    ...     writer.write(Reading(0.018, "arm", 1, 4.12345678, 0.05, 45.0, 0.1))
+    >>> print(Path("press.csv").read_text().splitlines()[1])
+    0.018,arm,1,4.1235,0.05,45.0,0.1,,,,
+    """
+    name = "" if path is None else str(path).lower()
+    if name.endswith(".jsonl"):
+        return ReadingsWriter(path, lambda row: json.dumps(row, allow_nan=False) + "\n")
+    if path is not None and not name.endswith(".csv"):
+        raise InputError(path, "output must end in .csv or .jsonl")
+    return ReadingsWriter(path, lambda row: _csv_line(row.values()), _csv_line(COLUMNS))

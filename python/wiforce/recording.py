@@ -1,0 +1,323 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Recordings to readings: folding and tones on one core, the receiver on another."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .errors import InputError
+from .estimation.antennas import folded_ratio
+from .estimation.folded_groups import FoldedGroups
+from .estimation.frame import SEARCHED_FRAMES, frame_offset_in
+from .estimation.groups import CLIPPED_SHARE, Groups
+from .io.capture import Capture, open_capture, second_antenna
+from .io.readings import COLUMNS, GroupCounts, Reading
+from .planning.plan import Plan
+from .planning.plan import plan as plan_of
+from .receiver import Receiver
+from .scene import Scene, load_scene
+from .wiforce_kernels import folded_reader, tone_reader
+
+if TYPE_CHECKING:
+    import pandas
+
+# Groups that are read at a time: larger batches are no faster, smaller ones are.
+_BATCH = 256
+
+
+def read(
+    capture: str | Path | Capture,
+    scene: str | Path | dict[str, Any] | Scene | None = None,
+    *,
+    tracked: bool = False,
+    datatype: str | None = None,
+    frame_offset: int | None = None,
+) -> pandas.DataFrame:
+    """Read a capture to force and location.
+
+    Parameters
+    ----------
+    capture : str, Path or Capture
+        SigMF pair, by either file's name or their common stem; raw samples with ``datatype``.
+    scene : str, Path, dict or Scene, optional
+        Scene file or the name of a shipped scene; the capture's own when not given.
+    tracked : bool
+        Follow each press over time instead of inverting each group by itself.
+    datatype : str, optional
+        ``ci16_le`` or ``cf32_le``: the file is raw samples of this type.
+    frame_offset : int, optional
+        Samples before the first frame; searched in the samples when not given.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row per phase group and sensor with the columns of a readings file: ``time_s``,
+        ``sensor``, ``touch``, ``force_n``, ``force_std_n``, ``location_mm``, ``location_std_mm``,
+        ``phase1_deg``, ``phase2_deg``, ``snr_db``, ``flags`` (words with spaces between). Numbers
+        are not rounded; what is unknown is NaN.
+
+    Raises
+    ------
+    InputError
+        (A ValueError) naming file or key, rule and value, when a file is missing, broken, or
+        contradicts the scene.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from gnuradio import wiforce
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     samples = wiforce.simulate("tabletop", f"{folder}/press")
+    ...     readings = wiforce.read(f"{folder}/press")
+    >>> list(readings.columns[:4])
+    ['time_s', 'sensor', 'touch', 'force_n']
+    >>> good = readings[(readings["touch"] == 1) & (readings["flags"] == "")]
+    >>> bool(len(good) > 50)
+    True
+    """
+    import pandas
+
+    recording = capture if isinstance(capture, Capture) else open_capture(capture, datatype)
+    reader = RecordingReader(recording, _plan_for(recording, scene), frame_offset, tracked)
+    rows = [
+        (*(getattr(reading, name) for name in COLUMNS[:-1]), " ".join(reading.flags))
+        for batch in reader
+        for reading in batch
+    ]
+    frame = pandas.DataFrame(rows, columns=list(COLUMNS))
+    numbers = [name for name in COLUMNS if name not in ("sensor", "flags")]
+    return frame.astype(dict.fromkeys(numbers, float))
+
+
+def _plan_for(recording: Capture, scene: str | Path | dict[str, Any] | Scene | None) -> Plan:
+    if scene is None:
+        scene = recording.scene
+        if scene is None:
+            rule = "holds no scene: give one"
+            raise InputError(recording.path, rule)
+    return plan_of(load_scene(scene))
+
+
+class RecordingReader:
+    """Reads a recording batch by batch; iterating gives the readings of each, in order.
+
+    Parameters
+    ----------
+    recording : Capture
+    plan : Plan
+    frame_offset : int, optional
+        Samples before the first frame; searched in the samples when not given.
+    tracked : bool
+        Follow each press over time instead of inverting each group by itself.
+    on_groups : callable, optional
+        Called with every batch of Groups that has been read (see ``Receiver``).
+
+    Attributes
+    ----------
+    frame_offset : int
+    receiver : Receiver
+
+    Raises
+    ------
+    InputError
+        When the capture disagrees with the scene, or holds no reading at all.
+    """
+
+    def __init__(
+        self,
+        recording: Capture,
+        plan: Plan,
+        frame_offset: int | None = None,
+        tracked: bool = False,
+        on_groups: Callable[[Groups], None] | None = None,
+    ) -> None:
+        assert plan.scene is not None
+        recording.check_against(plan.scene)
+        self._recording, self._plan = recording, plan
+        if frame_offset is None:
+            waveform = plan.waveform
+            samples = recording.read(SEARCHED_FRAMES * waveform.frame_length)
+            frame_offset = frame_offset_in(samples[: recording.segments[0].length], waveform)
+        self.frame_offset = frame_offset
+        self._check_length()
+        self.receiver = Receiver(plan, tracked, on_groups=on_groups)
+        self._source: _Tones | _AntennaRatio
+        if plan.scene.environment.receive_antennas == 2:
+            self._source = _AntennaRatio(recording, plan, frame_offset)
+        else:
+            self._source = _Tones(recording, plan, frame_offset)
+
+    def _check_length(self) -> None:
+        groups = self.groups
+        needed = self._plan.reference_groups + 1
+        if groups < needed:
+            rule = f"must hold {needed} phase groups (reference_s and one more)"
+            raise InputError(self._recording.path, rule, max(0, groups))
+
+    @property
+    def groups(self) -> int:
+        """Whole phase groups that the recording spans."""
+        samples = self._plan.group_length * self._plan.waveform.frame_length
+        return (self._recording.span - self.frame_offset) // samples
+
+    @property
+    def leftover(self) -> int:
+        """Samples behind the last whole frame."""
+        return (self._recording.span - self.frame_offset) % self._plan.waveform.frame_length
+
+    @property
+    def counts(self) -> GroupCounts:
+        """Group counts by outcome, so far."""
+        return self.receiver.counts
+
+    def samples_missing(self) -> dict[Path, int]:
+        """Samples that each file lacked because it was cut short while it was read."""
+        return self._source.samples_missing()
+
+    def frames_moved(self) -> dict[Path, int]:
+        """How often the frames of each file were found at another place than before."""
+        return self._source.frames_moved()
+
+    def __iter__(self) -> Iterator[list[Reading]]:
+        # The next batch is folded, without Python's lock, while this one is read.
+        with ThreadPoolExecutor(1, "tones") as pool:
+            coming = pool.submit(self._source.read)
+            while len(groups := coming.result()):
+                coming = pool.submit(self._source.read)
+                yield self.receiver.process(groups)
+        yield self.receiver.finish()
+
+
+def _frame_settings(recording: Capture, plan: Plan, frame_offset: int) -> dict[str, Any]:
+    waveform = plan.waveform
+    return {
+        "path": os.fsencode(recording.path),
+        "datatype": recording.datatype,
+        "segments": [(s.file_sample, s.global_index, s.length) for s in recording.segments],
+        "frame_length": waveform.frame_length,
+        "first_averaged": waveform.first_averaged,
+        "repetitions": waveform.repetitions,
+        "frame_offset": frame_offset,
+    }
+
+
+class _Tones:
+    """Groups of a recording with one antenna, by the kernels."""
+
+    def __init__(self, recording: Capture, plan: Plan, frame_offset: int) -> None:
+        waveform, table = plan.waveform, plan.table
+        self._path, self._length = recording.path, plan.group_length
+        self._folded = FoldedGroups(table, waveform)
+        self._kernel = tone_reader(
+            **_frame_settings(recording, plan, frame_offset),
+            header_bytes=0,
+            weights=table.weights,
+            factors=waveform.equalizer(),
+            rotation=table.derotation(waveform.sample_rate_hz),
+            bins=waveform.bins,
+        )
+
+    def read(self) -> Groups:
+        found = self._kernel.read(_BATCH)
+        groups = Groups(
+            found["index"],
+            found["tones"],
+            found["missing"],
+            found["saturated"] >= max(1.0, CLIPPED_SHARE * self._length),
+        )
+        if found["incomplete"]:
+            weights = np.ones((len(groups), self._length), bool)
+            for row, present, folded in found["incomplete"]:
+                tones = self._folded.tones(present, folded)
+                weights[row] = False if tones is None else present
+                found["tones"][row] = 0.0 if tones is None else tones
+            groups.snapshot_weights = weights
+        return groups
+
+    def samples_missing(self) -> dict[Path, int]:
+        return {self._path: self._kernel.samples_missing()}
+
+    def frames_moved(self) -> dict[Path, int]:
+        return {self._path: self._kernel.frames_moved()}
+
+
+class _AntennaRatio:
+    """Groups of the ratio of two antennas, recorded side by side."""
+
+    def __init__(self, recording: Capture, plan: Plan, frame_offset: int) -> None:
+        beside = open_capture(second_antenna(recording.path.with_suffix("")))
+        beside.check_against(plan.scene)
+        self._paths = (recording.path, beside.path)
+        self._length = plan.group_length
+        self._shape = (len(plan.table.tones), len(plan.waveform.bins))
+        self._waveform = plan.waveform
+        self._folded = FoldedGroups(plan.table, plan.waveform)
+        self._kernels = [
+            folded_reader(**_frame_settings(each, plan, frame_offset), header_bytes=0)
+            for each in (recording, beside)
+        ]
+        self._kept = self._read_frames()
+
+    def read(self) -> Groups:
+        """The next groups; a group ends when a frame of a later one has come."""
+        while len(self._kept[0]) and self._kept[0][0] // self._length == (
+            self._kept[0][-1] // self._length
+        ):
+            more = self._read_frames()
+            if not len(more[0]):
+                return self._groups(len(self._kept[0]))
+            self._kept = tuple(map(np.concatenate, zip(self._kept, more, strict=True)))
+        snapshots = self._kept[0]
+        if not len(snapshots):
+            return Groups(np.zeros(0, np.int64))
+        last = snapshots[-1] // self._length * self._length
+        return self._groups(int(np.searchsorted(snapshots, last)))
+
+    def _read_frames(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Index of the frames that both antennas have, their ratio folded, and saturation."""
+        first, second = (kernel.read(_BATCH * self._length // 4) for kernel in self._kernels)
+        common, rows, others = np.intersect1d(
+            first["snapshot"], second["snapshot"], return_indices=True
+        )
+        ratio = folded_ratio(first["folded"][rows], second["folded"][others], self._waveform)
+        return common, ratio, first["saturated"][rows]
+
+    def _groups(self, count: int) -> Groups:
+        """Groups of the first frames that are kept."""
+        (snapshots, folded, saturated), self._kept = (
+            tuple(values[:count] for values in self._kept),
+            tuple(values[count:] for values in self._kept),
+        )
+        places = snapshots // self._length
+        index, starts = np.unique(places, return_index=True)
+        tones = np.zeros((len(index), *self._shape), complex)
+        weights = np.zeros((len(index), self._length), bool)
+        clipped = np.zeros(len(index), bool)
+        bounds = [*starts, len(snapshots)]
+        for row, (start, end) in enumerate(zip(bounds, bounds[1:], strict=False)):
+            present = np.zeros(self._length, bool)
+            present[snapshots[start:end] % self._length] = True
+            solved = self._folded.tones(present, folded[start:end])
+            if solved is not None:
+                tones[row], weights[row] = solved, present
+            clipped[row] = saturated[start:end].sum() >= max(1.0, CLIPPED_SHARE * self._length)
+        missing = self._length - np.diff(bounds)
+        return Groups(index, tones, missing, clipped, snapshot_weights=weights)
+
+    def samples_missing(self) -> dict[Path, int]:
+        return {
+            path: kernel.samples_missing()
+            for path, kernel in zip(self._paths, self._kernels, strict=True)
+        }
+
+    def frames_moved(self) -> dict[Path, int]:
+        return {
+            path: kernel.frames_moved()
+            for path, kernel in zip(self._paths, self._kernels, strict=True)
+        }

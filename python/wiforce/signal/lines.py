@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Lines of the tags' clocks in the spectrum of a phase group, aliased ones included."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+# Two lines closer than this part of the group's resolution are one tone. They overlap by
+# sinc(0.3) = 0.86, so that weights which separated them would raise their noise by 5.8 dB.
+_SAME_TONE = 0.3
+# Lines nearer than this part of the resolution to the clutter band, or to half the snapshot rate,
+# where a line meets its own mirror image, are not used.
+CLUTTER_MARGIN = 0.75
+
+
+@dataclass(frozen=True)
+class Tone:
+    """A frequency of the group's spectrum on which lines of the tags fall.
+
+    Attributes
+    ----------
+    frequency_hz : float
+        Where the snapshots show it, within half the snapshot rate.
+    owners : tuple of (int, int)
+        Tag index and harmonic number of every line that falls on it.
+    line_hz : float
+        Frequency on the air, before aliasing, of its slowest line.
+
+    Examples
+    --------
+    >>> Tone(7000.0, ((0, 7), (1, 5)), 7000.0).owners
+    ((0, 7), (1, 5))
+    """
+
+    frequency_hz: float
+    owners: tuple[tuple[int, int], ...]
+    line_hz: float
+
+
+def aliased_hz(frequency_hz: float, sample_rate_hz: float) -> float:
+    """Where sampling shows a frequency.
+
+    Parameters
+    ----------
+    frequency_hz : float
+        On the air, in Hz.
+    sample_rate_hz : float
+        In Hz; of snapshots, one over their period.
+
+    Returns
+    -------
+    float
+        In [-sample_rate_hz / 2, sample_rate_hz / 2).
+
+    Examples
+    --------
+    >>> aliased_hz(16_000.0, 17_000.0)
+    -1000.0
+    """
+    return (frequency_hz + sample_rate_hz / 2) % sample_rate_hz - sample_rate_hz / 2
+
+
+def centered_times_s(group_length: int, snapshot_period_s: float) -> np.ndarray:
+    """Times of a group's snapshots from the group's centre.
+
+    Parameters
+    ----------
+    group_length : int
+        Snapshots per phase group, N.
+    snapshot_period_s : float
+        T, in s.
+
+    Returns
+    -------
+    ndarray of float, shape (N,)
+        (n - (N - 1) / 2) T, in s.
+
+    Examples
+    --------
+    >>> centered_times_s(4, 2.0)
+    array([-3., -1.,  1.,  3.])
+    """
+    return (np.arange(group_length) - (group_length - 1) / 2) * snapshot_period_s
+
+
+def tag_lines(
+    clocks_hz: Sequence[float],
+    snapshot_period_s: float,
+    group_length: int,
+    harmonics: int = 8,
+    clutter_hz: float = 0.0,
+) -> tuple[Tone, ...]:
+    """Tones on which the tags are read.
+
+    Parameters
+    ----------
+    clocks_hz : sequence of float, length S
+        Nominal fs of each tag, in Hz.
+    snapshot_period_s : float
+        T, in s.
+    group_length : int
+        Snapshots per phase group, N.
+    harmonics : int
+        Lines +-1..+-harmonics of each tag.
+    clutter_hz : float
+        Lines that alias into this band are left out.
+
+    Returns
+    -------
+    tuple of Tone
+        Ascending in frequency; symmetric about 0.
+
+    Examples
+    --------
+    >>> tones = tag_lines([1000.0, 1400.0], 57.6e-6, 625)
+    >>> [tone.owners for tone in tones if len(tone.owners) > 1]  # shared by both tags
+    [((0, -7), (1, -5)), ((0, 7), (1, 5))]
+    """
+    rate = 1 / snapshot_period_s
+    resolution = rate / group_length
+    lines = []
+    for tag, clock_hz in enumerate(clocks_hz):
+        for m in range(1, harmonics + 1):
+            frequency = aliased_hz(m * clock_hz, rate)
+            sign = 1 if frequency >= 0 else -1
+            near_nyquist = rate / 2 - abs(frequency) < CLUTTER_MARGIN * resolution
+            if abs(frequency) > clutter_hz + CLUTTER_MARGIN * resolution and not near_nyquist:
+                lines.append((abs(frequency), (tag, sign * m), sign * m * clock_hz))
+    positive: list[Tone] = []
+    for frequency, owner, line_hz in sorted(lines):
+        if positive and frequency - positive[-1].frequency_hz < _SAME_TONE * resolution:
+            positive[-1] = _shared(positive[-1], owner, line_hz)
+        else:
+            positive.append(Tone(frequency, (owner,), line_hz))
+    negative = [
+        Tone(-tone.frequency_hz, tuple((tag, -m) for tag, m in tone.owners), -tone.line_hz)
+        for tone in positive
+    ]
+    return tuple(negative[::-1] + positive)
+
+
+def _shared(tone: Tone, owner: tuple[int, int], line_hz: float) -> Tone:
+    """A tone with one more line on it; the slower, stronger line gives its frequency on air."""
+    return Tone(tone.frequency_hz, (*tone.owners, owner), min(tone.line_hz, line_hz, key=abs))
