@@ -27,8 +27,8 @@ Interrupted.
 .B 1
 Any other failure.
 .SH FILES
-Captures are SigMF pairs (.sigmf\-meta, .sigmf\-data). Readings are CSV or JSON lines with one row per
-phase group and sensor. Scenes and sensors are YAML files; shipped ones are available by name.
+Captures are SigMF pairs (.sigmf\-meta, .sigmf\-data). Readings are CSV or JSON lines, one row
+per phase group and sensor. Scenes and sensors are YAML files; shipped ones are available by name.
 .SH EXAMPLES
 .nf
 gr\-wiforce simulate tabletop press
