@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Writes docs/gr-wiforce.1, the man page, from the command itself.
+"""Writes docs/gr-wiforce.1, the man page, from the help of the command.
 
 build/run python3 docs/make_man_page.py
 """
@@ -16,16 +16,19 @@ _EPILOGUE = r"""
 .SH EXIT STATUS
 .TP
 .B 0
-Done.
+Success.
 .TP
 .B 2
-Bad usage or bad input: a line on standard error names the file or option, rule and value.
+Bad usage or bad input: one line on standard error names the file or option, the rule and the value.
+.TP
+.B 130
+Interrupted.
 .TP
 .B 1
-Anything else.
+Any other failure.
 .SH FILES
-Captures are SigMF pairs (.sigmf\-meta, .sigmf\-data). Readings are CSV or JSON lines, a row per
-phase group and sensor. Scenes and sensors are YAML; shipped ones go by their names.
+Captures are SigMF pairs (.sigmf\-meta, .sigmf\-data). Readings are CSV or JSON lines, one row
+per phase group and sensor. Scenes and sensors are YAML files; shipped ones are available by name.
 .SH EXAMPLES
 .nf
 gr\-wiforce simulate tabletop press
@@ -41,7 +44,7 @@ eval "$(_GR_WIFORCE_COMPLETE=bash_source gr\-wiforce)"
 
 
 def roff(text):
-    """Text with what roff would take for its own made harmless."""
+    """Text with the special characters of roff escaped."""
     text = " ".join(str(text).replace("\b", " ").split())
     text = text.replace("\\", r"\\").replace("-", r"\-")
     return re.sub(r"^([.'])", r"\\&\1", text)

@@ -91,4 +91,4 @@ def test_a_case_that_is_not_there_is_named():
         ["gr-wiforce", "bench", "accuracy", "--case", "nonsense"],
         capture_output=True, text=True, timeout=60,
     )  # fmt: skip
-    assert done.returncode == 2 and "no case holds 'nonsense'" in done.stderr
+    assert done.returncode == 2 and "no case has a name that contains 'nonsense'" in done.stderr

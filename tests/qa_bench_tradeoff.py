@@ -87,7 +87,7 @@ def test_a_scene_is_measured_once_and_all_settings_read_it(tmp_path):
     assert by_name["paper"]["phase_deg"] > 3 * plan["phase_deg"]
     assert (tmp_path / "p.png").read_bytes().startswith(b"\x89PNG")
     page = (tmp_path / "p.md").read_text()
-    assert "| short | plan |" in page and "What each skip saves" in page
+    assert "| short | plan |" in page and "What each skipped step saves" in page
     again = subprocess.run(
         command.split(), capture_output=True, text=True, cwd=tmp_path, timeout=120
     )

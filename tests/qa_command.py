@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The command: subcommands found, one line per failure, exit status."""
+"""The command: subcommands, one line per failure, exit status."""
 
 import os
 import pty
@@ -20,7 +20,7 @@ def run(*arguments, **options):
 
 @pytest.fixture
 def raising(monkeypatch):
-    """Makes the command's `fail` subcommand raise what the test wants."""
+    """Install a subcommand `fail` that raises a given error."""
 
     def install(error):
         @click.command()
@@ -32,35 +32,36 @@ def raising(monkeypatch):
     return install
 
 
-def test_help_lists_the_subcommands_that_exist():
+def test_help_lists_the_subcommands():
     done = run("--help")
     assert done.returncode == 0 and "simulate" in done.stdout and done.stderr == ""
 
 
-def test_list_names_what_is_shipped_and_what_it_is():
+def test_list_shows_shipped_names_with_a_description():
     from gnuradio.wiforce.scene import shipped_scenes
     from gnuradio.wiforce.sensor import shipped_sensors
 
     lines = run("list").stdout.splitlines()
-    told = dict(line.split(maxsplit=1) for line in lines if line.startswith("  "))
-    assert list(told) == [*shipped_scenes(), *shipped_sensors()]
+    shown = dict(line.split(maxsplit=1) for line in lines if line.startswith("  "))
+    assert list(shown) == [*shipped_scenes(), *shipped_sensors()]
     assert (
-        told["walker"].startswith("A person walks")
-        and "simulated" in told["line-900mhz-calibrated"]
+        shown["walker"].startswith("A person walks")
+        and "simulated" in shown["line-900mhz-calibrated"]
     )
     assert run("list", "sensors").stdout.splitlines() == lines[lines.index("sensors") :]
 
 
-def test_version_is_the_builds():
+def test_version_option_prints_version_of_build():
     from gnuradio.wiforce._config import VERSION
 
     assert run("--version").stdout == f"gr-wiforce {VERSION}\n"
 
 
 @pytest.mark.parametrize(
-    "arguments, told",
+    "arguments, message",
     [
         (["nonsense"], "No such command 'nonsense'"),
+        (["raed"], "No such command 'raed'. Did you mean 'read'?"),
         (["--nonsense"], "No such option"),
         (["simulate"], "simulate: Missing argument 'SCENE.yaml'"),
         (["simulate", "a", "b", "c"], "unexpected extra argument"),
@@ -71,14 +72,14 @@ def test_version_is_the_builds():
         (["emulate", "--speed", "nan"], "'nan' is not a finite number"),
         (["live", "--scene", "demo", "--args", "x", "--zmq", "\u00b2"], "--zmq: must be a port"),
         (["bench", "speed", "--only", "x"], "got 'x'"),
-        (["bench", "speed", "--megabytes", "99999999999"], "must leave both recordings room"),
+        (["bench", "speed", "--megabytes", "99999999999"], "both recordings must fit on the disk"),
         (["bench", "stress", "--page", "no/page.md"], "folder does not exist"),
     ],
 )
-def test_bad_usage_gives_one_line_and_status_2(arguments, told):
+def test_command_bad_usage_gives_one_line_and_status_2(arguments, message):
     done = run(*arguments)
     assert done.returncode == 2 and done.stdout == ""
-    assert done.stderr.startswith("gr-wiforce: ") and told in done.stderr
+    assert done.stderr.startswith("gr-wiforce: ") and message in done.stderr
     assert done.stderr.count("\n") == 1
 
 
@@ -91,19 +92,19 @@ def test_bad_usage_gives_one_line_and_status_2(arguments, told):
         (KeyboardInterrupt(), 130, "gr-wiforce: interrupted"),
     ],
 )
-def test_every_failure_is_one_line_with_its_status(raising, capsys, error, status, line):
+def test_command_failure_gives_one_line_and_its_status(raising, capsys, error, status, line):
     raising(error)
     assert app.main(["fail"]) == status
     assert capsys.readouterr().err.strip() == line
 
 
-def test_debug_shows_where_an_unexpected_error_came_from(raising, capsys):
+def test_debug_option_unexpected_error_shows_traceback(raising, capsys):
     raising(RuntimeError("trouble"))
     assert app.main(["--debug", "fail"]) == 1
     assert "Traceback" in capsys.readouterr().err
 
 
-def test_a_reader_that_closes_the_pipe_early_sees_no_traceback():
+def test_command_closed_pipe_shows_no_traceback():
     reading, writing = os.pipe()
     os.close(reading)
     done = subprocess.run(
@@ -113,12 +114,13 @@ def test_a_reader_that_closes_the_pipe_early_sees_no_traceback():
     assert (done.returncode, done.stderr) == (1, "")
 
 
-def test_a_closed_standard_output_is_an_error_and_its_number_is_given_to_no_file():
+def test_command_closed_standard_output_is_an_error():
+    """Otherwise the next opened file would get its descriptor, and the output."""
     done = run("list", preexec_fn=lambda: os.close(1))
     assert (done.returncode, done.stderr) == (1, "gr-wiforce: Bad file descriptor\n")
 
 
-def test_progress_is_silent_in_a_pipe_and_drawn_on_a_terminal():
+def test_progress_in_pipe_is_silent_on_terminal_is_drawn():
     script = (
         "from wiforce_app.progress import progress\n"
         "with progress('working', 4) as done: done(2); done(2)\n"

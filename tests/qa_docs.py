@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Documentation that is made from other text is what that text says now."""
+"""Generated documentation is up to date with its sources."""
 
 import importlib.util
 import json
@@ -25,8 +25,8 @@ def maker():
     return loaded("make_block_pages")
 
 
-def test_block_pages_say_what_descriptions_and_docstrings_say(maker):
-    # In a process of its own: what other tests have imported must not change what is said.
+def test_block_pages_match_descriptions_and_docstrings(maker):
+    # In a process of its own, because imports of other tests must not change the pages.
     done = subprocess.run(
         [sys.executable, "-c", "import json, make_block_pages as m; print(json.dumps(m.pages()))"],
         cwd=ROOT / "docs",
@@ -41,8 +41,8 @@ def test_block_pages_say_what_descriptions_and_docstrings_say(maker):
         assert (maker.PAGES / name).read_text(encoding="utf-8") == text, hint
 
 
-def test_every_parameter_that_source_and_grc_share_is_explained(maker):
-    """force_inversion's single model and the files to write to are GRC's own."""
+def test_block_parameters_shared_with_grc_are_documented(maker):
+    """A single model in force_inversion and output files exist in GRC only."""
     own = {"model", "more_models", "output", "mode", "gui_hint", "file"}
     for description in maker.descriptions():
         _, known = maker.source_text(maker.name_of(description))
@@ -51,7 +51,7 @@ def test_every_parameter_that_source_and_grc_share_is_explained(maker):
                 assert known.get(parameter["id"]), (description["id"], parameter["id"])
 
 
-def test_the_man_page_says_what_the_command_does():
+def test_man_page_matches_command_help():
     maker = loaded("make_man_page")
     hint = "run: build/run python3 docs/make_man_page.py"
     assert maker.PAGE.read_text(encoding="utf-8") == maker.page(), hint
@@ -60,7 +60,7 @@ def test_the_man_page_says_what_the_command_does():
 @pytest.mark.parametrize(
     ("typed", "expected"), [("re", "plain,read"), ("sim", "plain,simulate"), ("nothing", "")]
 )
-def test_the_shell_completes_subcommands(typed, expected):
+def test_shell_completes_subcommands(typed, expected):
     done = subprocess.run(
         [sys.executable, "-c", "from wiforce_app.main import main; main()"],
         env=os.environ
@@ -73,13 +73,13 @@ def test_the_shell_completes_subcommands(typed, expected):
     assert done.stdout.strip() == expected
 
 
-def test_the_shipped_completion_asks_the_command_itself():
+def test_completion_scripts_query_the_command():
     for shell in ("bash", "zsh", "fish"):
         text = (ROOT / "gr-wiforce" / "completions" / f"gr-wiforce.{shell}").read_text()
         assert f"_GR_WIFORCE_COMPLETE={shell}_source" in text
 
 
-def test_every_shipped_scene_is_explained():
+def test_shipped_scenes_are_documented():
     from gnuradio.wiforce.scene import shipped_scenes
 
     text = (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Every example runs as shipped: compiled by grcc, without a screen, to a checked result."""
+"""Every example runs as shipped, without a screen, and its result is checked."""
 
 import csv
 import importlib.util
@@ -16,13 +16,13 @@ from gnuradio import gr, wiforce
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 FLOWGRAPHS = sorted(EXAMPLES.glob("*.grc"))
 HEADLESS = EXAMPLES / "headless"
-# How near readings follow a slider.
+# Largest median error of readings after a slider was moved.
 FORCE_LIMIT_N, LOCATION_LIMIT_MM = 0.15, 0.5
 
 
 @pytest.fixture(scope="module")
 def generated(tmp_path_factory, qt):
-    """Imports a flowgraph's generated module by name; all of them were compiled by one grcc."""
+    """Import the generated module of a flowgraph by name; one grcc compiles all of them."""
     folder = tmp_path_factory.mktemp("generated")
     command = ["grcc", "-o", str(folder), *map(str, FLOWGRAPHS)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=110)
@@ -41,7 +41,7 @@ def generated(tmp_path_factory, qt):
 
 
 @pytest.mark.parametrize("path", FLOWGRAPHS, ids=lambda p: p.stem)
-def test_flowgraph_compiles_and_says_what_it_is(generated, path):
+def test_flowgraph_compiles_and_is_documented(generated, path):
     import yaml
 
     top = generated(path.stem)
@@ -58,7 +58,7 @@ def test_flowgraph_compiles_and_says_what_it_is(generated, path):
 
 
 class Collector(gr.basic_block):
-    """Keeps readings, and lets the test wait for one."""
+    """Collects readings and lets the test wait for them."""
 
     def __init__(self):
         gr.basic_block.__init__(self, "collector", None, None)
@@ -82,8 +82,8 @@ def after(readings, time_s, sensor=None):
 
 
 def settled(collector, flowgraph, tag, sensor=None, count=8):
-    """The first readings of only what was set just now."""
-    # Samples that the tag has passed by now are the last that may know of what was before.
+    """The first readings that are determined by the latest settings only."""
+    # Samples that the tag has not written yet follow the new settings.
     since = tag.nitems_written(0) / flowgraph.samp_rate
     margin = 2 * flowgraph.scene.group_period_s + 32768 / flowgraph.samp_rate
     collector.wait_for(lambda readings: len(after(readings, since + margin, sensor)) >= count)
@@ -99,7 +99,7 @@ def assert_follows(readings, force_n, location_mm):
 
 @pytest.fixture
 def running():
-    """Starts flowgraphs, and stops them whatever happens."""
+    """Start flowgraphs, and stop them at the end of the test."""
     started = []
 
     def start(flowgraph, reader=None):
@@ -120,7 +120,7 @@ def untouched(flowgraph):
     return flowgraph.scene.reference_s + 3 * flowgraph.scene.group_period_s
 
 
-def test_press_simulation_follows_its_sliders(generated, running):
+def test_press_simulation_readings_follow_sliders(generated, running):
     flowgraph = generated("press_simulation").press_simulation()
     collector = running(flowgraph, flowgraph.reader)
     collector.wait_for(lambda readings: after(readings, untouched(flowgraph)))
@@ -133,22 +133,20 @@ def test_press_simulation_follows_its_sliders(generated, running):
     assert_follows(settled(collector, flowgraph, flowgraph.tag), 2.0, 55.0)
     before = collector.readings[-1]["snr_db"]
     flowgraph.set_snr_db(10.0)
-    # The noise is learned over seconds.
+    # The noise estimate adapts within seconds.
     collector.wait_for(lambda readings: readings[-1]["snr_db"] < before - 2.0)
     assert_follows(settled(collector, flowgraph, flowgraph.tag), 2.0, 55.0)
     flowgraph.set_force_n(0.0)
     assert all(r.get("touch") == 0 for r in settled(collector, flowgraph, flowgraph.tag))
 
 
-def test_press_simulation_shows_what_it_reads_and_its_tare_button_reaches_the_reader(
-    generated, running, qt
-):
+def test_press_simulation_tare_button_reaches_reader(generated, running, qt):
     flowgraph = generated("press_simulation").press_simulation()
     collector = running(flowgraph, flowgraph.reader)
     collector.wait_for(lambda readings: after(readings, untouched(flowgraph)))
     flowgraph.set_force_n(4.0)
     settled(collector, flowgraph, flowgraph.tag)
-    # With the press taken for the untouched state, nothing touches any more.
+    # With the press as the new reference, the sensor counts as untouched.
     flowgraph.display.widget._tare.click()
     count = len(collector.readings)
     collector.wait_for(lambda readings: any(r.get("touch") == 0 for r in readings[count:]))
@@ -158,7 +156,7 @@ def test_press_simulation_shows_what_it_reads_and_its_tare_button_reaches_the_re
     assert not flowgraph.grab().isNull()
 
 
-def test_two_sensors_are_read_side_by_side_without_disturbing_each_other(generated, running):
+def test_two_sensors_readings_are_independent(generated, running):
     flowgraph = generated("two_sensors").two_sensors()
     collector = running(flowgraph, flowgraph.reader)
     collector.wait_for(lambda readings: after(readings, untouched(flowgraph)))
@@ -173,7 +171,7 @@ def test_two_sensors_are_read_side_by_side_without_disturbing_each_other(generat
 
 @pytest.fixture(scope="module")
 def capture(tmp_path_factory):
-    """A recording as a user makes it, cut to 3 s; its name and its truth."""
+    """A simulated recording of 3 s: its name and its truth."""
     from gnuradio.wiforce.simulation.score import read_truth
     from gnuradio.wiforce.simulation.simulator import simulate
 
@@ -185,7 +183,7 @@ def capture(tmp_path_factory):
 
 
 def assert_true(path, truth):
-    """Every row of a readings file against the truth: touch, force, location."""
+    """Compare every row of a readings file with the truth: touch, force, location."""
     with open(path, newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert len(rows) == len(truth)
@@ -207,9 +205,7 @@ def assert_true(path, truth):
     assert location < LOCATION_LIMIT_MM
 
 
-def test_read_recording_plays_a_capture_to_its_end_and_leaves_every_reading(
-    generated, capture, tmp_path
-):
+def test_read_recording_writes_every_reading(generated, capture, tmp_path):
     name, truth = capture
     output = tmp_path / "readings.csv"
     flowgraph = generated("read_recording").read_recording(
@@ -221,21 +217,19 @@ def test_read_recording_plays_a_capture_to_its_end_and_leaves_every_reading(
     assert flowgraph.display.widget.sensors() == ["arm"]
 
 
-def test_channel_and_doppler_finds_the_lines_and_the_clock(generated, running):
+def test_channel_and_doppler_shows_lines_and_clock_offset(generated, running):
     flowgraph = generated("channel_and_doppler").channel_and_doppler()
     running(flowgraph)
     while not len(flowgraph.clock_plot.widget.series(0)[1]) >= 2:
         threading.Event().wait(0.05)
     found = flowgraph.clock_plot.widget.series(0)[1]
-    # The tracker's own standard deviation is well below 1 ppm here.
+    # The tracker's standard deviation is well below 1 ppm here.
     assert found[-1] == pytest.approx(40.0, abs=2.0)
     lines = [int(np.argmax(marks)) for marks in flowgraph.marks]
     assert lines == [64, 256]
 
 
-def test_paper_chain_shows_that_an_untracked_clock_turns_the_phase_and_ours_does_not(
-    generated, running
-):
+def test_paper_chain_phase_rotates_only_with_untracked_clock(generated, running):
     flowgraph = generated("paper_chain").paper_chain()
     running(flowgraph)
     plots = (flowgraph.end_1_plot.widget, flowgraph.end_2_plot.widget)
@@ -244,8 +238,8 @@ def test_paper_chain_shows_that_an_untracked_clock_turns_the_phase_and_ours_does
     seconds = 39 * flowgraph.scene.group_period_s
     for plot, harmonic in zip(plots, (1, 4), strict=True):
         paper, ours = (plot.series(line)[1][39] for line in (0, 1))
-        turned = 360 * harmonic * flowgraph.clock_hz * 40e-6 * seconds
-        assert paper == pytest.approx(turned, abs=0.15 * turned + 1.0)
+        rotation = 360 * harmonic * flowgraph.clock_hz * 40e-6 * seconds
+        assert paper == pytest.approx(rotation, abs=0.15 * rotation + 1.0)
         assert ours == pytest.approx(0.0, abs=1.0)
 
 
@@ -256,7 +250,7 @@ def headless(script, *arguments):
     return done.stdout
 
 
-def test_headless_press_simulation_prints_the_presses_it_made():
+def test_headless_press_simulation_prints_applied_presses():
     lines = headless("press_simulation.py").splitlines()
     touched = [line.split() for line in lines if " mm" in line and "press:" not in line]
     clean = [words for words in touched if len(words) == 7]
@@ -266,26 +260,26 @@ def test_headless_press_simulation_prints_the_presses_it_made():
         assert np.median([float(w[2]) for w in near]) == pytest.approx(force_n, abs=FORCE_LIMIT_N)
 
 
-def test_headless_two_sensors_prints_both():
+def test_headless_two_sensors_prints_both_forces():
     lines = [line.split() for line in headless("two_sensors.py").splitlines()]
     for sensor, force_n in (("left", 3.0), ("right", 5.0)):
         own = [float(w[3]) for w in lines if w[2] == sensor and len(w) == 8]
         assert np.median(own) == pytest.approx(force_n, abs=FORCE_LIMIT_N)
 
 
-def test_headless_read_recording_writes_the_readings(capture, tmp_path):
+def test_headless_read_recording_writes_readings(capture, tmp_path):
     name, truth = capture
     headless("read_recording.py", name, "tabletop", tmp_path / "out.csv")
     assert_true(tmp_path / "out.csv", truth)
 
 
-def test_headless_channel_and_doppler_prints_the_clock_that_was_set():
+def test_headless_channel_and_doppler_prints_clock_offset():
     output = headless("channel_and_doppler.py")
     found = float(output.split("tag clock: ")[1].split()[0])
     assert found == pytest.approx(40.0, abs=2.0)
 
 
-def test_headless_paper_chain_prints_the_phase_that_the_paper_lets_turn():
+def test_headless_paper_chain_prints_rotation_of_paper_only():
     lines = headless("paper_chain.py").splitlines()
     paper, ours = ([float(w) for w in line.split() if w[0] in "+-"] for line in lines)
     assert np.max(np.abs(ours)) < 1.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`gr-wiforce read` and `demo` as a user runs them, and what they say of bad input."""
+"""`gr-wiforce read` and `demo` as a user runs them, and their messages for bad input."""
 
 import csv
 import json
@@ -20,7 +20,7 @@ def run(*arguments, cwd=None):
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):
-    """The demo's folder and what it printed."""
+    """The folder of the demo, and the finished process."""
     folder = tmp_path_factory.mktemp("demo")
     return folder, run("demo", "--folder", folder)
 
@@ -33,20 +33,18 @@ def read_args(demo):
 
 @pytest.fixture(scope="module")
 def printed(read_args):
-    """The demo's capture read to standard output."""
+    """The demo's capture, read to standard output."""
     return run(*read_args)
 
 
-def test_the_demo_keeps_its_promise_and_draws_a_picture(demo):
+def test_demo_reaches_its_limits_and_draws_a_picture(demo):
     folder, done = demo
     assert done.returncode == 0, done.stdout + done.stderr
     assert "median error over" in done.stdout
     assert (folder / "readings.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_readings_come_as_csv_on_stdout_or_json_lines_in_a_file_and_agree(
-    printed, read_args, tmp_path
-):
+def test_read_csv_on_stdout_and_json_lines_in_file_agree(printed, read_args, tmp_path):
     output = tmp_path / "out.jsonl"
     assert run(*read_args, "-o", output, "--plot", tmp_path / "p.png").returncode == 0
     rows = list(csv.DictReader(printed.stdout.splitlines()))
@@ -58,12 +56,12 @@ def test_readings_come_as_csv_on_stdout_or_json_lines_in_a_file_and_agree(
     assert (tmp_path / "p.png").stat().st_size > 10_000
 
 
-def test_the_same_capture_gives_the_same_bytes(printed, demo):
+def test_read_same_capture_gives_same_bytes(printed, demo):
     assert printed.stdout == (demo[0] / "readings.csv").read_text()
 
 
 def cut(demo, tmp_path, size):
-    """The demo's capture with its data cut to ``size`` bytes."""
+    """The demo's capture, truncated to ``size`` bytes of data."""
     for suffix in (".sigmf-meta", ".sigmf-data"):
         shutil.copy(demo[0] / f"demo{suffix}", tmp_path / f"cut{suffix}")
     with open(tmp_path / "cut.sigmf-data", "r+b") as data:
@@ -71,9 +69,7 @@ def cut(demo, tmp_path, size):
     return tmp_path / "cut"
 
 
-def test_a_capture_cut_inside_a_frame_is_read_to_its_last_whole_group(
-    demo, printed, read_args, tmp_path
-):
+def test_read_capture_truncated_in_frame_reads_whole_groups(demo, printed, read_args, tmp_path):
     capture = cut(demo, tmp_path, 4 * (20 * 450_000 + 1234))
     done = run("read", capture, *read_args[2:])
     assert done.returncode == 0
@@ -82,14 +78,12 @@ def test_a_capture_cut_inside_a_frame_is_read_to_its_last_whole_group(
     whole = printed.stdout.splitlines()
     rows = done.stdout.splitlines()
     assert len(rows) == 1 + 20
-    # The last group has no neighbour after it; all others read as in the whole capture.
+    # The last group has no next neighbour; all others equal those of the whole capture.
     assert rows[:-1] == whole[:20]
 
 
 @pytest.mark.parametrize("follow", [False, True])
-def test_samples_that_went_missing_untold_are_told_as_frames_that_came_elsewhere(
-    demo, read_args, tmp_path, follow
-):
+def test_read_unreported_sample_loss_warns_of_shifted_timing(demo, read_args, tmp_path, follow):
     capture = cut(demo, tmp_path, 0)
     whole, lost = (demo[0] / "demo.sigmf-data").read_bytes(), 4 * (20 * 450_000 + 1234)
     capture.with_suffix(".sigmf-data").write_bytes(whole[:lost] + whole[lost + 4 * 777 :])
@@ -103,22 +97,24 @@ def test_samples_that_went_missing_untold_are_told_as_frames_that_came_elsewhere
             assert time.monotonic() < end
             time.sleep(0.1)
         reading.send_signal(signal.SIGINT)
-    said = reading.communicate(timeout=100)[1].splitlines()
+    lines = reading.communicate(timeout=100)[1].splitlines()
     assert reading.returncode == 0
-    told = [line for line in said if "frames came elsewhere once: times may be off" in line]
-    assert len(told) == 1 and str(capture) in told[0]
-    assert not any("lost" in line for line in said)
+    warnings = [line for line in lines if "once" in line and "times may be off by" in line]
+    assert len(warnings) == 1 and str(capture) in warnings[0]
+    assert not any("lost" in line for line in lines)
 
 
-@pytest.mark.parametrize("size, told", [(0, "is empty"), (4 * 450_000 * 3, "must hold 14 phase")])
-def test_a_capture_too_short_to_read_is_refused(demo, read_args, tmp_path, size, told):
+@pytest.mark.parametrize(
+    "size, message", [(0, "is empty"), (4 * 450_000 * 3, "must hold 14 phase groups")]
+)
+def test_read_capture_too_short_is_refused(demo, read_args, tmp_path, size, message):
     done = run("read", cut(demo, tmp_path, size), *read_args[2:], "-o", tmp_path / "out.csv")
-    assert done.returncode == 2 and told in done.stderr
+    assert done.returncode == 2 and message in done.stderr
     assert len(done.stderr.splitlines()) == 1 and not (tmp_path / "out.csv").exists()
 
 
 @pytest.mark.parametrize(
-    "section, change, told",
+    "section, change, message",
     [
         ("radio", {"sample_rate_hz": 10e6}, "sample rate must be the scene's"),
         ("radio", {"center_frequency_hz": 2.4e9}, "radio.center_frequency_hz"),
@@ -127,7 +123,7 @@ def test_a_capture_too_short_to_read_is_refused(demo, read_args, tmp_path, size,
         ("reference_s", 0.01, "reference_s"),
     ],
 )
-def test_a_scene_that_cannot_be_is_refused_in_one_line(demo, tmp_path, section, change, told):
+def test_read_invalid_scene_is_refused_in_one_line(demo, tmp_path, section, change, message):
     folder, _ = demo
     scene = yaml.safe_load((folder / "scene.yaml").read_text())
     if isinstance(change, dict):
@@ -137,11 +133,11 @@ def test_a_scene_that_cannot_be_is_refused_in_one_line(demo, tmp_path, section, 
     scene["sensors"][0]["model"] = str(folder / "sensor.yaml")
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump(scene))
     done = run("read", folder / "demo", "--scene", tmp_path / "scene.yaml")
-    assert done.returncode == 2 and told in done.stderr, done.stderr
+    assert done.returncode == 2 and message in done.stderr, done.stderr
     assert len(done.stderr.splitlines()) == 1 and done.stdout == ""
 
 
-def test_readings_of_an_earlier_run_outlive_one_whose_second_antenna_is_missing(demo, tmp_path):
+def test_read_second_antenna_missing_keeps_earlier_output(demo, tmp_path):
     folder, _ = demo
     scene = yaml.safe_load((folder / "scene.yaml").read_text())
     scene["environment"] |= {"reader_clock": "free", "receive_antennas": 2}
@@ -155,34 +151,32 @@ def test_readings_of_an_earlier_run_outlive_one_whose_second_antenna_is_missing(
 
 
 @pytest.mark.parametrize(
-    "options, told",
+    "options, message",
     [
         (["-o", "out.txt"], "must end in .csv or .jsonl"),
         (["-o", "none/out.csv"], "none/out.csv: cannot be written"),
-        (["--plot", "out.gif"], "picture must end in"),
-        (["--datatype", "ci8"], "datatype: must be one of"),
+        (["--plot", "out.gif"], "name of a picture must end in"),
+        (["--datatype", "ci8"], "'ci8' is not one of"),
         (["--frame-offset", "-1"], "--frame-offset"),
     ],
 )
-def test_options_that_cannot_be_are_refused_before_reading(read_args, tmp_path, options, told):
+def test_read_invalid_option_is_refused_before_reading(read_args, tmp_path, options, message):
     done = run(*read_args, *options, cwd=tmp_path)
-    assert done.returncode == 2 and told in done.stderr
+    assert done.returncode == 2 and message in done.stderr
     assert len(done.stderr.splitlines()) == 1 and list(tmp_path.iterdir()) == []
 
 
-def test_raw_samples_are_read_with_their_type_given(demo, printed, read_args):
+def test_read_raw_samples_with_datatype_equals_sigmf(demo, printed, read_args):
     raw = run("read", demo[0] / "demo.sigmf-data", *read_args[2:], "--datatype", "ci16_le")
     assert raw.returncode == 0
     assert raw.stdout == printed.stdout
 
 
-def test_a_capture_that_begins_inside_a_frame_is_aligned_and_reads_the_same(
-    demo, read_args, tmp_path
-):
+def test_read_capture_starting_in_frame_is_aligned(demo, read_args, tmp_path):
     whole = (demo[0] / "demo.sigmf-data").read_bytes()
     (tmp_path / "late.bin").write_bytes(whole[4 * 500 : 4 * 450_000 * 30])
     done = run("read", tmp_path / "late.bin", *read_args[2:], "--datatype", "ci16_le")
-    assert done.returncode == 0 and "frames begin at sample" in done.stderr
+    assert done.returncode == 0 and "the first frame begins at sample" in done.stderr
     rows = list(csv.DictReader(done.stdout.splitlines()))
     touched = [row for row in rows if row["touch"] == "1" and not row["flags"]]
     assert touched and all(abs(float(row["location_mm"]) - 45) < 0.3 for row in touched)

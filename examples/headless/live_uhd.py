@@ -1,8 +1,10 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Reads live with one USRP and prints: live_uhd.grc without a window.
+"""Transmit, receive and read with one USRP, and print the readings.
 
-live_uhd.py addr=192.168.10.2 scene.yaml
+The same as live_uhd.grc, without a window:
+
+    live_uhd.py addr=192.168.10.2 scene.yaml
 """
 
 import sys
@@ -10,13 +12,13 @@ import sys
 from gnuradio import gr, uhd, wiforce
 
 GAIN_DB = 15.0
-# Both directions start this long after the call: making them takes a while.
+# Both directions start at a common time, late enough for both to be configured before.
 START_S = 2.0
-RECEIVE_SAMPLES = 1 << 16  # handled packet by packet, 12.5 Msps cost two cores
+RECEIVE_SAMPLES = 1 << 16  # small packets would need two cores at 12.5 Msps
 
 
 class Usrp:
-    """Both directions of a USRP as a scene needs them: the air between `sounder` and `frames`."""
+    """Both directions of a USRP, configured by a scene: from `sounder` to the air to `frames`."""
 
     def __init__(self, device, scene):
         sounding = {
@@ -35,19 +37,19 @@ class Usrp:
             block.set_min_output_buffer(4 * RECEIVE_SAMPLES)
 
     def connect(self, flowgraph, *blocks):
-        """Lead what is heard, from its first whole frame on, through blocks of a flowgraph."""
+        """Connect the received samples, from the first whole frame on, to blocks of a flowgraph."""
         flowgraph.connect(self.sounder, self.transmitter)
         flowgraph.connect(self.receiver, self.frames, *blocks)
 
     def start_together(self):
-        """Let both directions start at one device time; just before the flowgraph starts."""
+        """Schedule both directions for one device time; call just before the flowgraph starts."""
         start = self.receiver.get_time_now() + uhd.time_spec(START_S)
         self.transmitter.set_start_time(start)
         self.receiver.set_start_time(start)
 
 
 def prepared(direction, device, scene, antenna):
-    """One direction of a device, tuned."""
+    """One direction of a device with rate, carrier, gain and antenna set."""
     end = direction(device, uhd.stream_args(cpu_format="sc16", otw_format="sc16", channels=[0]))
     end.set_samp_rate(scene.radio.sample_rate_hz)
     end.set_center_freq(scene.radio.center_frequency_hz)
@@ -80,5 +82,5 @@ def main(device, scene):
 
 if __name__ == "__main__":
     if len(sys.argv) != 3:
-        sys.exit("usage: live_uhd.py DEVICE SCENE     for example: addr=192.168.10.2 demo")
+        sys.exit("usage: live_uhd.py DEVICE SCENE, for example: live_uhd.py addr=192.168.10.2 demo")
     main(*sys.argv[1:])

@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The paper's chain and this project's on the same samples: paper_chain.grc without a window.
+"""The receiver of the paper and the one of this project on the same samples.
 
-Nothing presses the sensor here: both phases should stay at 0.
+Nothing presses the sensor, so both phases should stay at 0. The clock of the tag is 40 ppm off;
+only a receiver that tracks it keeps the phases at 0. The same as paper_chain.grc, without a window.
 """
 
 import numpy as np
@@ -54,7 +55,7 @@ class Chains(gr.top_block):
         )
 
     def paper_chain(self):
-        """Channel of every snapshot, lines +1 and +4, against the group before."""
+        """Channel of every snapshot, lines +1 and +4, relative to the previous group."""
         tones = self.tones()
         return tones, [
             wiforce.ofdm_channel_estimator(factors=self.equalizer),
@@ -66,7 +67,7 @@ class Chains(gr.top_block):
         ]
 
     def our_chain(self):
-        """Tones first, all lines, the clock tracked, against the untouched sensor."""
+        """Tones first, all lines, tracked clock, relative to the untouched sensor."""
         tones = self.tones()
         return tones, [
             tones,
@@ -88,7 +89,7 @@ def main():
     ratios = {}
     for name, (_, chain) in (("paper", chains.paper), ("this project", chains.ours)):
         ratios[name] = np.reshape(chain[-1].data(), (-1, 2))
-    # Against the group before, steps: their product is the change since the start.
+    # Ratios to the previous group: their product is the change since the start.
     ratios["paper"] = np.cumprod(ratios["paper"], axis=0)
     for name, values in ratios.items():
         ends = np.degrees(np.angle(values[-1]))

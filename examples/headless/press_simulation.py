@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Presses a sensor on simulated air and prints what is read.
+"""Press a simulated sensor and print its readings.
 
-press_simulation.grc without a window.
+The same as press_simulation.grc, without a window.
 """
 
 from gnuradio import blocks, channels, gr, wiforce
 
-# Seconds, newtons, millimetres from port 1. The first half second is the untouched reference.
+# Time (s), force (N) and location (mm from port 1). The first 0.5 s are the untouched reference.
 PRESSES = [(0.8, 3.0, 33.0), (1.6, 5.5, 47.0), (2.4, 0.0, 47.0)]
 DURATION_S = 3.0
 

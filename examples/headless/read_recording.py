@@ -1,9 +1,11 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Reads a capture to a file of readings: read_recording.grc without a window.
+"""Read a capture and write its readings to a file.
 
-gr-wiforce simulate tabletop press
-read_recording.py press tabletop readings.csv
+The same as read_recording.grc, without a window:
+
+    gr-wiforce simulate tabletop press
+    read_recording.py press tabletop readings.csv
 """
 
 import sys

@@ -1,9 +1,11 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Records what one USRP sends and hears as SigMF: record_uhd.grc without a window.
+"""Transmit with one USRP and record the received samples as SigMF.
 
-record_uhd.py addr=192.168.10.2 scene.yaml press
-gr-wiforce read press --scene scene.yaml
+The same as record_uhd.grc, without a window:
+
+    record_uhd.py addr=192.168.10.2 scene.yaml press
+    gr-wiforce read press --scene scene.yaml
 """
 
 import sys

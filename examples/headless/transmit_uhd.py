@@ -1,8 +1,10 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sends the sounding frames with a USRP and nothing else: transmit_uhd.grc without a window.
+"""Transmit the sounding frames with a USRP, without receiving.
 
-transmit_uhd.py addr=192.168.10.2 scene.yaml
+The same as transmit_uhd.grc, without a window:
+
+    transmit_uhd.py addr=192.168.10.2 scene.yaml
 """
 
 import sys

@@ -1,8 +1,10 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Two USRPs, each a reader at its own carrier: two_readers_uhd.grc without a window.
+"""Two USRPs, each with a reader of its own and at its own carrier.
 
-two_readers_uhd.py addr=192.168.10.2 scene.yaml addr=192.168.10.3 other.yaml
+The same as two_readers_uhd.grc, without a window:
+
+    two_readers_uhd.py addr=192.168.10.2 scene.yaml addr=192.168.10.3 other.yaml
 """
 
 import sys
@@ -16,7 +18,7 @@ printing = Lock()
 
 
 def show(device, reading):
-    """Called in each reader's own thread; Python's print is not made for two at once."""
+    """Print a reading; each reader calls this from a thread of its own."""
     with printing:
         print(device, reading)
 

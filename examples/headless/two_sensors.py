@@ -1,6 +1,9 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Presses two sensors at once, one reader tells them apart: two_sensors.grc without a window."""
+"""Press two simulated sensors at the same time and read both with one reader.
+
+The same as two_sensors.grc, without a window.
+"""
 
 from gnuradio import blocks, gr, wiforce
 

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Prints touches as `gr-wiforce live --zmq 5555` publishes them."""
+"""Print the touches that `gr-wiforce live --zmq 5555` publishes."""
 
 import json
 import sys

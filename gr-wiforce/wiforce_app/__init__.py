@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The ``gr-wiforce`` command: a module per subcommand."""
+"""The ``gr-wiforce`` command, one module per subcommand."""
 
 import os
 

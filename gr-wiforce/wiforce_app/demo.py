@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``gr-wiforce demo``: calibrate a line, press it on the air, read it back, show the truth."""
+"""``gr-wiforce demo``: calibrate a line, simulate presses, read them, compare with the truth."""
 
 from pathlib import Path
 
@@ -23,25 +23,34 @@ from .read import read_capture
 _LOCATIONS_MM = (20.0, 30.0, 40.0, 50.0, 60.0)
 _FORCES_N = np.arange(1.0, 8.1, 0.25)
 _CALIBRATION_NOISE_DEG = 0.2
-# What the demo promises: median errors.
+# Median errors that the demo must reach to succeed.
 _FORCE_LIMIT_N = 0.15
 _LOCATION_LIMIT_MM = 0.3
 
 
 @click.command()
 @click.option(
-    "--folder", type=click.Path(file_okay=False), default="demo", help="Where files are left."
+    "--folder",
+    type=click.Path(file_okay=False),
+    default="demo",
+    show_default=True,
+    help="Where files are written.",
 )
 def demo(folder):
-    """Simulate a press and read it back through the GNU Radio chain, beside the truth."""
+    """Simulate two presses, read them back through GNU Radio and compare with the truth.
+
+    The exit status is 1 when the errors are larger than promised.
+    """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     shipped = Path(DATA_DIR) / "scenes" / "demo.yaml"
     line = load_sensor(load_scene(shipped).simulation.tags[0].truth_model)
-    click.echo(f"1. calibrate {line.name} at {len(_LOCATIONS_MM)} locations, as a VNA would")
+    click.echo(
+        f"1. calibrate {line.name} at {len(_LOCATIONS_MM)} locations from simulated VNA data"
+    )
     _calibrate(line, folder)
     scene = _scene_with(shipped, folder)
-    click.echo(f"2. simulate {scene.simulation.duration_s:g} s on the air")
+    click.echo(f"2. simulate {scene.simulation.duration_s:g} s of received signal")
     _simulate(scene, folder)
     click.echo("3. read the capture through GNU Radio")
     readings = _read(scene, folder)
@@ -51,8 +60,8 @@ def demo(folder):
     result = score(readings, truth, scene.sensors[0].name)
     click.echo(
         f"\nmedian error over {len(result.force_error_n)} touched groups: "
-        f"force {result.median_force_n:.3f} N (promised {_FORCE_LIMIT_N}), "
-        f"location {result.median_location_mm:.3f} mm (promised {_LOCATION_LIMIT_MM})"
+        f"force {result.median_force_n:.3f} N (limit {_FORCE_LIMIT_N}), "
+        f"location {result.median_location_mm:.3f} mm (limit {_LOCATION_LIMIT_MM})"
     )
     click.echo(f"picture: {folder / 'readings.png'}")
     kept = result.median_force_n <= _FORCE_LIMIT_N
@@ -67,7 +76,7 @@ def _calibrate(line, folder):
 
 
 def _scene_with(shipped, folder):
-    """The shipped scene, read with the sensor that was just calibrated."""
+    """The shipped scene with the sensor model that was just calibrated."""
     content = yaml.safe_load(shipped.read_text(encoding="utf-8"))
     for sensor in content["sensors"]:
         sensor["model"] = "sensor.yaml"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``gr-wiforce evaluate``: error tables against truth and against the paper's figures."""
+"""``gr-wiforce evaluate``: errors against the truth and against the figures of the paper."""
 
 import csv
 from pathlib import Path
@@ -14,7 +14,7 @@ from .progress import progress
 
 
 class _PaperOrScenes(click.Group):
-    """``paper``, or else names of scenes."""
+    """Takes ``paper``, or names of scenes."""
 
     def resolve_command(self, ctx, args):
         if args and args[0] in self.commands and not self.commands[args[0]].hidden:
@@ -24,10 +24,10 @@ class _PaperOrScenes(click.Group):
 
 @click.group(cls=_PaperOrScenes, subcommand_metavar="paper | all | SCENE... [OPTIONS]")
 def evaluate():
-    """Error tables against truth and against the paper's figures.
+    """Compare readings with the truth and with the figures of the paper.
 
-    paper: the published wireless trials. SCENE...: simulates, reads and scores these scenes; all:
-    every shipped scene. Options of both: gr-wiforce evaluate all --help.
+    paper: score the models on the published wireless trials. SCENE...: simulate, read and score
+    these scenes. all: every shipped scene. See also: gr-wiforce evaluate all --help.
     """
 
 
@@ -38,23 +38,36 @@ def evaluate():
     type=click.Path(file_okay=False),
     default="evaluation",
     show_default=True,
-    help="Results and report; what is there already is not done again.",
+    help="Where results and report are kept; existing results are not computed again.",
 )
-@click.option("--jobs", type=click.IntRange(1), help="Scenes at a time; all processors by default.")
-@click.option("--fresh", is_flag=True, help="Do everything again.")
+@click.option(
+    "--jobs",
+    type=click.IntRange(1),
+    help="Number of parallel processes. Default: one per processor.",
+)
+@click.option("--fresh", is_flag=True, help="Compute all results again.")
 def scenes(scenes, folder, jobs, fresh):
-    """Simulate, read and score SCENES (or: all), and write a report."""
+    """Simulate, read and score SCENES (or all), and write a report."""
     from .evaluation.runs import evaluate_scenes
 
     evaluate_scenes(scenes, Path(folder), jobs, fresh)
 
 
 @evaluate.command()
-@click.option("-o", "--output", type=click.Path(), help="Every reading and its errors, CSV.")
-@click.option("--plot", "plot_path", type=click.Path(), help="Distributions of the errors, PNG.")
-@click.option("--all", "in_full", is_flag=True, help="Every location and trial of every model.")
+@click.option(
+    "-o", "--output", type=click.Path(), help="Write every reading with its errors (CSV)."
+)
+@click.option(
+    "--plot",
+    "plot_path",
+    type=click.Path(),
+    help="Write a picture of the error distributions (PNG, PDF or SVG).",
+)
+@click.option(
+    "--all", "in_full", is_flag=True, help="Print every location and trial of every model."
+)
 def paper(output, plot_path, in_full):
-    """Score the models on the paper's published wireless trials."""
+    """Score the models on the published wireless trials of the paper."""
     if output is not None:
         check_output(output)
     if plot_path is not None:
@@ -92,7 +105,7 @@ def _data_folder():
 def _print_frequency(frequency, scores, form, in_full):
     force, location = published.CLAIMS[frequency]
     click.echo(f"{frequency / 1e6:g} MHz, published wireless trials 1 and 2")
-    click.echo(f"paper, on its own test set: median {force:.2f} N, {location:.2f} mm")
+    click.echo(f"paper, own test set: median {force:.2f} N, {location:.2f} mm")
     click.echo(f"curves chosen by cross-validation on the VNA data: {form} (marked *)")
     click.echo()
     errors = f"{'median':>7}{'95 %':>12}{'90th':>8}"
@@ -115,7 +128,7 @@ def _title(refined):
 
 
 def _print_presses(scores, form):
-    """Locations and trials apart: median/90th percentile of force and location error."""
+    """Print median/90th percentile of the errors, by location and trial."""
     heads = "".join(f"{method:^26}" for method in published.METHODS)
     click.echo(f"{form + ', median/90th':24}{heads}")
     click.echo(f"{'':24}" + f"{'N':^13}{'mm':^13}" * len(published.METHODS))
@@ -127,8 +140,8 @@ def _print_presses(scores, form):
             for method in published.METHODS:
                 score = next(s for s in _select(scores, form, refined, method) if s.press is press)
                 cells += f"{_pair(score.force_error):^13}"
-                place = "known" if method == "location known" else _pair(score.location_error)
-                cells += f"{place:^13}"
+                location = "known" if method == "location known" else _pair(score.location_error)
+                cells += f"{location:^13}"
             label = f"  {press.location_mm:g} mm, trial {press.trial}, n = {press.force_n.size}"
             click.echo(f"{label:24}" + cells)
     click.echo()

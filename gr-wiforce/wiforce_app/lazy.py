@@ -1,19 +1,21 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Groups of subcommands whose modules are imported only when asked for."""
+"""Groups of subcommands whose modules are imported on first use."""
 
+import difflib
 import importlib
 
 import click
 
 
 class LazyGroup(click.Group):
-    """The modules of a package that hold a command of their own name.
+    """A group of commands, each in a module of the same name.
 
     Parameters
     ----------
     package : str
+        Package of the modules.
     helps : dict
-        A line of help by name, so that showing them imports none of the modules.
+        One line of help per command, so that showing them imports none of the modules.
     """
 
     def __init__(self, *arguments, package, helps, **options):
@@ -27,6 +29,15 @@ class LazyGroup(click.Group):
         if name not in self._helps:
             return None
         return getattr(importlib.import_module(self._module(name)), name.replace("-", "_"))
+
+    def resolve_command(self, ctx, args):
+        try:
+            return super().resolve_command(ctx, args)
+        except click.UsageError as error:
+            near = difflib.get_close_matches(args[0], self._helps, n=1)
+            if near:
+                error.message += f" Did you mean '{near[0]}'?"
+            raise
 
     def format_commands(self, ctx, formatter):
         rows = [(name, self._helps[name]) for name in self.list_commands(ctx)]

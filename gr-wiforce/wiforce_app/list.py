@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``gr-wiforce list``: the scenes and sensor models that are shipped."""
+"""``gr-wiforce list``: shipped scenes and sensor models."""
 
 import click
 from gnuradio.wiforce.scene.load import about_scene, shipped_scenes
@@ -9,7 +9,7 @@ from gnuradio.wiforce.sensor import load_sensor, shipped_sensors
 @click.command()
 @click.argument("what", type=click.Choice(["scenes", "sensors"]), required=False)
 def list(what):
-    """Shipped scenes and sensor models: the names that every command takes."""
+    """List shipped scenes and sensor models. Every command accepts these names."""
     if what != "sensors":
         click.echo("scenes")
         for name in shipped_scenes():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The ``gr-wiforce`` command: finds its subcommands, and turns every failure into one line."""
+"""The ``gr-wiforce`` command: loads its subcommands and reports every failure in one line."""
 
 import atexit
 import errno
@@ -15,24 +15,24 @@ from gnuradio.wiforce.errors import InputError, OutputError
 from .lazy import LazyGroup
 
 PROGRAM = "gr-wiforce"
-# A line of help each, so that --help imports none of them.
+# One line of help per subcommand, so that --help need not import them.
 COMMANDS = {
-    "demo": "Simulate a press, read it back, show it beside the truth.",
-    "list": "Shipped scenes and sensor models, by name.",
-    "simulate": "Write the capture of a scene and its truth.",
-    "read": "Read a capture to force and location.",
-    "live": "Read from a USRP as it happens.",
-    "check": "Look at a USRP's levels, noise, delay and tones before measuring.",
-    "calibrate": "Make a sensor model from VNA or tap data.",
-    "off-reflection": "Find the switches' off state from a capture with presses.",
-    "invert": "Turn phases measured by anything into force and location.",
-    "plan": "Say which steps a scene needs, and what each costs.",
-    "emulate": "A software USRP N210 with a scene on the air.",
-    "evaluate": "Error tables against truth and against the paper.",
+    "demo": "Simulate two presses, read them back and compare with the truth.",
+    "list": "List shipped scenes and sensor models.",
+    "simulate": "Simulate a scene and write its capture.",
+    "read": "Read force and location from a capture.",
+    "live": "Read force and location live from a USRP.",
+    "check": "Check levels, noise, delay and tag clocks of a USRP.",
+    "calibrate": "Make a sensor model from known presses.",
+    "off-reflection": "Estimate the off state of the switches from a capture.",
+    "invert": "Convert measured phases to force and location.",
+    "plan": "Show steps, cost and expected errors of a scene.",
+    "emulate": "Run a software USRP N210 that simulates a scene.",
+    "evaluate": "Compare readings with the truth and with the paper.",
     "bench": "Measure accuracy, speed and numerical limits.",
 }
-# What the system says of a name that cannot be used: bad input; all else (a full disk) is not.
-_BAD_NAMES = {
+# System errors caused by an unusable path count as bad input; others, such as a full disk, do not.
+_PATH_ERRORS = {
     errno.EACCES,
     errno.EISDIR,
     errno.ELOOP,
@@ -61,8 +61,8 @@ def _set_debug(ctx, _, asked):
     package=__package__,
     helps=COMMANDS,
     context_settings={"help_option_names": ["-h", "--help"]},
-    epilog="Exit status: 0 done; 2 bad usage or bad input, with one line that says what; "
-    "1 anything else.",
+    epilog="Exit status: 0 success; 2 bad usage or bad input, explained in one line; "
+    "1 any other failure.",
 )
 @click.option(
     "--version",
@@ -81,7 +81,7 @@ def _set_debug(ctx, _, asked):
     help="Show the full traceback of an unexpected error.",
 )
 def command():
-    """Contact force and its location from a passive wireless sensor."""
+    """Contact force and location from a passive wireless sensor."""
 
 
 def main(argv=None):
@@ -90,13 +90,13 @@ def main(argv=None):
     Parameters
     ----------
     argv : list of str, optional
-        Arguments without the program's name; those of the process by default.
+        Arguments without the name of the program; those of the process by default.
 
     Returns
     -------
     int
-        Exit status: 0 done; 2 bad usage or bad input; 130 interrupted; 1 anything else. Every
-        failure prints one line on standard error.
+        Exit status: 0 success; 2 bad usage or bad input; 130 interrupted; 1 any other failure.
+        Every failure prints one line on standard error.
     """
     state = {"debug": False}
     try:
@@ -119,8 +119,8 @@ def main(argv=None):
     except OSError as error:
         if state["debug"]:
             traceback.print_exc()
-        _silence_stdout()  # if it is the one that is full, Python would fail again at its end
-        status = BAD_INPUT if error.errno in _BAD_NAMES else FAILED
+        _silence_stdout()  # a full standard output would fail again when Python flushes it
+        status = BAD_INPUT if error.errno in _PATH_ERRORS else FAILED
         named = f"{error.filename}: " if error.filename is not None else ""
         return _fail(status, f"{named}{error.strerror or error}")
     except Exception as error:
@@ -130,24 +130,23 @@ def main(argv=None):
 
 
 def run():
-    """The command as a process, whatever that process was started with; its exit status."""
+    """Run the command as a process, whatever streams and environment it was started with."""
     _open_standard_streams()
     _find_home()
     return main()
 
 
 def _find_home():
-    """A folder for GNU Radio's FFT, which keeps a file in the home folder, or fails."""
+    """Provide a writable home folder, in which GNU Radio's FFT stores a file."""
     if not os.access(os.environ.get("HOME", ""), os.W_OK):
         os.environ["HOME"] = tempfile.mkdtemp(prefix=f"{PROGRAM}-")
         atexit.register(shutil.rmtree, os.environ["HOME"], ignore_errors=True)
 
 
 def _open_standard_streams():
-    """Takes the place of closed ones, so that no file gets their numbers.
+    """Replace closed standard streams, so that no other file gets their descriptors.
 
-    What is written to a closed standard output fails as on any system; what is said on a closed
-    standard error goes nowhere.
+    Writing to a closed standard output still fails; a closed standard error discards messages.
     """
     for name, number, flags in (
         ("stdin", 0, os.O_RDONLY),
@@ -157,7 +156,7 @@ def _open_standard_streams():
         if getattr(sys, name) is None:
             os.open(os.devnull, flags)
             setattr(sys, name, open(number, "w" if number else "r", closefd=False))
-    # A name that the terminal's encoding has not is no reason to end.
+    # A file name that the terminal cannot encode must not end the command.
     sys.stdout.reconfigure(errors="backslashreplace")
 
 
@@ -174,7 +173,7 @@ def _fail(status, message):
 
 
 def _silence_stdout():
-    """Whoever read our output is gone or full: let the interpreter's last flush go nowhere."""
+    """Discard the interpreter's last flush: standard output is full, or its reader is gone."""
     try:
         stdout = sys.stdout.fileno()
     except (OSError, ValueError):

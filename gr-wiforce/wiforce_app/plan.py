@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``gr-wiforce plan``: what a scene needs computed, what that costs, what to expect of it."""
+"""``gr-wiforce plan``: the steps of a scene, their cost, and the errors to expect."""
 
 import dataclasses
 import json
@@ -15,13 +15,13 @@ from gnuradio.wiforce.scene import load_scene
 
 @click.command()
 @click.argument("scene", metavar="SCENE.yaml")
-@click.option("--improve", is_flag=True, help="Propose better parameters, and what each brings.")
-@click.option("--measure", is_flag=True, help="Time each step on this machine.")
-@click.option("--json", "as_json", is_flag=True, help="For other programs.")
+@click.option("--improve", is_flag=True, help="Propose better settings and state their effect.")
+@click.option("--measure", is_flag=True, help="Measure the time of each step on this machine.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
 def plan(scene, improve, measure, as_json):
-    """Say which steps a SCENE needs, what each costs, and which errors to expect.
+    """Show which steps a SCENE needs, what each costs, and which errors to expect.
 
-    Noise, clutter and presses are those of the scene's simulation section.
+    Noise, clutter and presses are taken from the section simulation of the scene.
     """
     scene = load_scene(scene)
     settings = plan_of(scene)
@@ -69,7 +69,7 @@ def _print(report, scene):
         f"tag in {chosen['tones']} tones, estimator {chosen['estimator']}"
     )
     _print_steps(report["steps"])
-    click.echo(f"\nexpected at snr_db {scene.simulation.snr_db:g} (medians)")
+    click.echo(f"\nexpected median errors at snr_db {scene.simulation.snr_db:g}")
     for sensor in report["expected"]:
         error, std = sensor["phase_error_deg"], sensor["phase_std_deg"]
         if error is None:
@@ -85,11 +85,11 @@ def _print(report, scene):
     for proposal in report.get("proposals", ()):
         std, time = proposal["phase_std_deg"], proposal["time_resolution_s"]
         click.echo(
-            f"better: {proposal['change']}: {proposal['reason']} (noise {std[0]:.3g} -> "
+            f"proposal: {proposal['change']}: {proposal['reason']} (noise {std[0]:.3g} -> "
             f"{std[1]:.3g} deg, a reading in {1e3 * time[0]:.3g} -> {1e3 * time[1]:.3g} ms)"
         )
     if "proposals" in report and not report["proposals"]:
-        click.echo("nothing better found")
+        click.echo("no better settings found")
 
 
 def _print_steps(steps):
@@ -102,9 +102,9 @@ def _print_steps(steps):
         click.echo(
             f"{step['name']:<28}{'yes' if step['needed'] else 'skipped':<8}{cost}  {step['reason']}"
         )
-    for needed, told in ((True, "in all"), (False, "skipped")):
+    for needed, label in ((True, "needed"), (False, "skipped")):
         own = [step for step in steps if step["needed"] == needed]
-        total = f"{told}: {sum(step['operations'] for step in own) / 1e6:.3g} Mflop"
+        total = f"{label}: {sum(step['operations'] for step in own) / 1e6:.3g} Mflop"
         if measured:
             total += f" and {1e3 * sum(step['seconds_per_s'] for step in own):.3g} ms"
         click.echo(f"{total} per second of signal")

@@ -11,21 +11,21 @@ _SUFFIXES = (".png", ".pdf", ".svg")
 
 
 def check_picture(path):
-    """Refuses a picture's path before any work is done for it.
+    """Check the path of a picture before any work is done for it.
 
     Raises
     ------
     InputError
-        For an unknown suffix, a folder that is not there or a file that cannot be written.
+        For an unknown suffix, a missing folder or a file that cannot be written.
     """
     path = Path(path)
     if path.suffix.lower() not in _SUFFIXES:
-        raise InputError(path, f"picture must end in {', '.join(_SUFFIXES)}")
+        raise InputError(path, f"name of a picture must end in {', '.join(_SUFFIXES)}")
     check_output(path)
 
 
 def figure(rows, title, height_in=2.1):
-    """Figure of stacked panels over time, drawn without a display."""
+    """Make a figure of stacked panels over time, without a display."""
     from matplotlib.figure import Figure
 
     canvas = Figure(figsize=(9, 1.0 + height_in * rows), layout="constrained")
@@ -38,7 +38,7 @@ def figure(rows, title, height_in=2.1):
 
 
 def plot_readings(readings, path, title="", truth=None):
-    """Force, location, phases and SNR over time, one colour per sensor.
+    """Plot force, location, phases and SNR over time, one colour per sensor.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def plot_readings(readings, path, title="", truth=None):
         PNG, PDF or SVG.
     title : str
     truth : sequence of dict, optional
-        Rows of a truth file, drawn as grey lines behind the readings.
+        Rows of a truth file, drawn as grey lines.
     """
     canvas, axes = figure(4, title)
     names = list(dict.fromkeys(reading.sensor for reading in readings))

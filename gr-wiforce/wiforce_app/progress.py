@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Progress of long work: a bar on a terminal, nothing in a pipe."""
+"""Progress bars on a terminal; nothing in a pipe."""
 
 import sys
 from contextlib import contextmanager
@@ -9,9 +9,9 @@ import click
 
 @contextmanager
 def progress(label, length):
-    """A function that takes how many more of ``length`` steps are done.
+    """Give a function to call with the number of steps done since the last call.
 
-    Draws a bar on standard error when that is a terminal; does nothing otherwise.
+    It draws a bar of ``length`` steps on standard error if that is a terminal.
     """
     if not sys.stderr.isatty():
         yield lambda steps: None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Numbers on the command line."""
+"""Types of numeric options."""
 
 import math
 
@@ -7,7 +7,7 @@ import click
 
 
 class FiniteRange(click.FloatRange):
-    """A float within limits, as click's own, which lets nan and inf through."""
+    """A finite float within limits; click's own type accepts nan and inf."""
 
     def convert(self, value, param, ctx):
         number = super().convert(value, param, ctx)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``gr-wiforce read``: a capture to readings, through the GNU Radio chain."""
+"""``gr-wiforce read``: readings of a capture, through the GNU Radio chain."""
 
 import signal
 import time
@@ -25,20 +25,34 @@ _SEARCHED_FRAMES = 2000
     "scene_path",
     required=True,
     type=click.Path(),
-    help="Scene file, or a shipped scene.",
+    help="Scene file, or name of a shipped scene.",
 )
-@click.option("-o", "--output", type=click.Path(), help="OUT.csv or OUT.jsonl; CSV on stdout.")
-@click.option("--plot", "plot_path", type=click.Path(), help="Picture of the readings, PNG.")
-@click.option("--datatype", help="Raw samples of this type: ci16_le or cf32_le.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(),
+    help="OUT.csv or OUT.jsonl. Default: CSV on standard output.",
+)
+@click.option(
+    "--plot",
+    "plot_path",
+    type=click.Path(),
+    help="Write a picture of the readings (PNG, PDF or SVG).",
+)
+@click.option(
+    "--datatype",
+    type=click.Choice(["ci16_le", "cf32_le"]),
+    help="Type of the samples, for a raw file without metadata.",
+)
 @click.option(
     "--frame-offset",
     type=click.IntRange(0),
-    help="Samples before the first frame; found by itself when not given.",
+    help="Samples before the first frame. Default: detected.",
 )
-@click.option("--tracked", is_flag=True, help="Follow each press over time.")
-@click.option("--follow", is_flag=True, help="Read on while the capture grows, until ^C.")
+@click.option("--tracked", is_flag=True, help="Track each press over time.")
+@click.option("--follow", is_flag=True, help="Keep reading while the capture grows, until ^C.")
 def read(capture, scene_path, output, plot_path, datatype, frame_offset, tracked, follow):
-    """Read a CAPTURE (SigMF pair, or raw samples with --datatype) to readings."""
+    """Read force and location from a CAPTURE (SigMF pair, or raw samples with --datatype)."""
     scene = load_scene(scene_path)
     recording = open_capture(capture, datatype)
     recording.check_against(scene)
@@ -69,6 +83,11 @@ def read(capture, scene_path, output, plot_path, datatype, frame_offset, tracked
         else:
             counts = read_capture(recording, scene, on_reading, frame_offset, tracked)
     click.echo(f"gr-wiforce: read {counts}", err=True)
+    if counts.groups and not counts.clear:
+        rule = (
+            "every reading is flagged; check the datatype, clock_hz and frame_length of the scene"
+        )
+        _warn(capture, f"{rule}, and the signal level")
     if plot_path is not None:
         from .plots import plot_readings
 
@@ -83,7 +102,7 @@ def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False, on
     recording : Capture
     scene : Scene
     on_reading : callable
-        Takes every Reading, in order.
+        Called with every Reading, in order.
     frame_offset : int
         Samples before the first frame.
     tracked : bool
@@ -112,14 +131,14 @@ def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False, on
     for path, source in sources.items():
         missing = source.samples_missing()
         if missing:
-            _warn(path, f"was cut short while it was read, {missing} samples are missing")
+            _warn(path, f"was truncated while it was read; {missing} samples are missing")
         for said in mishaps(source.frames_moved()):
             _warn(path, said)
     return reader.counts
 
 
 def follow_capture(capture, scene, on_reading, frame_offset, tracked):
-    """Reads a capture that grows until interrupted; see `read_capture`.
+    """Read a growing capture until interrupted; see `read_capture`.
 
     Parameters
     ----------
@@ -149,14 +168,14 @@ def _warn(capture, said):
 
 
 def _silence_gnuradio():
-    """It logs to standard output, where readings may go; what fails is raised all the same."""
+    """Stop its log, which would mix with readings on standard output."""
     from gnuradio import gr
 
     gr.logging().set_default_level(gr.log_levels.off)
 
 
 def _run(reader, *chain, second=None):
-    """Runs a chain into the reader; ``second`` goes into the other input of its last block."""
+    """Run a chain into the reader; ``second`` feeds the other input of its last block."""
     from gnuradio import gr
 
     flowgraph = gr.top_block("gr-wiforce read", catch_exceptions=False)
@@ -170,7 +189,7 @@ def _run(reader, *chain, second=None):
 
 
 def wait_for_frames(recording, capture, datatype, waveform):
-    """The recording as soon as it holds the frames in which their offset is searched."""
+    """Wait until a recording holds enough frames to search for their offset; return it."""
     while recording.segments[0].length < _SEARCHED_FRAMES * waveform.frame_length:
         if len(recording.segments) > 1:
             break
@@ -180,29 +199,33 @@ def wait_for_frames(recording, capture, datatype, waveform):
 
 
 def find_offset(recording, waveform):
-    """Samples before the first frame: 0 where frames taken from there hold their preambles."""
+    """Number of samples before the first frame; 0 where frames from there hold their preambles."""
     samples = recording.read(_SEARCHED_FRAMES * waveform.frame_length)
     offset = find_frame_offset(samples[: recording.segments[0].length], waveform)
     if offset is None or keeps_alignment(offset, waveform):
         return 0
-    click.echo(f"gr-wiforce: frames begin at sample {offset} of {recording.path}", err=True)
+    click.echo(f"gr-wiforce: {recording.path}: the first frame begins at sample {offset}", err=True)
     return offset
 
 
 def warn_of_leftover(recording, scene, settings, frame_offset):
-    """Says what of a capture cannot be read; refuses one that holds no reading at all.
+    """Warn of an incomplete last frame; refuse a capture that is too short for any reading.
 
     Raises
     ------
     InputError
-        When the capture does not hold the untouched reference and one more group.
+        When the capture is shorter than the untouched reference and one more group.
     """
     groups = (recording.span - frame_offset) // scene.group_samples
     needed = settings.reference_groups + 1
     if groups < needed:
-        rule = f"must hold {needed} phase groups (reference_s and one more)"
+        shortest_s = needed * scene.group_period_s
+        rule = (
+            f"must hold {needed} phase groups after its first frame, the untouched reference and "
+            f"one more ({shortest_s:.3g} s)"
+        )
         raise InputError(recording.path, rule, max(0, groups))
     left = (recording.span - frame_offset) % scene.sounding.frame_length
     if left:
-        rule = "samples are left over; whole phase groups are read"
-        _warn(recording.path, f"ends inside a frame, {left} {rule}")
+        rule = "after the last whole frame); only whole phase groups are read"
+        _warn(recording.path, f"ends inside a frame ({left} samples {rule}")

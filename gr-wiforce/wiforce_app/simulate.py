@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``gr-wiforce simulate``: a scene's capture and its truth."""
+"""``gr-wiforce simulate``: the capture of a scene, and its truth."""
 
 import dataclasses
 
@@ -16,16 +16,16 @@ from .progress import progress
     type=click.Choice(["ci16_le", "cf32_le"]),
     default="ci16_le",
     show_default=True,
-    help="Samples as a USRP sends them, or as floats.",
+    help="Samples as 16-bit integers, as from a USRP, or as floats.",
 )
 @click.option(
     "--seed",
     type=click.IntRange(0, 2**63 - 1),
-    help="Instead of the scene's own seed.",
+    help="Seed of all random numbers. Default: that of the scene.",
 )
 def simulate(scene, name, datatype, seed):
-    """Write the capture of a scene as NAME.sigmf-data and NAME.sigmf-meta, and what was pressed
-    as NAME.truth.csv."""
+    """Simulate a scene: write the capture NAME.sigmf-data and NAME.sigmf-meta, and the applied
+    presses as NAME.truth.csv."""
     from gnuradio.wiforce.scene import load_scene
     from gnuradio.wiforce.simulation import simulator
 
@@ -38,10 +38,10 @@ def simulate(scene, name, datatype, seed):
         paths = simulator.simulate(scene, name, datatype, done)
     for path in paths:
         click.echo(path)
-    told = scene.simulation
+    settings = scene.simulation
     click.echo(
         f"gr-wiforce: {samples / scene.radio.sample_rate_hz:.3g} s, "
         f"phase groups: {simulator.frame_count(scene) // scene.phase_group.snapshots}, "
-        f"presses: {len(told.presses)}, moves: {len(told.moves)}, seed: {told.seed}",
+        f"presses: {len(settings.presses)}, moves: {len(settings.moves)}, seed: {settings.seed}",
         err=True,
     )

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``gr-wiforce bench``: what the reader reaches, measured; a module per benchmark."""
+"""``gr-wiforce bench``: benchmarks of the receiver, one module each."""
 
 import click
 
 from ..lazy import LazyGroup
 
 BENCHMARKS = {
-    "accuracy": "Phase error of each estimator against the bound.",
-    "speed": "Samples per second of each chain, beside stock blocks.",
-    "inversion": "Time per reading of every sensor model.",
-    "tradeoff": "Run time against error, over all sensible settings.",
-    "stress": "Worst errors at numerical extremes.",
+    "accuracy": "Compare phase errors with the Cramer-Rao bound.",
+    "speed": "Measure samples per second, compared with stock blocks.",
+    "inversion": "Measure the inversion time of every sensor model.",
+    "tradeoff": "Compare run time with error for many settings.",
+    "stress": "Find the worst errors at numerical extremes.",
 }
 
 

@@ -15,21 +15,28 @@ _QUICK_RUNS, _FULL_RUNS = 10, 40
 
 
 @click.command()
-@click.option("--json", "as_json", is_flag=True, help="Rows as JSON instead of a table.")
-@click.option("--full", is_flag=True, help="4 000 errors a row instead of 1 000, and 20 minutes.")
-@click.option("--case", "part", default="", help="Only cases whose name holds this.")
-@click.option("--plot", "plot_path", type=click.Path(), help="Picture of loss against SNR, PNG.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
+@click.option(
+    "--full", is_flag=True, help="4 000 errors per row instead of 1 000, and a run of 20 minutes."
+)
+@click.option("--case", "part", default="", help="Run only cases whose name contains this.")
+@click.option(
+    "--plot",
+    "plot_path",
+    type=click.Path(),
+    help="Write a picture of loss over SNR (PNG, PDF or SVG).",
+)
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True)
-@click.option("--jobs", type=click.IntRange(1), help="Processes; one per core when not given.")
+@click.option("--jobs", type=click.IntRange(1), help="Number of processes. Default: one per core.")
 def accuracy(as_json, full, part, plot_path, seed, jobs):
-    """Phase error of each estimator against the bound.
+    """Compare phase errors of each estimator with the Cramer-Rao bound.
 
-    Monte Carlo over channel snapshots made from the signal model alone: noise, fading, static and
-    moving clutter, clock offset and drift, group length, off state, two tags, lost snapshots.
+    Monte Carlo simulation of channel snapshots: noise, fading, static and moving clutter, clock
+    offset and drift, group length, off state, two tags, missing snapshots.
     """
     wanted = [case for case in cases(full) if part in case.name]
     if not wanted:
-        raise click.BadParameter(f"no case holds {part!r}", param_hint="--case")
+        raise click.BadParameter(f"no case has a name that contains {part!r}", param_hint="--case")
     if plot_path is not None:
         from ..plots import check_picture
 
@@ -46,7 +53,7 @@ def accuracy(as_json, full, part, plot_path, seed, jobs):
 
 
 def measure(wanted, runs, seed=1, jobs=None):
-    """Runs cases on all cores.
+    """Run cases on all cores.
 
     Parameters
     ----------
@@ -64,12 +71,11 @@ def measure(wanted, runs, seed=1, jobs=None):
     """
     from .montecarlo import summarise
 
-    # The longest first, so that no core waits for another at the end.
+    # The longest first, so that all cores end at about the same time.
     tasks = [(case, run, seed) for case in wanted for run in range(case.runs or runs)]
     tasks.sort(key=lambda task: -task[0].groups)
     found = {case.name: [] for case in wanted}
     jobs = jobs or len(os.sched_getaffinity(0))
-    # NumPy's own threads would fight over the cores.
     with multiprocessing.get_context("spawn").Pool(jobs) as pool:
         with progress("measuring", len(tasks)) as step:
             for name, run, result in pool.imap_unordered(_work, tasks):
@@ -91,7 +97,7 @@ def _work(task):
 
 
 def table(rows):
-    """Rows as text, one line each; ends are separated by slashes."""
+    """Rows as text, one line each; values of the ends are separated by slashes."""
     head = f"{'case':<52}{'estimator':<23}{'rms (deg)':>20}{'bound (deg)':>20}{'loss (dB)':>18}"
     lines = [head + f"{'+- (dB)':>9}{'in 2 std':>12}{'s/s':>8}{'n':>7}"]
     for row in rows:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``gr-wiforce bench speed``: samples per second of the chains beside what others reach."""
+"""``gr-wiforce bench speed``: samples per second of the chains, compared with stock blocks."""
 
 import json
 import os
@@ -12,7 +12,7 @@ import numpy as np
 from ..progress import progress
 from ..ranges import FiniteRange
 
-# Row, tones, share of the recording that it reads.
+# Row, number of tones, share of the recording that it reads.
 _CHAINS = (
     ("stream-fc32", 16, 1.0),
     ("stream-fc32", 4, 1.0),
@@ -37,19 +37,36 @@ _SC16_BYTES, _FC32_BYTES = 4, 8
 
 
 @click.command()
-@click.option("--json", "as_json", is_flag=True, help="Rows and latencies as JSON.")
-@click.option("--runs", default=9, type=click.IntRange(3), help="Runs of each row, in turns.")
-@click.option("--megabytes", default=1000, type=click.IntRange(20), help="fc32 recording.")
-@click.option("--folder", type=click.Path(exists=True, file_okay=False), help="For the recording.")
-@click.option("--only", multiple=True, help="Rows to run; stock and ceilings always run.")
-@click.option("--cpu-time", is_flag=True, help="Pinned rows by processor time: on a busy machine.")
-@click.option("--latency-seconds", default=4.0, type=FiniteRange(0.2), help="Per packet size.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
+@click.option("--runs", default=9, type=click.IntRange(3), help="Number of runs of each row.")
+@click.option(
+    "--megabytes", default=1000, type=click.IntRange(20), help="Size of the fc32 recording."
+)
+@click.option(
+    "--folder",
+    type=click.Path(exists=True, file_okay=False),
+    help="Where the recording is written.",
+)
+@click.option(
+    "--only",
+    multiple=True,
+    help="Run only this row (repeatable); stock blocks and ceilings always run.",
+)
+@click.option(
+    "--cpu-time", is_flag=True, help="Measure pinned rows in processor time, for a busy machine."
+)
+@click.option(
+    "--latency-seconds",
+    default=4.0,
+    type=FiniteRange(0.2),
+    help="Duration of the latency test per packet size.",
+)
 def speed(as_json, runs, megabytes, folder, only, cpu_time, latency_seconds):
-    """Samples per second of each chain, beside stock blocks; latency at the pace of a radio.
+    """Measure samples per second of each chain and of stock blocks, and the latency of a stream.
 
-    Every run's tones are held to double precision. Rows are run in turns, held to one core and
-    free; figures are medians, ratios medians of what the same turn gave, spread their 95 %
-    interval.
+    The tones of every run are compared with double precision. Rows run in turns, first pinned to
+    one core, then free. Figures are medians with their 95 % interval; ratios are medians of the
+    ratios within a turn.
     """
     from .throughput.latency import measure_latency
     from .throughput.recording import tone_weights, write_recording
@@ -71,7 +88,7 @@ def speed(as_json, runs, megabytes, folder, only, cpu_time, latency_seconds):
 def _check_room(folder, size, megabytes):
     left = shutil.disk_usage(folder).free
     if size > left:
-        rule = f"must leave both recordings room on the disk, which has {left // 10**6} MB left"
+        rule = f"both recordings must fit on the disk, which has {left // 10**6} MB free"
         raise click.BadParameter(f"{rule}, got {megabytes}", param_hint="--megabytes")
 
 
@@ -91,7 +108,7 @@ def _lines(only):
 
 
 def _planned(scene):
-    """Weights that the plan of a shipped scene asks for."""
+    """Weights of the plan of a shipped scene."""
     from gnuradio.wiforce.planning.plan import plan
     from gnuradio.wiforce.scene import load_scene
 
@@ -99,7 +116,7 @@ def _planned(scene):
 
 
 def _measure(lines, recording, runs, pinned, cpu_time):
-    """Rows of the result: each line run in turns with the others."""
+    """Rows of the result; all lines run in turns."""
     figures, peaks = _run_in_turns(lines, recording, runs, pinned, "cpu" if cpu_time else "wall")
     by_name = {line.name: values for line, values in zip(lines, figures, strict=True)}
     rows = []
@@ -169,7 +186,7 @@ def _median(values, digits):
 
 
 def _interval(values):
-    """Order statistics that hold the median with 95 % (the extremes of fewer than six runs)."""
+    """95 % interval of the median from order statistics (the extremes of fewer than six runs)."""
     ordered, n = np.sort(values), len(values)
     reach = int(max(0, np.floor(n / 2 - 0.98 * np.sqrt(n))))
     return ordered[reach], ordered[n - 1 - reach]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``gr-wiforce bench stress``: worst errors at numerical extremes, and where they come from."""
+"""``gr-wiforce bench stress``: worst errors at numerical extremes, and their causes."""
 
 import dataclasses
 import json
@@ -10,6 +10,7 @@ import click
 import numpy as np
 from gnuradio.wiforce.io.textfile import check_output
 
+from ..markdown import filled_page, markdown_table
 from ..progress import progress
 from .cases import Case
 
@@ -22,7 +23,7 @@ _BLOCKS = ("file-fc32", "stream-fc32", "block by block", "channel first")
 
 @dataclass(frozen=True)
 class Row:
-    """Worst of one kind of stress on one path.
+    """Worst error of one kind of stress on one path.
 
     Attributes
     ----------
@@ -33,14 +34,14 @@ class Row:
     unit : str
     limit : float or None
         What it must not exceed.
-    confident : float
-        Largest error that neither the stated standard deviation nor a flag tells of, same unit.
-    unread : int
-        Groups or readings that were given up, and said so.
+    undetected : float
+        Largest error that neither the stated standard deviation nor a flag indicates, same unit.
+    discarded : int
+        Groups or readings that were flagged or not read.
     not_finite : int
-        Values that are no numbers where the reader says they are.
-    reason : str
-        Where the worst error comes from.
+        Values that are not finite although they are reported as valid.
+    cause : str
+        What causes the worst error.
     """
 
     stress: str
@@ -48,28 +49,28 @@ class Row:
     worst: float
     unit: str
     limit: float | None
-    confident: float
-    unread: int
+    undetected: float
+    discarded: int
     not_finite: int
-    reason: str
+    cause: str
 
     @property
     def good(self):
         within = self.limit is None or self.worst <= self.limit
-        return within and self.confident == 0 and self.not_finite == 0
+        return within and self.undetected == 0 and self.not_finite == 0
 
 
 @click.command()
-@click.option("--json", "as_json", is_flag=True, help="Rows as JSON instead of a table.")
-@click.option("--search", default=60, type=click.IntRange(1), help="Tries of each search.")
-@click.option("--only", default="", help="Only stresses whose name holds this.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
+@click.option("--search", default=60, type=click.IntRange(1), help="Trials of each search.")
+@click.option("--only", default="", help="Run only stresses whose name contains this.")
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True)
-@click.option("--page", "page_path", type=click.Path(), help="The table as a page, Markdown.")
+@click.option("--page", "page_path", type=click.Path(), help="Also write a Markdown page.")
 def stress(as_json, search, only, seed, page_path):
-    """Worst errors under clutter, level, time and nearly singular equations.
+    """Worst errors under strong clutter, extreme levels and nearly singular equations.
 
-    Noise is 60 dB under the tag, 140 dB for clutter, so that what is left is systematic. Every
-    path from samples to phases, single precision beside double.
+    Every path from samples to phases, in single and in double precision. Noise is 60 dB below the
+    tag, or 140 dB for clutter, so that systematic errors remain visible.
     """
     from gnuradio import gr
 
@@ -78,7 +79,9 @@ def stress(as_json, search, only, seed, page_path):
     gr.logging().set_default_level(gr.log_levels.off)
     tasks = [task for task in tasks_of(search, seed) if only in task[0]]
     if not tasks:
-        raise click.BadParameter(f"no stress holds {only!r}", param_hint="--only")
+        raise click.BadParameter(
+            f"no stress has a name that contains {only!r}", param_hint="--only"
+        )
     rows = []
     with progress("stressing", len(tasks)) as step:
         for name, function, arguments in tasks:
@@ -108,12 +111,12 @@ def tasks_of(search, seed):
             ("all samples denormal, 1e-40", _scaled, (path, 1e-40)),
             ("all samples near 1e15", _scaled, (path, 1e15)),
         ]
-    tasks += [("samples that are no numbers", _no_numbers, (path,)) for path in _BLOCKS[:3]]
+    tasks += [("samples that are not finite", _not_finite_samples, (path,)) for path in _BLOCKS[:3]]
     tasks += [
         ("a week from the first sample", _week_on, ("double",)),
-        ("clocks nearly alike", _near_clocks, ("double", search, seed, True)),
+        ("clocks nearly equal", _near_clocks, ("double", search, seed, True)),
         ("clocks that the plan warns of", _near_clocks, ("double", search, seed, False)),
-        ("any setting allowed", _any_setting, ("double", search, seed)),
+        ("random permitted settings", _any_setting, ("double", search, seed)),
     ]
     for name in ("paper-900mhz", "paper-2400mhz", "wiforce-900mhz", "line-2400mhz"):
         tasks.append((f"inversion, {name}", _inversion, ("table", name, seed)))
@@ -126,23 +129,23 @@ def _case(name, **changes):
     return dataclasses.replace(base, **changes)
 
 
-def _row(name, path, outcome, limit, reason, unit="deg"):
+def _row(name, path, outcome, limit, cause, unit="deg"):
     return Row(
-        name, path, outcome.worst_deg, unit, limit, outcome.confident_deg, outcome.given_up,
-        outcome.not_finite, reason,
+        name, path, outcome.worst_deg, unit, limit, outcome.undetected_deg, outcome.discarded,
+        outcome.not_finite, cause,
     )  # fmt: skip
 
 
 def _clutter(name, path, clutter_db, limit):
     from .stress_paths import read_case
 
-    reason = {
-        "double": "the noise that is left, and the fit of the clock",
-        "channel first": "rounding of each snapshot's FFT, before the clutter is taken out",
-        "stream-sc16": "steps of 16 bits, which no noise spreads here",
+    cause = {
+        "double": "remaining noise and the fit of the clock",
+        "channel first": "rounding in the FFT of each snapshot, before clutter is removed",
+        "stream-sc16": "quantisation to 16 bits, without dither",
     }.get(path, "rounding of the samples to single precision")
     case = _case(name, gamma_db=_SILENT_DB, static_db=clutter_db)
-    return _row(name, path, read_case(case, path), limit, reason)
+    return _row(name, path, read_case(case, path), limit, cause)
 
 
 def _week_gap(name, path):
@@ -169,7 +172,7 @@ def _week_on(name, path):
     case = _case(name)
     count = case.reference_groups + case.groups
     outcome = read_case(case, path, [_WEEK_GROUPS + i for i in range(count)])
-    return _row(name, path, outcome, 0.01, "time in double precision: 0.1 ns after a week")
+    return _row(name, path, outcome, 0.01, "double precision of time: 0.1 ns after a week")
 
 
 def _levels(name, path, factor):
@@ -182,8 +185,8 @@ def _levels(name, path, factor):
         return (1.0, factor, 1.0, 1 / factor)[step % 4] if step >= 0 else 1.0
 
     outcome = read_case(case, path, scale=scale)
-    reason = "the clock's tracker, which takes a level for lasting: weak until it is acquired anew"
-    return _row(name, path, outcome, 0.1, reason)
+    cause = "the clock tracker assumes a constant level; weak until the clock is acquired again"
+    return _row(name, path, outcome, 0.1, cause)
 
 
 def _scaled(name, path, factor):
@@ -191,13 +194,13 @@ def _scaled(name, path, factor):
 
     outcome = read_case(_case(name, static_db=20.0), path, scale=lambda number: factor)
     single = path != "double"
-    reason = "digits that single precision loses below 1e-38" if single and factor < 1e-30 else (
-        "nothing: phases do not depend on the level"
+    cause = "single precision loses digits below 1e-38" if single and factor < 1e-30 else (
+        "none: phases do not depend on the level"
     )  # fmt: skip
-    return _row(name, path, outcome, None if single and factor < 1e-30 else 0.02, reason)
+    return _row(name, path, outcome, None if single and factor < 1e-30 else 0.02, cause)
 
 
-def _no_numbers(name, path):
+def _not_finite_samples(name, path):
     from .stress_paths import read_case
 
     rng = np.random.default_rng(1)
@@ -211,7 +214,7 @@ def _no_numbers(name, path):
             snapshots[:] = np.nan
 
     outcome = read_case(_case(name), path, hurt=hurt)
-    return _row(name, path, outcome, 0.02, "such frames count as lost; groups are solved without")
+    return _row(name, path, outcome, 0.02, "such frames count as missing")
 
 
 # searches
@@ -279,7 +282,7 @@ def _searched(name, path, search, trial, label, read_case):
     from gnuradio.wiforce.errors import InputError
     from gnuradio.wiforce.io.readings import WEAK_PHASE_DEG
 
-    worst, reason, refused, not_finite, unread = 0.0, "", 0, 0, 0
+    worst, cause, refused, not_finite, discarded = 0.0, "", 0, 0, 0
     for run in range(search):
         case = trial()
         try:
@@ -287,21 +290,21 @@ def _searched(name, path, search, trial, label, read_case):
         except InputError:
             refused += 1
             continue
-        unread += outcome.given_up
+        discarded += outcome.discarded
         not_finite += outcome.not_finite
         ratio = np.abs(outcome.errors_deg) / (outcome.std_deg + 0.005)
         ratio = np.where(outcome.std_deg > WEAK_PHASE_DEG, 0.0, ratio)
         found = float(np.max(ratio, initial=0.0))
         if found > worst:
-            worst, reason = found, label(case)
+            worst, cause = found, label(case)
     # groups of a run share their reference, ends their clock: 2 search runs are tried
-    confident = worst if worst > _CONFIDENT_STD else 0.0
-    reason += f"; {refused} of {search} refused"
-    return Row(name, path, worst, "std", None, confident, unread, not_finite, reason)
+    undetected = worst if worst > _UNDETECTED_STD else 0.0
+    cause += f"; {refused} of {search} refused"
+    return Row(name, path, worst, "std", None, undetected, discarded, not_finite, cause)
 
 
 # Largest of some hundred Gaussian errors, with a third of margin.
-_CONFIDENT_STD = 6.0
+_UNDETECTED_STD = 6.0
 
 
 def _inversion(name, path, sensor, seed):
@@ -309,7 +312,7 @@ def _inversion(name, path, sensor, seed):
     from gnuradio.wiforce.sensor import load_sensor
 
     model, rng, count = load_sensor(sensor), np.random.default_rng(seed), 4000
-    worst, reason, unread, not_finite = 0.0, "", 0, 0
+    worst, cause, discarded, not_finite = 0.0, "", 0, 0
     for noise_deg in (1e-6, 0.01, 0.1, 0.5, 1.0, 2.0, 4.0):
         force = rng.uniform(*model.force_span_n, count)
         location = rng.uniform(*model.location_span_mm, count)
@@ -320,17 +323,17 @@ def _inversion(name, path, sensor, seed):
         values = [found.force_n, found.force_std_n, found.location_mm, found.location_std_mm]
         not_finite += int(np.count_nonzero(~np.isfinite(values)))
         clear = np.array([not flags for flags in found.flags])
-        unread += int(np.count_nonzero(~clear))
+        discarded += int(np.count_nonzero(~clear))
         error = np.abs(found.force_n - force) / np.hypot(found.force_std_n, _LEAST_N)
         beyond = 100 * float(np.mean(error[clear] > 3)) if clear.any() else 0.0
         if beyond > worst:
             at = int(np.argmax(np.where(clear, error, 0.0)))
             worst = beyond
-            reason = (
+            cause = (
                 f"unflagged, beyond 3 std; the worst at phase noise {noise_deg:g} deg: "
                 f"{force[at]:.1f} N at {location[at]:.1f} mm is off by {error[at]:.1f} std"
             )
-    return Row(name, path, worst, "%", _BEYOND_3_STD, 0.0, unread, not_finite, reason)
+    return Row(name, path, worst, "%", _BEYOND_3_STD, 0.0, discarded, not_finite, cause)
 
 
 # Per cent of unflagged readings that may lie beyond three standard deviations (Gaussian: 0.27);
@@ -340,52 +343,30 @@ _BEYOND_3_STD, _LEAST_N = 1.0, 0.02
 
 def table(rows):
     """Rows as text, one line each."""
-    head = f"{'stress':<37}{'path':<16}{'worst':>10}{'limit':>7}{'confident':>11}{'given up':>9}"
-    lines = [head + f"{'NaN':>5}  {'':4}worst comes from"]
+    head = f"{'stress':<37}{'path':<16}{'worst':>10}{'limit':>7}{'undetected':>12}{'discarded':>10}"
+    lines = [head + f"{'NaN':>5}  {'':4}main cause"]
     for row in rows:
         limit = "" if row.limit is None else f"{row.limit:g}"
         lines.append(
             f"{row.stress:<37}{row.path:<16}{row.worst:>6.2g} {row.unit:<3}{limit:>7}"
-            f"{row.confident:>11.2g}{row.unread:>9}{row.not_finite:>5}  "
-            f"{'' if row.good else 'BAD':<4}{row.reason}"
+            f"{row.undetected:>12.2g}{row.discarded:>10}{row.not_finite:>5}  "
+            f"{'' if row.good else 'BAD':<4}{row.cause}"
         )
     return "\n".join(lines)
 
 
-_EXPLANATION = """\
-Every path from samples to phases, and the inversion, is put through what could break its
-arithmetic: strong clutter in single precision, a week of sample index, jumping levels, denormals,
-samples that are no numbers, clocks nearly alike, settings drawn at random from all that a scene
-may ask for. Errors are the worst of what is not flagged weak, in degrees, in stated standard
-deviations, or per cent of readings. *Confident*: the largest error that neither the stated standard
-deviation nor a flag tells of; *given up*: groups or readings that were flagged or not read; *NaN*:
-values that are no numbers where the reader says they are. Noise is 60 dB under the tag, 140 dB for
-clutter, so that what is left is systematic. What was found stays as tests in
-`tests/qa_bench_stress.py` and `tests/qa_estimation_joint_clock.py`.
-""".splitlines()
-
-_LIMITS = """\
-- Two tags are refused whose own lines, those that a group can tell from the other tag's (0.3 of its
-  resolution, 8 Hz at 36 ms), do not fix the phase of each clock: 1000 Hz with 998 to 1002, 500,
-  1500 or 2000 Hz. Others are read, however near, by the whole model of their lines; where they slip
-  through each other the stated error grows, or the group is given up.
-- A receiver whose gain jumps by a factor of ten and more between groups loses the clock for half a
-  second; readings are `weak`.
-- Steps of 16 bits are no noise: without any noise over them, +80 dB of clutter leave an error of
-  1.3 deg. Noise of half a step spreads them.
-""".splitlines()
-
-_HEAD = ("stress", "path", "worst", "limit", "confident", "given up", "NaN", "worst comes from")
+_HEAD = ("stress", "path", "worst", "limit", "undetected", "discarded", "NaN", "main cause")
 
 
 def _page(rows, page_path):
-    cells = [_HEAD, ["---"] * len(_HEAD)]
-    for row in rows:
-        cells.append([
+    cells = [
+        (
             row.stress, row.path, f"{row.worst:.2g} {row.unit}",
-            "" if row.limit is None else f"{row.limit:g}", f"{row.confident:.2g}",
-            str(row.unread), str(row.not_finite), row.reason,
-        ])  # fmt: skip
-    lines = ["| " + " | ".join(row) + " |" for row in cells]
-    head = [f"# Numerical limits\n\nMade by `gr-wiforce bench stress --page {page_path}`.\n"]
-    return "\n".join([*head, *_EXPLANATION, "", *lines, "", "## Limits", "", *_LIMITS, ""])
+            "" if row.limit is None else f"{row.limit:g}", f"{row.undetected:.2g}",
+            str(row.discarded), str(row.not_finite), row.cause,
+        )
+        for row in rows
+    ]  # fmt: skip
+    command = f"gr-wiforce bench stress --page {page_path}"
+    template = Path(__file__).with_suffix(".md")
+    return filled_page(template, command=command, table=markdown_table(_HEAD, cells))

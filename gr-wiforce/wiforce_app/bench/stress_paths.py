@@ -26,9 +26,9 @@ class Outcome:
     ----------
     errors_deg, std_deg : ndarray, shape (n, 2S)
     unread : int
-        Groups that were said not to be readable.
+        Groups that were reported as not readable.
     not_finite : int
-        Values among ratios and levels that are no numbers, where the reader says they are.
+        Values that are not finite although they are reported as valid.
     """
 
     errors_deg: np.ndarray
@@ -43,16 +43,13 @@ class Outcome:
         return float(np.max(errors[self.std_deg <= WEAK_PHASE_DEG], initial=0.0))
 
     @property
-    def given_up(self):
+    def discarded(self):
         """Groups that are not readable or flagged weak."""
         return self.unread + int(np.count_nonzero(np.any(self.std_deg > WEAK_PHASE_DEG, axis=1)))
 
     @property
-    def confident_deg(self):
-        """Largest error that four stated standard deviations and 0.02 deg do not hold, of readings
-
-        that are not flagged weak.
-        """
+    def undetected_deg(self):
+        """Largest error beyond four stated standard deviations and 0.02 deg, if unflagged."""
         errors = np.abs(self.errors_deg)
         held = (errors <= 4 * self.std_deg + _NOTHING_DEG) | (self.std_deg > WEAK_PHASE_DEG)
         return float(np.max(errors[~held], initial=0.0))

@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 from gnuradio.wiforce.io.textfile import check_output
 
+from ..markdown import filled_page, markdown_table
 from ..progress import progress
 from .front import beat_the_plan, front
 
@@ -17,23 +18,23 @@ _RUNS, _QUICK_RUNS = 2, 1
 
 @click.command()
 @click.argument("scenes", nargs=-1)
-@click.option("--json", "as_json", is_flag=True, help="Points as JSON instead of a table.")
-@click.option("--quick", is_flag=True, help="Each setting timed once instead of twice.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
+@click.option("--quick", is_flag=True, help="Time each setting once instead of twice.")
 @click.option(
     "--folder",
     type=click.Path(file_okay=False),
     default="tradeoff",
     show_default=True,
-    help="Results by scene; what is there already is not measured again.",
+    help="Where results are kept; existing results are not measured again.",
 )
 @click.option("--fresh", is_flag=True, help="Measure everything again.")
-@click.option("--plot", "plot_path", type=click.Path(), help="Picture of all scenes, PNG.")
-@click.option("--page", "page_path", type=click.Path(), help="The table as a page, Markdown.")
+@click.option("--plot", "plot_path", type=click.Path(), help="Write a picture of all scenes (PNG).")
+@click.option("--page", "page_path", type=click.Path(), help="Also write a Markdown page.")
 def tradeoff(scenes, as_json, quick, folder, fresh, plot_path, page_path):
-    """Run time per second of signal against phase and force error of SCENES, all shipped if none.
+    """Compare processor time with phase and force error for SCENES (default: all shipped).
 
-    Settings beside the plan's: group length, lines, clutter band, estimator (the paper's too),
-    subcarriers, sample type, file or stream, order of the blocks, stock blocks. Processor time.
+    Varies group length, lines, clutter band, estimator, subcarriers, sample type, file or stream,
+    and the order of the blocks, and compares with stock blocks.
     """
     from gnuradio.wiforce.scene import shipped_scenes
 
@@ -66,7 +67,7 @@ def tradeoff(scenes, as_json, quick, folder, fresh, plot_path, page_path):
     if as_json:
         click.echo(json.dumps({"scenes": results}, indent=1))
     else:
-        click.echo(f"{table(results)}\n\n{skip_table(results)}")
+        click.echo(f"{table(results)}\n\n{verdicts(results)}\n\n{skip_table(results)}")
 
 
 def _measured(name, folder, runs):
@@ -84,37 +85,38 @@ _HEAD = (
 
 
 def table(results):
-    """Markdown: a row per scene and setting; medians of the errors, milliseconds of processor."""
-    rows = [_HEAD, ["---"] * len(_HEAD)]
+    """Markdown: a row per scene and setting with median errors and processor time in ms."""
+    rows = []
     for result in results:
         points = result["points"]
         kept = [point["setting"] for point in front(points)]
         for point in points:
             rows.append(_row(result, point, point["setting"] in kept))
-    lines = ["| " + " | ".join(row) + " |" for row in rows]
-    return "\n".join([*lines, "", *_verdicts(results)])
+    return markdown_table(_HEAD, rows)
 
 
-def _verdicts(results):
-    """What beats the plan's choice, with and without regard to how many readings it gives."""
-    for told, any_length in (("", False), (", at other rates of readings", True)):
+def verdicts(results):
+    """Two sentences: what beats the plan's choice at its rate of readings, and at any rate."""
+    sentences = []
+    for rate, any_length in (("the same rate of readings", False), ("any rate of readings", True)):
         found = {Path(r["scene"]).stem: beat_the_plan(r["points"], any_length) for r in results}
-        beaten = [f"{scene} by {', '.join(names)}" for scene, names in found.items() if names]
-        yield (
-            "20 % faster and 20 % more accurate in phase than the plan's choice"
-            f"{told}: {'; '.join(beaten) or 'nothing'}.\n"
+        beaten = [f"{scene} ({', '.join(names)})" for scene, names in found.items() if names]
+        sentences.append(
+            f"At least 20 % faster and 20 % more accurate in phase than the plan, at {rate}: "
+            f"{'; '.join(beaten) or 'none'}."
         )
+    return "\n\n".join(sentences)
 
 
 def skip_table(results):
-    """Markdown: milliseconds of processor per second of signal that each skip saves."""
+    """Markdown: processor time in ms per second of signal that each skipped step saves."""
     names = list(dict.fromkeys(name for result in results for name in result["skips"]))
-    rows = [["scene", *names], ["---"] * (1 + len(names))]
+    rows = []
     for result in results:
         times = [result["skips"].get(name) for name in names]
         shown = ["" if t is None else f"{1e3 * t:.2g}" for t in times]
         rows.append([Path(result["scene"]).stem, *shown])
-    return "\n".join("| " + " | ".join(row) + " |" for row in rows)
+    return markdown_table(["scene", *names], rows)
 
 
 def _row(result, point, on_front):
@@ -130,34 +132,18 @@ def _row(result, point, on_front):
     ]
 
 
-_EXPLANATION = """\
-Each scene is simulated once and read under each setting: samples to tones by the C++ blocks (or
-stock ones), tones to readings by what the reader's Python blocks compute. Times are processor time
-for a second of signal at the scene's rate, in milliseconds, and its two parts, the least of some
-runs: tens of per cent apart on a busy machine. Errors are medians over steadily touched groups of
-all sensors, of some tens of readings each: 20 % apart by chance. Phase errors leave out what the
-calibration errs by in the untouched phases, and the bound (a median too) is that of the setting's
-own groups. *Front*: no other setting is both faster and more accurate in phase. The number of
-readings a second is the scene's to say, not the plan's: errors of longer groups are taken to the
-scene's group length.
-`stock blocks` are GNU Radio's own in place of ours, buffers tuned; `block by block` folds and makes
-tones in a block each; `channel first` is the textbook order; `paper` adds up steps from group to
-group at lines 1 and 4, its clock not tracked.
-""".splitlines()
-
-_SKIPS = """\
-Milliseconds of processor per second of signal that the reader's blocks would take more with the
-step forced on; the readings stay the same (`tests/qa_reader.py`).
-""".splitlines()
-
-
 def _page(results, scenes, plot_path, page_path):
     command = " ".join(["gr-wiforce bench tradeoff", *scenes])
     command += f" --plot {plot_path}" if plot_path else ""
-    picture = [] if plot_path is None else [f"![Run time against error]({_beside(plot_path)})", ""]
-    head = ["# Run time against error", "", f"Made by `{command} --page {page_path}`.", ""]
-    skips = ["", "## What each skip saves", "", *_SKIPS, "", skip_table(results), ""]
-    return "\n".join([*head, *_EXPLANATION, "", *picture, table(results), *skips])
+    picture = "" if plot_path is None else f"![Run time against error]({_beside(plot_path)})\n\n"
+    return filled_page(
+        Path(__file__).with_suffix(".md"),
+        command=f"{command} --page {page_path}",
+        picture=picture,
+        table=table(results),
+        verdicts=verdicts(results),
+        skips=skip_table(results),
+    )
 
 
 def _beside(plot_path):

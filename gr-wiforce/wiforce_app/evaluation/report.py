@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The report of evaluated scenes: a table, a picture per scene, and how it came about."""
+"""The report of evaluated scenes: error tables, a picture per scene, and the versions used."""
 
 import platform
 from pathlib import Path
@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from gnuradio.wiforce._config import VERSION
 
+from ..markdown import filled_page, markdown_table
 from .checks import BETTER, CHECKS_HEAD, NEAR, checks
 from .error_summary import figure_text
 from .pictures import plot_distances, plot_scene
@@ -26,21 +27,10 @@ _HEAD = (
     "paper's figure",
 )
 
-_EXPLANATION = """\
-Each scene is simulated, then read from the same capture by this reader and by the paper's method
-(plain sums at lines 1 and 4 of one antenna, each group against the one before), as published and
-with the constant clock offset taken out that the untouched time shows. The paper's method is told
-when the sensor is touched. Errors are medians over the groups that are touched, with touched
-neighbours, ramps of the force included; the rms is over both ends and the same groups. Phase errors
-are of the change against the untouched sensor, and against the group's mean reflection; force and
-location count from what is pressed at the group's centre. Expected is what `gr-wiforce plan` says
-of the scene; the bound is the Cramer-Rao bound for the lines that are read, with the reference's
-noise. The paper's figures come from its own test set.""".splitlines()
-
 
 def table(results, figures):
-    """Markdown table: rows per scene, sensor and method; medians unless the head says else."""
-    rows = [_HEAD, ["---"] * len(_HEAD)]
+    """Markdown: rows per scene, sensor and method; medians unless titled rms or 90 %."""
+    rows = []
     for result in results:
         name = Path(result["scene"]).stem
         figure = figures.get(name, {})
@@ -52,11 +42,7 @@ def table(results, figures):
             rows.append(
                 [name, "sum", "ours", *[""] * 2, figure_text(result["sum"]), *[""] * 4, claim]
             )
-    return _markdown(rows)
-
-
-def _markdown(rows):
-    return "\n".join("| " + " | ".join(row) + " |" for row in rows)
+    return markdown_table(_HEAD, rows)
 
 
 def _row(name, sensor, method, figure):
@@ -94,36 +80,33 @@ def write_report(results, folder, figures):
     import scipy
 
     names = " ".join(result["scene"] for result in results)
-    rows = [
+    held = [
         (*row[:4], {True: "yes", False: "NO"}.get(row[4], f"no: {row[4]}"))
         for row in checks(results, figures)
     ]
-    lines = [
-        "# Evaluation",
-        "",
-        f"`gr-wiforce evaluate {names}`; gr-wiforce {VERSION}, Python "
-        f"{platform.python_version()}, NumPy {np.__version__}, SciPy {scipy.__version__}.",
-        "",
-        *_EXPLANATION,
-        "",
-        table(results, figures),
-        "",
-        "## What was to be reached",
-        "",
-        f"Of every readable scene: phase rms at least {BETTER:g} times better than the paper's "
-        f"method with the clock offset removed, or within {NEAR:g} times the bound; medians as "
-        "the plan expects them; the paper's own figures.",
-        "",
-        _markdown([CHECKS_HEAD, ["---"] * len(CHECKS_HEAD), *rows]),
-        "",
-    ]
-    if plot_distances(results, folder, figures):
-        lines += ["## Phase over distance", "", "![distance](distance.png)", ""]
+    sections = []
     for result in results:
         name = Path(result["scene"]).stem
         plot_scene(result, folder / f"{name}.png")
-        lines += _section(name, result, figures.get(name, {}))
-    (folder / "report.md").write_text("\n".join(lines), encoding="utf-8")
+        sections.append(_section(name, result, figures.get(name, {})))
+    page = filled_page(
+        Path(__file__).with_suffix(".md"),
+        command=f"gr-wiforce evaluate {names}",
+        version=VERSION,
+        python=platform.python_version(),
+        numpy=np.__version__,
+        scipy=scipy.__version__,
+        table=table(results, figures),
+        better=f"{BETTER:g}",
+        near=f"{NEAR:g}",
+        checks=markdown_table(CHECKS_HEAD, held),
+        distance=_DISTANCE if plot_distances(results, folder, figures) else "",
+        sections="\n".join(sections),
+    )
+    (folder / "report.md").write_text(page, encoding="utf-8")
+
+
+_DISTANCE = "## Phase over distance\n\n![distance](distance.png)\n\n"
 
 
 def _section(name, result, figure):
@@ -133,11 +116,10 @@ def _section(name, result, figure):
     lines += [f"Seed {result['seed']}.", ""]
     for sensor in result["sensors"]:
         lines += [
-            f"- {sensor['sensor']}: pressed is {sensor['truth_model']}, read with "
-            f"{sensor['model']}. {sensor['missed']} touched groups missed, "
-            f"{sensor['false']} touches that were none. Flags seen: "
-            f"{', '.join(sensor['flags']) or 'none'}.",
+            f"- {sensor['sensor']}: simulated with {sensor['truth_model']}, read with "
+            f"{sensor['model']}. Missed touches: {sensor['missed']} groups; false touches: "
+            f"{sensor['false']} groups. Flags: {', '.join(sensor['flags']) or 'none'}.",
         ]
         if sensor["not_readable"]:
             lines.append(f"  Not readable: {sensor['not_readable']}.")
-    return [*lines, "", f"![{name}]({name}.png)", ""]
+    return "\n".join([*lines, "", f"![{name}]({name}.png)", ""])
