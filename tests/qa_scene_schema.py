@@ -6,7 +6,7 @@ import copy
 import pytest
 import yaml
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.yamlfile import as_number
+from gnuradio.wiforce.io.values import as_number
 from gnuradio.wiforce.scene import load_scene
 
 MINIMAL = {"sensors": [{"name": "arm", "model": "wiforce-900mhz"}]}
@@ -150,7 +150,7 @@ def test_what_is_no_finite_number_is_not_taken_for_one(typed):
         ("environment.weather", "rain", "environment.weather: is not a known key"),
         ("sensors.0.model", "arm", "sensors[0].model: must be a .yaml file or one of fingertip-"),
         ("sensors.0.model", "none.yaml", "sensors[0].model: none.yaml: cannot be read"),
-        ("simulation.truth_model", "leg", "simulation: truth_model: must be a .yaml file or one"),
+        ("simulation.truth_model", "leg", "simulation.truth_model: must be a .yaml file or one"),
         ("simulation.truth_model", "line-2400mhz", "center_frequency_hz: model line-2400mhz: car"),
         ("radio.center_frequency_hz", 2.4e9, "center_frequency_hz: model wiforce-900mhz: carrier"),
         ("simulation.presses.0.tremor_n", -1, "presses[0].tremor_n: must be a number"),
