@@ -19,6 +19,7 @@ PROGRAM = "gr-wiforce"
 COMMANDS = {
     "demo": "Simulate a press, read it back, show it beside the truth.",
     "list": "Shipped scenes and sensor models, by name.",
+    "schema": "JSON Schema of scene and sensor files, for editors.",
     "simulate": "Write the capture of a scene and its truth.",
     "read": "Read a capture to force and location.",
     "live": "Read from a USRP as it happens.",

@@ -57,11 +57,12 @@ class Array(ValueType):
 
     @property
     def allowed(self) -> str:
-        limits = ""
         if (self.low, self.high) != (-LARGEST, LARGEST):
-            limits = f" from {self.low:g} to {self.high:g}"
+            limits = f" from {self.low:g} to {self.high:g} {self.unit}"
+        else:
+            limits = f" in {self.unit}" if self.unit else ""
         symbols = [size.symbol if isinstance(size, Size) else size for size in self.shape]
-        return f"{_list_of(symbols)}{limits} {self.unit}".rstrip()
+        return f"{_list_of(symbols)}{limits}"
 
     def _read(self, value: Any, place: Place, scope: Scope) -> np.ndarray | tuple[float, ...]:
         shape = [size.of(scope) if isinstance(size, Size) else size for size in self.shape]

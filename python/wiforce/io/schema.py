@@ -8,7 +8,6 @@ its :func:`keys`.
 """
 
 import dataclasses
-import difflib
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeVar, dataclass_transform
@@ -170,6 +169,8 @@ def _reject_unknown_keys(cls: type, values: dict[Any, Any], place: Place) -> Non
     known = keys(cls)
     for name in values:
         if name not in known:
+            import difflib  # only a file with an error pays for it
+
             near = difflib.get_close_matches(str(name), known, n=1)
             hint = f", did you mean '{near[0]}'?" if near else ""
             rule = f"is not a known key{hint} (known: {', '.join(known)})"

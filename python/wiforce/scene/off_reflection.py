@@ -4,7 +4,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from ..io.values import Place, Scope, ValueType, as_number
+from ..io.values import Number, Place, Scope, ValueType, as_number
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +35,7 @@ class OffReflection(ValueType):
         return first if first == second else [first, second]
 
     def _json_schema(self) -> dict[str, Any]:
-        part = {"type": "number", "exclusiveMinimum": -1, "exclusiveMaximum": 1}
+        part = Number(low=-1, above=True, high=1).json_schema() | {"exclusiveMaximum": 1}
         sizes = {"type": "array", "minItems": 2, "maxItems": 2}
         pair = sizes | {"items": part}
         return {"anyOf": [pair, sizes | {"items": pair}]}

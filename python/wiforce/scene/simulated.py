@@ -179,14 +179,14 @@ class Simulation:
     snr_db: float = key(
         Number(unit="dB", low=-100, high=140),
         default=10.0,
-        doc="Power \\|c1[1] G1\\|^2 of the tag's first line relative to the noise in H, per "
+        doc="Power |c1[1] G1|^2 of the tag's first line relative to the noise in H, per "
         "subcarrier and snapshot.",
     )
     static_clutter_db: float | None = key(
         Number(unit="dB", low=-100, high=140, optional=True),
         default=60.0,
         doc="Rms power over the subcarriers of everything that stands still, relative to "
-        "\\|c1[1] G1\\|^2; null means none.",
+        "|c1[1] G1|^2; null means none.",
     )
     moving_clutter_db: float | None = key(
         Number(unit="dB", low=-100, high=140, optional=True),
@@ -198,7 +198,8 @@ class Simulation:
         derived=Derived(
             "`environment.moving_clutter_hz`", lambda scope: scope["environment"].moving_clutter_hz
         ),
-        doc="Highest Doppler frequency of what moves. State it to give the reader a wrong value.",
+        doc="Highest Doppler frequency of what moves. Where it differs from the default, the reader "
+        "works with a wrong value.",
     )
     tag_coherence_hz: float | None = key(
         Number(unit="Hz", low=0, above=True, high=1e9, optional=True),
