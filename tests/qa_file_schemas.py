@@ -13,7 +13,7 @@ import yaml
 from gnuradio.wiforce._config import DATA_DIR
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.schema import ListOf, Mapping, keys
-from gnuradio.wiforce.io.values import Place, Scope
+from gnuradio.wiforce.io.values import KeyPath, Scope
 from gnuradio.wiforce.scene import Scene, load_scene, scene_json_schema
 from gnuradio.wiforce.sensor import sensor_from_dict
 from gnuradio.wiforce.sensor.file_schema import FILES, sensor_json_schema
@@ -187,7 +187,7 @@ def test_declared_keys_are_documented_and_their_defaults_keep_their_rules(cls):
         assert key.doc.endswith("."), dotted
         if key.default is not dataclasses.MISSING:
             written = key.type.plain(key.default)
-            read_back = key.type.read(written, Place("default", dotted), Scope())
+            read_back = key.type.read(written, KeyPath("default", dotted), Scope())
             assert read_back == key.default, dotted
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .values import Number, Place, Scope, ValueType, as_number
+from .values import KeyPath, Number, Scope, ValueType, as_number
 
 LARGEST = 1e12  # of any number: squares and ratios of such numbers are still finite
 
@@ -45,7 +45,7 @@ class Array(ValueType):
     Examples
     --------
     >>> ports = Array(shape=(2,), unit="deg", as_tuple=True)
-    >>> ports.read([10, "2e1"], Place("sensor.yaml"), Scope())
+    >>> ports.read([10, "2e1"], KeyPath("sensor.yaml"), Scope())
     (10.0, 20.0)
     """
 
@@ -64,16 +64,16 @@ class Array(ValueType):
         symbols = [size.symbol if isinstance(size, Size) else size for size in self.shape]
         return f"{_list_of(symbols)}{limits}"
 
-    def _read(self, value: Any, place: Place, scope: Scope) -> np.ndarray | tuple[float, ...]:
+    def _read(self, value: Any, where: KeyPath, scope: Scope) -> np.ndarray | tuple[float, ...]:
         shape = [size.of(scope) if isinstance(size, Size) else size for size in self.shape]
         try:
             numbers = np.array(_nested(value, shape), float)
         except ValueError:
-            raise place.error(f"must be {_list_of(shape)}", value) from None
+            raise where.error(f"must be {_list_of(shape)}", value) from None
         outside = numbers[(numbers < self.low) | (numbers > self.high)]
         if outside.size:
             rule = f"must hold numbers from {self.low:g} to {self.high:g}"
-            raise place.error(rule, float(outside[0]))
+            raise where.error(rule, float(outside[0]))
         return tuple(numbers.tolist()) if self.as_tuple else numbers
 
     def plain(self, value: Any) -> Any:

@@ -12,7 +12,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeVar, dataclass_transform
 
-from .values import Place, Scope, ValueType
+from .values import KeyPath, Scope, ValueType
+
+# YAML language servers take this draft; of later ones they support parts.
+DRAFT_7 = "http://json-schema.org/draft-07/schema#"
 
 T = TypeVar("T")
 
@@ -49,18 +52,19 @@ class Key:
         no_default = self.default is dataclasses.MISSING and self.derived is None
         return no_default and not self.type.may_be_absent
 
-    def read(self, values: dict[Any, Any], name: str, place: Place, scope: Scope) -> Any:
+    def read(self, values: dict[Any, Any], name: str, where: KeyPath, scope: Scope) -> Any:
         """The checked value of this key in a mapping, or its default."""
-        value = values.get(name)
-        if name not in values and self.derived:
-            value = self.derived.of(scope)
-        if name not in values and self.default is not dataclasses.MISSING:
+        if name in values:
+            value = self.type.read(values[name], where, scope)
+        elif self.derived:
+            value = self.type.read(self.derived.of(scope), where, scope)
+        elif self.default is not dataclasses.MISSING:
             value = self.default
         else:
-            value = self.type.read(value, place, scope)
+            value = self.type.read(None, where, scope)
         rule = self.check(value, scope) if self.check else None
         if rule:
-            raise place.error(rule, self.type.plain(value))
+            raise where.error(rule, self.type.plain(value))
         return value
 
 
@@ -85,11 +89,16 @@ def key(
         A default that depends on other values. Without any default the key is required, unless
         its type allows null.
     check : callable, optional
-        A rule that involves other values: value and scope to the rule that is broken, or None.
+        A further rule, which may involve other values: value and scope to the text of the rule
+        that is broken, or None.
 
     Returns
     -------
     dataclasses.Field
+
+    Examples
+    --------
+    See :func:`declared`.
     """
     metadata = {"key": Key(type, doc, default, derived, check)}
     return dataclasses.field(default=default, metadata=metadata)
@@ -103,14 +112,14 @@ def declared(cls: type[T]) -> type[T]:
 
     Examples
     --------
-    >>> from .values import Number, Place
+    >>> from .values import Number, KeyPath
     >>> @declared
     ... class Radio:
     ...     '''The radio.'''
     ...     rate_hz: float = key(Number(unit="Hz", low=1, high=1e9), default=1e6, doc="Rate.")
-    >>> read(Radio, {"rate_hz": "2e6"}, Place("scene.yaml"))
+    >>> read(Radio, {"rate_hz": "2e6"}, KeyPath("scene.yaml"))
     Radio(rate_hz=2000000.0)
-    >>> read(Radio, {"rate": 1}, Place("scene.yaml"))
+    >>> read(Radio, {"rate": 1}, KeyPath("scene.yaml"))
     Traceback (most recent call last):
     gnuradio.wiforce.errors.InputError: scene.yaml: rate: is not a known key, did you mean \
 'rate_hz'? (known: rate_hz)
@@ -129,7 +138,7 @@ def keys(cls: type) -> dict[str, Key]:
     return {field.name: field.metadata["key"] for field in fields if "key" in field.metadata}
 
 
-def read(cls: type[T], values: Any, place: Place, scope: Scope | None = None, **more: Any) -> T:
+def read(cls: type[T], values: Any, where: KeyPath, scope: Scope | None = None, **more: Any) -> T:
     """Read a mapping that a class declares.
 
     Parameters
@@ -138,7 +147,7 @@ def read(cls: type[T], values: Any, place: Place, scope: Scope | None = None, **
         A class decorated with :func:`declared`.
     values : dict
         As the YAML loader returns it.
-    place : Place
+    where : KeyPath
         Where the mapping is, for messages.
     scope : Scope, optional
         Values of the enclosing mappings that were read before.
@@ -156,16 +165,16 @@ def read(cls: type[T], values: Any, place: Place, scope: Scope | None = None, **
         value.
     """
     if not isinstance(values, dict):
-        raise place.error("must be a mapping of keys to values", values)
-    _reject_unknown_keys(cls, values, place)
+        raise where.error("must be a mapping of keys to values", values)
+    _reject_unknown_keys(cls, values, where)
     found: dict[str, Any] = {}
     inner = (scope if scope is not None else Scope()).new_child(found)
     for name, each in keys(cls).items():
-        found[name] = each.read(values, name, place.key(name), inner)
+        found[name] = each.read(values, name, where.key(name), inner)
     return cls(**found, **more)
 
 
-def _reject_unknown_keys(cls: type, values: dict[Any, Any], place: Place) -> None:
+def _reject_unknown_keys(cls: type, values: dict[Any, Any], where: KeyPath) -> None:
     known = keys(cls)
     for name in values:
         if name not in known:
@@ -174,7 +183,7 @@ def _reject_unknown_keys(cls: type, values: dict[Any, Any], place: Place) -> Non
             near = difflib.get_close_matches(str(name), known, n=1)
             hint = f", did you mean '{near[0]}'?" if near else ""
             rule = f"is not a known key{hint} (known: {', '.join(known)})"
-            raise place.key(str(name)[:60]).error(rule)
+            raise where.key(str(name)[:60]).error(rule)
 
 
 def plain(cls: type, source: Any) -> dict[str, Any]:
@@ -240,11 +249,11 @@ class Mapping(ValueType):
     def may_be_absent(self) -> bool:
         return not any(each.required for each in keys(self.of).values())
 
-    def read(self, value: Any, place: Place, scope: Scope) -> Any:
-        return self._read({} if value is None else value, place, scope)
+    def read(self, value: Any, where: KeyPath, scope: Scope) -> Any:
+        return self._read({} if value is None else value, where, scope)
 
-    def _read(self, value: Any, place: Place, scope: Scope) -> Any:
-        return read(self.of, value, place, scope)
+    def _read(self, value: Any, where: KeyPath, scope: Scope) -> Any:
+        return read(self.of, value, where, scope)
 
     def plain(self, value: Any) -> dict[str, Any]:
         return plain(self.of, value)
@@ -278,14 +287,14 @@ class ListOf(ValueType):
     def may_be_absent(self) -> bool:
         return self.least == 0
 
-    def read(self, value: Any, place: Place, scope: Scope) -> Any:
-        return super().read([] if value is None and self.may_be_absent else value, place, scope)
+    def read(self, value: Any, where: KeyPath, scope: Scope) -> Any:
+        return super().read([] if value is None and self.may_be_absent else value, where, scope)
 
-    def _read(self, value: Any, place: Place, scope: Scope) -> tuple[Any, ...]:
+    def _read(self, value: Any, where: KeyPath, scope: Scope) -> tuple[Any, ...]:
         if not isinstance(value, list | tuple) or not self.least <= len(value) <= self.most:
-            raise place.error(self.rule, value)
+            raise where.error(self.rule, value)
         items = enumerate(value)
-        return tuple(read(self.of, item, place.item(index), scope) for index, item in items)
+        return tuple(read(self.of, item, where.item(index), scope) for index, item in items)
 
     def plain(self, value: Any) -> list[dict[str, Any]]:
         return [plain(self.of, item) for item in value]

@@ -51,7 +51,7 @@ def as_number(value: Any) -> float | None:
 
 
 @dataclass(frozen=True)
-class Place:
+class KeyPath:
     """Where a value is, as error messages name it: file and dotted key.
 
     Parameters
@@ -63,23 +63,23 @@ class Place:
 
     Examples
     --------
-    >>> str(Place("scene.yaml").key("sensors").item(0).key("clock_hz"))
+    >>> str(KeyPath("scene.yaml").key("sensors").item(0).key("clock_hz"))
     'scene.yaml: sensors[0].clock_hz'
     """
 
     source: str
     dotted: str = ""
 
-    def key(self, name: str) -> "Place":
-        """The place of a key of the mapping at this place."""
-        return Place(self.source, f"{self.dotted}.{name}" if self.dotted else name)
+    def key(self, name: str) -> "KeyPath":
+        """The path of a key of the mapping at this path."""
+        return KeyPath(self.source, f"{self.dotted}.{name}" if self.dotted else name)
 
-    def item(self, index: int) -> "Place":
-        """The place of an item of the list at this place."""
-        return Place(self.source, f"{self.dotted}[{index}]")
+    def item(self, index: int) -> "KeyPath":
+        """The path of an item of the list at this path."""
+        return KeyPath(self.source, f"{self.dotted}[{index}]")
 
     def error(self, rule: str, *value: Any) -> InputError:
-        """The error to raise for a value at this place that breaks a rule."""
+        """The error to raise for a value at this path that breaks a rule."""
         return InputError(str(self), rule, *value)
 
     def __str__(self) -> str:
@@ -113,14 +113,14 @@ class ValueType(ABC):
         """Whether a key of this type may be left out even where no default is declared."""
         return self.optional
 
-    def read(self, value: Any, place: Place, scope: Scope) -> Any:
+    def read(self, value: Any, where: KeyPath, scope: Scope) -> Any:
         """Check and convert a value from a file.
 
         Parameters
         ----------
         value : object
             As the YAML loader returns it; None where it is missing.
-        place : Place
+        where : KeyPath
         scope : Scope
             Values read before this one.
 
@@ -137,11 +137,11 @@ class ValueType(ABC):
         if value is None and self.optional:
             return None
         if value is None:
-            raise place.error(f"is missing, {self.rule}")
-        return self._read(value, place, scope)
+            raise where.error(f"is missing, {self.rule}")
+        return self._read(value, where, scope)
 
     @abstractmethod
-    def _read(self, value: Any, place: Place, scope: Scope) -> Any:
+    def _read(self, value: Any, where: KeyPath, scope: Scope) -> Any:
         """As :meth:`read`, for a value that is not None."""
 
     def plain(self, value: Any) -> Any:
@@ -199,12 +199,12 @@ class Number(ValueType):
         )
         return f"{self._noun} {limits} {self.unit}".rstrip()
 
-    def _read(self, value: Any, place: Place, scope: Scope) -> float:
+    def _read(self, value: Any, where: KeyPath, scope: Scope) -> float:
         number = self._converted(value)
         if number is None or not self.low <= number <= self.high:
-            raise place.error(self.rule, value)
+            raise where.error(self.rule, value)
         if self.above and number == self.low:
-            raise place.error(self.rule, value)
+            raise where.error(self.rule, value)
         return number
 
     def _converted(self, value: Any) -> float | None:
@@ -243,10 +243,10 @@ class Text(ValueType):
     def allowed(self) -> str:
         return f"printable text of 1 to {self.limit} characters"
 
-    def _read(self, value: Any, place: Place, scope: Scope) -> str:
+    def _read(self, value: Any, where: KeyPath, scope: Scope) -> str:
         printable = isinstance(value, str) and value.strip() and value.isprintable()
         if not printable or len(value) > self.limit:
-            raise place.error(self.rule, value)
+            raise where.error(self.rule, value)
         return value
 
     def _json_schema(self) -> dict[str, Any]:
@@ -266,9 +266,9 @@ class Texts(ValueType):
     def allowed(self) -> str:
         return "a list of texts"
 
-    def _read(self, value: Any, place: Place, scope: Scope) -> list[str]:
+    def _read(self, value: Any, where: KeyPath, scope: Scope) -> list[str]:
         if not isinstance(value, list) or not all(isinstance(text, str) for text in value):
-            raise place.error(self.rule, value)
+            raise where.error(self.rule, value)
         return value
 
     def _json_schema(self) -> dict[str, Any]:
@@ -285,9 +285,9 @@ class Choice(ValueType):
     def allowed(self) -> str:
         return " or ".join(f"'{word}'" for word in self.words)
 
-    def _read(self, value: Any, place: Place, scope: Scope) -> str:
+    def _read(self, value: Any, where: KeyPath, scope: Scope) -> str:
         if not isinstance(value, str) or value not in self.words:
-            raise place.error(self.rule, value)
+            raise where.error(self.rule, value)
         return value
 
     def _json_schema(self) -> dict[str, Any]:
@@ -302,11 +302,11 @@ class Date(ValueType):
     def allowed(self) -> str:
         return "a date such as 2026-01-31"
 
-    def _read(self, value: Any, place: Place, scope: Scope) -> str:
+    def _read(self, value: Any, where: KeyPath, scope: Scope) -> str:
         if isinstance(value, datetime.date):
             return value.isoformat()
         if not isinstance(value, str):
-            raise place.error(self.rule, value)
+            raise where.error(self.rule, value)
         return value
 
     def _json_schema(self) -> dict[str, Any]:
@@ -321,9 +321,9 @@ class AnyMapping(ValueType):
     def allowed(self) -> str:
         return "a mapping of keys to values"
 
-    def _read(self, value: Any, place: Place, scope: Scope) -> dict[Any, Any]:
+    def _read(self, value: Any, where: KeyPath, scope: Scope) -> dict[Any, Any]:
         if not isinstance(value, dict):
-            raise place.error(self.rule, value)
+            raise where.error(self.rule, value)
         return value
 
     def _json_schema(self) -> dict[str, Any]:

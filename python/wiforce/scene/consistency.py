@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from ..errors import InputError
-from ..io.values import Place
+from ..io.values import KeyPath
 from .schema import Scene
 
 # What breaks a rule: dotted key, rule and value, where the rule does not state the value itself.
@@ -42,7 +42,7 @@ def check_scene(scene: Scene, source: str) -> None:
         _models,
     ):
         for dotted, rule, *value in check(scene):
-            raise Place(source, dotted).error(rule, *value)
+            raise KeyPath(source, dotted).error(rule, *value)
 
 
 def _reader_clock(scene: Scene) -> Iterator[Violation]:

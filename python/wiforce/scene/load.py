@@ -8,7 +8,7 @@ from typing import Any
 
 from ..errors import InputError
 from ..io.schema import read
-from ..io.values import Place
+from ..io.values import KeyPath
 from ..io.yamlfile import read_yaml
 from .consistency import check_scene
 from .schema import Scene
@@ -47,16 +47,16 @@ at most 1e+06 Hz, got 0
     if isinstance(scene, Scene):
         return scene
     if isinstance(scene, dict):
-        return _checked(scene, Place("scene"), None)
+        return _checked(scene, KeyPath("scene"), None)
     path = _scene_path(scene)
-    return _checked(read_yaml(path), Place(str(scene)), path)
+    return _checked(read_yaml(path), KeyPath(str(scene)), path)
 
 
-def _checked(values: dict[str, Any], place: Place, path: Path | None) -> Scene:
-    scene = read(Scene, values, place, path=path)
-    tagged = with_all_tags(scene.simulation, scene.sensors, place.key("simulation"))
+def _checked(values: dict[str, Any], where: KeyPath, path: Path | None) -> Scene:
+    scene = read(Scene, values, where, path=path)
+    tagged = with_all_tags(scene.simulation, scene.sensors, where.key("simulation"))
     scene = replace(scene, simulation=tagged)
-    check_scene(scene, place.source)
+    check_scene(scene, where.source)
     return scene
 
 

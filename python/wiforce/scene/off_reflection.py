@@ -4,7 +4,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from ..io.values import Number, Place, Scope, ValueType, as_number
+from ..io.values import KeyPath, Number, Scope, ValueType, as_number
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -15,7 +15,7 @@ class OffReflection(ValueType):
 
     Examples
     --------
-    >>> OffReflection().read([0.1, 0.2], Place("scene.yaml"), Scope())
+    >>> OffReflection().read([0.1, 0.2], KeyPath("scene.yaml"), Scope())
     ((0.1+0.2j), (0.1+0.2j))
     """
 
@@ -23,11 +23,11 @@ class OffReflection(ValueType):
     def allowed(self) -> str:
         return "a pair [re, im] of magnitude below 1, or a list of two such pairs"
 
-    def _read(self, value: Any, place: Place, scope: Scope) -> tuple[complex, complex]:
+    def _read(self, value: Any, where: KeyPath, scope: Scope) -> tuple[complex, complex]:
         pairs = value if _is_pair(value) and _is_pair(value[0]) else [value, value]
         first, second = (_as_complex(pair) for pair in pairs)
         if first is None or second is None or max(abs(first), abs(second)) >= 1:
-            raise place.error(self.rule, value)
+            raise where.error(self.rule, value)
         return first, second
 
     def plain(self, value: tuple[complex, complex]) -> list[Any]:

@@ -7,13 +7,16 @@ What a simulation adds is declared in :mod:`.simulated`. Rules that involve seve
 
 import dataclasses
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from ..io.schema import ListOf, Mapping, declared, json_schema, key, plain
+from ..io.schema import DRAFT_7, ListOf, Mapping, declared, json_schema, key, plain
 from ..io.values import Choice, Integer, Number, Text
 from ..signal.waveform import PREAMBLE_LENGTH, Waveform, sounding_waveform
 from .off_reflection import OffReflection
-from .simulated import MAX_SENSORS, Simulation
+from .simulated import MAX_SENSORS, MODEL_NAME_LENGTH, Simulation
+
+if TYPE_CHECKING:
+    from ..sensor import SensorModel
 
 
 @declared
@@ -94,7 +97,7 @@ class SceneSensor:
 
     name: str = key(Text(limit=64), doc="Name in the readings; differs from every other.")
     model: str = key(
-        Text(limit=4096),
+        Text(limit=MODEL_NAME_LENGTH),
         doc="Sensor model that phases are inverted with: a shipped name, or the path of a sensor "
         "file relative to the scene file.",
     )
@@ -115,7 +118,7 @@ class SceneSensor:
         doc="G_off / rho of the open switches; two pairs where the switches differ.",
     )
 
-    def load_model(self, scene: "Scene") -> Any:
+    def load_model(self, scene: "Scene") -> "SensorModel":
         """Load the reader's model of this sensor (see ``sensor.load_sensor``)."""
         return scene.load_model(self.model)
 
@@ -174,7 +177,7 @@ class Scene:
         """Names of the sensors, in their order."""
         return tuple(sensor.name for sensor in self.sensors)
 
-    def load_model(self, name: str) -> Any:
+    def load_model(self, name: str) -> "SensorModel":
         """Load a sensor model by its shipped name, or by its path relative to the scene file."""
         from ..sensor import load_sensor
 
@@ -197,7 +200,4 @@ def scene_json_schema() -> dict[str, Any]:
     >>> scene_json_schema()["required"]
     ['sensors']
     """
-    return {
-        "$schema": "http://json-schema.org/draft-07/schema#",
-        "title": "gr-wiforce scene",
-    } | json_schema(Scene)
+    return {"$schema": DRAFT_7, "title": "gr-wiforce scene"} | json_schema(Scene)

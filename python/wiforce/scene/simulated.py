@@ -6,15 +6,21 @@ Only the simulator and the software device use this part of a scene; a reader ne
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..io.schema import Derived, ListOf, declared, key, read
-from ..io.values import Choice, Integer, Number, Place, Scope, Text
+from ..io.values import Choice, Integer, KeyPath, Number, Scope, Text
+
+if TYPE_CHECKING:
+    from .schema import SceneSensor
 
 MAX_SENSORS = 16
 MAX_EVENTS = 1000
-LONGEST_S = 1e6
-_PATH_LENGTH = 4096  # the longest path of a file that Linux accepts
+MODEL_NAME_LENGTH = 4096  # of a path, the longest that Linux accepts
+_LONGEST_S = 1e6
+_TIME = Number(unit="s", low=0, high=_LONGEST_S)
+_CLOCK_OFFSET = Number(unit="ppm", low=-1000, high=1000)
+_CLOCK_DRIFT = Number(unit="ppm/s", low=-10, high=10)
 
 
 def sensor_name() -> Any:
@@ -53,16 +59,16 @@ class Press:
 
     sensor: str = sensor_name()
     start_s: float = key(
-        Number(unit="s", low=0, high=LONGEST_S),
+        _TIME,
         doc="Start of the press. Not before `reference_s`; presses of one sensor must not overlap.",
     )
     rise_s: float = key(
-        Number(unit="s", low=0, high=LONGEST_S),
+        _TIME,
         default=0.1,
         doc="Time in which the force rises from 0 to `force_n`, and falls to 0 at the end.",
     )
     hold_s: float = key(
-        Number(unit="s", low=0, high=LONGEST_S),
+        _TIME,
         doc="Time in which the force changes linearly from `force_n` to `end_force_n`.",
     )
     force_n: float = key(
@@ -94,9 +100,9 @@ class Move:
     """A movement of a sensor's tag; its two-way path grows by twice the distance."""
 
     sensor: str = sensor_name()
-    start_s: float = key(Number(unit="s", low=0, high=LONGEST_S), doc="Start of the movement.")
+    start_s: float = key(_TIME, doc="Start of the movement.")
     duration_s: float = key(
-        Number(unit="s", low=0, high=LONGEST_S),
+        _TIME,
         default=0.0,
         doc="Duration of the movement, at constant speed. The tag then stays where it is.",
     )
@@ -112,7 +118,7 @@ class Tag:
 
     sensor: str = sensor_name()
     truth_model: str = key(
-        Text(limit=_PATH_LENGTH),
+        Text(limit=MODEL_NAME_LENGTH),
         derived=Derived("`simulation.truth_model`, otherwise the sensor's `model`", _truth_model),
         doc="Sensor model that is pressed, as `simulation.truth_model`.",
     )
@@ -122,12 +128,12 @@ class Tag:
         doc="Strength of this tag relative to the levels that the scene states.",
     )
     clock_offset_ppm: float = key(
-        Number(unit="ppm", low=-1000, high=1000),
+        _CLOCK_OFFSET,
         derived=Derived("`simulation.clock_offset_ppm`", lambda scope: scope["clock_offset_ppm"]),
         doc="Error of this tag's crystal at time 0, positive where the clock is fast.",
     )
     clock_drift_ppm_per_s: float = key(
-        Number(unit="ppm/s", low=-10, high=10),
+        _CLOCK_DRIFT,
         derived=Derived(
             "`simulation.clock_drift_ppm_per_s`", lambda scope: scope["clock_drift_ppm_per_s"]
         ),
@@ -161,13 +167,13 @@ class Simulation:
     """
 
     truth_model: str | None = key(
-        Text(limit=_PATH_LENGTH, optional=True),
+        Text(limit=MODEL_NAME_LENGTH, optional=True),
         default=None,
         doc="Sensor model that is pressed; null means the sensor's `model`. It should differ from "
         "`model`, otherwise the reader knows the sensor better than any calibration could.",
     )
     duration_s: float = key(
-        Number(unit="s", low=0, above=True, high=LONGEST_S),
+        Number(unit="s", low=0, above=True, high=_LONGEST_S),
         default=3.0,
         doc="Length of the capture, at least one phase group. Whole frames are written.",
     )
@@ -198,8 +204,8 @@ class Simulation:
         derived=Derived(
             "`environment.moving_clutter_hz`", lambda scope: scope["environment"].moving_clutter_hz
         ),
-        doc="Highest Doppler frequency of what moves. Where it differs from the default, the reader "
-        "works with a wrong value.",
+        doc="Highest Doppler frequency of what moves. Where it differs from the default, the "
+        "reader works with a wrong value.",
     )
     tag_coherence_hz: float | None = key(
         Number(unit="Hz", low=0, above=True, high=1e9, optional=True),
@@ -207,12 +213,12 @@ class Simulation:
         doc="Coherence bandwidth of Rayleigh fading on the tags' paths; null means flat paths.",
     )
     clock_offset_ppm: float = key(
-        Number(unit="ppm", low=-1000, high=1000),
+        _CLOCK_OFFSET,
         default=40.0,
         doc="Error of the tags' crystals at time 0, positive where the clock is fast.",
     )
     clock_drift_ppm_per_s: float = key(
-        Number(unit="ppm/s", low=-10, high=10),
+        _CLOCK_DRIFT,
         default=0.1,
         doc="Drift of that error. It reverses where the error reaches the tolerance.",
     )
@@ -241,14 +247,16 @@ class Simulation:
     moves: tuple[Move, ...] = key(ListOf(of=Move, most=MAX_EVENTS), doc="The movements of tags.")
 
 
-def with_all_tags(simulation: Simulation, sensors: Iterable[Any], place: Place) -> Simulation:
+def with_all_tags(
+    simulation: Simulation, sensors: Iterable["SceneSensor"], where: KeyPath
+) -> Simulation:
     """Complete the list of tags: one entry per sensor, in the order of the sensors.
 
     Parameters
     ----------
     simulation : Simulation
     sensors : iterable of SceneSensor
-    place : Place
+    where : KeyPath
         Of the simulation in its file, for messages.
 
     Returns
@@ -263,14 +271,14 @@ def with_all_tags(simulation: Simulation, sensors: Iterable[Any], place: Place) 
     stated: dict[str, Tag] = {}
     for index, tag in enumerate(simulation.tags):
         if tag.sensor in stated:
-            where = place.key("tags").item(index).key("sensor")
-            raise where.error("must not have two entries", tag.sensor)
+            duplicate = where.key("tags").item(index).key("sensor")
+            raise duplicate.error("must not have two entries", tag.sensor)
         stated[tag.sensor] = tag
     scope = Scope(vars(simulation), {"sensors": sensors})
     return replace(
         simulation,
         tags=tuple(
-            stated.get(sensor.name) or read(Tag, {"sensor": sensor.name}, place, scope)
+            stated.get(sensor.name) or read(Tag, {"sensor": sensor.name}, where, scope)
             for sensor in sensors
         ),
     )

@@ -11,7 +11,7 @@ import yaml
 from ..errors import InputError, unwritable
 from ..io.schema import keys, plain, read
 from ..io.textfile import write_whole
-from ..io.values import Choice, Place, Scope
+from ..io.values import Choice, KeyPath, Scope
 from ..io.yamlfile import read_yaml
 from .checks import check_onset
 from .curves import Carrier, CurveModel
@@ -106,12 +106,12 @@ def sensor_from_dict(content: dict[str, Any], where: str | Path = "sensor") -> S
     gnuradio.wiforce.errors.InputError: sensor: length_mm: must be a number above 0 and at most \
 10000 mm, got -80
     """
-    place = Place(str(where))
+    top = KeyPath(str(where))
     if not isinstance(content, dict):
-        raise place.error("must be a mapping of keys to values", content)
-    kind = Choice(words=tuple(FILES)).read(content.get("kind"), place.key("kind"), Scope())
-    file = read(FILES[kind], content, place)
-    check_onset(place.key("onset_force_n"), file.onset_force_n, file.force_span_n[1])
+        raise top.error("must be a mapping of keys to values", content)
+    kind = Choice(words=tuple(FILES)).read(content.get("kind"), top.key("kind"), Scope())
+    file = read(FILES[kind], content, top)
+    check_onset(top.key("onset_force_n"), file.onset_force_n, file.force_span_n[1])
     return _model_of(file)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..io.arrays import LARGEST, Array, Size
-from ..io.schema import Derived, ListOf, Mapping, declared, json_schema, key
+from ..io.schema import DRAFT_7, Derived, ListOf, Mapping, declared, json_schema, key
 from ..io.values import AnyMapping, Choice, Date, Number, Scope, Text, Texts
 from .curves import FORMS, force_basis
 from .location import SHAPES
@@ -247,7 +247,7 @@ def sensor_json_schema() -> dict[str, Any]:
     ['kind']
     """
     return {
-        "$schema": "http://json-schema.org/draft-07/schema#",
+        "$schema": DRAFT_7,
         "title": "gr-wiforce sensor",
         "type": "object",
         "properties": {"kind": {"enum": list(FILES)}},
