@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Scenes: what a file may say, and the one line that a wrong one gets."""
+"""Scene files: what they may contain, and the one-line error for anything else."""
 
 import copy
+import subprocess
+import sys
 
 import pytest
 import yaml
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.yamlfile import as_number
+from gnuradio.wiforce.io.values import as_number
 from gnuradio.wiforce.scene import load_scene
 
 MINIMAL = {"sensors": [{"name": "arm", "model": "wiforce-900mhz"}]}
@@ -24,14 +26,14 @@ def changed(dotted, value, scene=None):
     return scene
 
 
-def refusal(scene):
+def rejection(scene):
     with pytest.raises(InputError) as error:
         load_scene(scene)
     assert "\n" not in str(error.value)
     return str(error.value)
 
 
-def test_a_scene_of_sensors_only_gets_every_documented_default():
+def test_scene_with_sensors_only_gets_documented_defaults():
     scene = load_scene(MINIMAL)
     assert (scene.radio.center_frequency_hz, scene.radio.sample_rate_hz) == (900e6, 12.5e6)
     assert (scene.sounding.waveform, scene.sounding.frame_length) == ("repeated", 720)
@@ -53,7 +55,7 @@ def test_a_scene_of_sensors_only_gets_every_documented_default():
     assert simulation.presses == ()
 
 
-def test_the_scene_of_the_specification_is_read_key_by_key(tmp_path):
+def test_scene_with_all_sections_is_read_key_by_key(tmp_path):
     path = tmp_path / "scene.yaml"
     path.write_text(
         """
@@ -100,23 +102,23 @@ simulation:
     assert (second.rise_s, second.end_force_n) == (0.1, 3)
 
 
-def test_a_scene_written_out_with_its_defaults_reads_back_the_same():
+def test_scene_as_dict_reads_back_equal():
     scene = load_scene(changed("sensors.0.off_reflection", [[0.1, 0.0], [0.0, 0.2]]))
     assert load_scene(yaml.safe_load(yaml.safe_dump(scene.as_dict()))) == scene
 
 
 @pytest.mark.parametrize("typed", ["900e6", "9e8", "900000000", "900.0e+6", " 9.0E8 "])
-def test_numbers_that_yaml_takes_for_text_are_read_as_numbers(typed):
+def test_number_typed_as_text_is_read_as_number(typed):
     assert load_scene(changed("radio.center_frequency_hz", typed)).radio.center_frequency_hz == 9e8
 
 
 @pytest.mark.parametrize("typed", ["", "nan", ".inf", "1_000", "0x10", "1e999", True, None, [1]])
-def test_what_is_no_finite_number_is_not_taken_for_one(typed):
+def test_as_number_of_anything_else_is_none(typed):
     assert as_number(typed) is None
 
 
 @pytest.mark.parametrize(
-    "dotted, value, told",
+    "dotted, value, expected",
     [
         ("radios", {}, "radios: is not a known key"),
         ("sounding.wavform", "wifi", "sounding.wavform: is not a known key"),
@@ -150,7 +152,7 @@ def test_what_is_no_finite_number_is_not_taken_for_one(typed):
         ("environment.weather", "rain", "environment.weather: is not a known key"),
         ("sensors.0.model", "arm", "sensors[0].model: must be a .yaml file or one of fingertip-"),
         ("sensors.0.model", "none.yaml", "sensors[0].model: none.yaml: cannot be read"),
-        ("simulation.truth_model", "leg", "simulation: truth_model: must be a .yaml file or one"),
+        ("simulation.truth_model", "leg", "simulation.truth_model: must be a .yaml file or one"),
         ("simulation.truth_model", "line-2400mhz", "center_frequency_hz: model line-2400mhz: car"),
         ("radio.center_frequency_hz", 2.4e9, "center_frequency_hz: model wiforce-900mhz: carrier"),
         ("simulation.presses.0.tremor_n", -1, "presses[0].tremor_n: must be a number"),
@@ -178,17 +180,58 @@ def test_what_is_no_finite_number_is_not_taken_for_one(typed):
         ("simulation.presses", [PRESS, PRESS], "must not overlap another press of sensor 'arm'"),
         ("simulation.tags", [{"sensor": "leg"}], "tags[0].sensor: must be the name of a sensor"),
         ("simulation.tags", [{}, {}], "tags[1].sensor: must not have two entries"),
+        (
+            "simulation.tags",
+            [{"truth_model": "leg"}],
+            "simulation.tags[arm].truth_model: must be a",
+        ),
         ("simulation.moves", [{"start_s": 1}], "moves[0].distance_mm: is missing"),
     ],
 )
-def test_a_wrong_scene_is_refused_by_key_and_rule(dotted, value, told):
-    assert told in refusal(changed(dotted, value))
+def test_scene_with_wrong_value_names_key_and_rule(dotted, value, expected):
+    assert expected in rejection(changed(dotted, value))
 
 
-def test_a_clock_just_below_nyquist_is_accepted_and_just_above_is_not():
+@pytest.mark.parametrize(
+    "dotted, expected",
+    [
+        ("sensors.0.clok_hz", "clok_hz: is not a known key, did you mean 'clock_hz'? (known: name"),
+        ("radio.sample_rate", "is not a known key, did you mean 'sample_rate_hz'? (known: center"),
+        ("weather", "scene: weather: is not a known key (known: radio, sounding"),
+    ],
+)
+def test_scene_with_unknown_key_suggests_the_nearest_one(dotted, expected):
+    """A typo is reported before any key that it leaves missing."""
+    scene = changed(dotted, 1)
+    scene["sensors"][0].pop("model")
+    assert expected in rejection(scene)
+
+
+def test_tags_not_listed_get_the_defaults_of_the_simulation():
+    scene = sensors(1000, 1400)
+    scene["simulation"] = {
+        "clock_offset_ppm": 7,
+        "truth_model": "line-900mhz",
+        "tags": [{"sensor": "s1", "level_db": -3, "clock_offset_ppm": 9}],
+    }
+    first, second = load_scene(scene).simulation.tags
+    assert (first.sensor, first.level_db, first.clock_offset_ppm) == ("s0", 0, 7)
+    assert (second.sensor, second.level_db, second.clock_offset_ppm) == ("s1", -3, 9)
+    assert first.truth_model == second.truth_model == "line-900mhz"
+
+
+def test_scene_package_import_loads_neither_scipy_nor_gnuradio():
+    """Completion in a shell and `gr-wiforce schema` must answer at once."""
+    code = "import sys, gnuradio.wiforce.scene; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    heavy = {"scipy", "pandas", "pmt", "gnuradio.gr"}
+    assert "gnuradio.wiforce.scene" in done.stdout and not heavy & {*done.stdout.split()}
+
+
+def test_clock_near_nyquist_is_accepted_below_and_rejected_above():
     nyquist_hz = 12.5e6 / 720 / 2
     load_scene(changed("sensors.0.clock_hz", nyquist_hz / 4 * 0.9999))
-    assert "8680.56" in refusal(changed("sensors.0.clock_hz", nyquist_hz / 4 * 1.0001))
+    assert "8680.56" in rejection(changed("sensors.0.clock_hz", nyquist_hz / 4 * 1.0001))
 
 
 def sensors(*clocks_hz):
@@ -201,31 +244,31 @@ def sensors(*clocks_hz):
 
 
 @pytest.mark.parametrize("second_hz", [1400, 1790, 1200, 1250])
-def test_tags_whose_main_lines_lie_apart_may_share_a_scene(second_hz):
+def test_clocks_with_distinct_lines_are_accepted(second_hz):
     load_scene(sensors(1000, second_hz))
 
 
 @pytest.mark.parametrize("clocks_hz", [(1000, 1000), (1000, 1010), (1000, 2000), (400, 1600)])
-def test_tags_that_could_not_be_told_apart_are_refused(clocks_hz):
-    assert "sensors[1].clock_hz: " in refusal(sensors(*clocks_hz))
+def test_clocks_with_coinciding_lines_are_rejected(clocks_hz):
+    assert "sensors[1].clock_hz: " in rejection(sensors(*clocks_hz))
 
 
-def test_two_sensors_of_one_name_are_refused():
+def test_sensors_with_equal_names_are_rejected():
     scene = sensors(1000, 1400)
     scene["sensors"][1]["name"] = "s0"
-    assert "sensors[1].name: must differ" in refusal(scene)
+    assert "sensors[1].name: must differ" in rejection(scene)
 
 
-def test_presses_of_different_sensors_may_overlap_and_must_name_theirs():
+def test_presses_of_two_sensors_may_overlap_and_must_name_sensor():
     scene = sensors(1000, 1400)
     scene["simulation"] = {"presses": [PRESS | {"sensor": "s0"}, PRESS | {"sensor": "s1"}]}
     load_scene(scene)
     del scene["simulation"]["presses"][1]["sensor"]
-    assert "presses[1].sensor: is missing" in refusal(scene)
+    assert "presses[1].sensor: is missing" in rejection(scene)
 
 
 @pytest.mark.parametrize(
-    "text, told",
+    "text, expected",
     [
         ("", "must hold a mapping of keys to values, is empty"),
         ("- 1\n", "must hold a mapping of keys to values, is a list"),
@@ -239,25 +282,25 @@ def test_presses_of_different_sensors_may_overlap_and_must_name_theirs():
         ("a: 2024-99-99", "is not valid YAML"),
     ],
 )
-def test_a_file_that_is_no_plain_yaml_mapping_is_refused_in_one_line(tmp_path, text, told):
+def test_file_that_is_no_plain_mapping_is_rejected_in_one_line(tmp_path, text, expected):
     path = tmp_path / "scene.yaml"
     path.write_text(text)
-    message = refusal(path)
-    assert message.startswith(str(path)) and told in message
+    message = rejection(path)
+    assert message.startswith(str(path)) and expected in message
 
 
-def test_a_missing_a_binary_and_a_huge_file_are_refused(tmp_path):
-    assert "cannot be read (No such file" in refusal(tmp_path / "none.yaml")
-    assert "cannot be read (Is a directory)" in refusal(tmp_path)
+def test_file_missing_binary_or_huge_is_rejected(tmp_path):
+    assert "cannot be read (No such file" in rejection(tmp_path / "none.yaml")
+    assert "cannot be read (Is a directory)" in rejection(tmp_path)
     binary = tmp_path / "binary.yaml"
     binary.write_bytes(bytes(range(256)))
-    assert "is not valid YAML" in refusal(binary)
+    assert "is not valid YAML" in rejection(binary)
     huge = tmp_path / "huge.yaml"
     huge.write_bytes(b"#" * 2_000_001)
-    assert "must not be larger than 2 MB" in refusal(huge)
+    assert "must not be larger than 2 MB" in rejection(huge)
 
 
-def test_a_model_beside_the_scene_file_is_found_by_relative_path(tmp_path):
+def test_model_beside_scene_file_is_found_by_relative_path(tmp_path):
     from gnuradio.wiforce.sensor import load_sensor, write_sensor
 
     write_sensor(load_sensor("line-900mhz"), tmp_path / "mine.yaml")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sensor files: what is written is what is read, and nothing doubtful is read."""
+"""Sensor files: what is written is read back equal, and wrong files are rejected by key."""
 
 import copy
 import importlib.util
@@ -15,7 +15,7 @@ from gnuradio.wiforce.sensor import load_sensor, shipped_sensors, write_sensor
 FORCES, PLACES = np.linspace(0.5, 9, 40)[:, None], np.linspace(20, 60, 21)
 
 
-def test_every_shipped_sensor_loads_and_says_where_it_comes_from():
+def test_shipped_sensors_load_and_state_their_provenance():
     assert {
         "line-900mhz",
         "line-2400mhz",
@@ -34,7 +34,7 @@ def test_every_shipped_sensor_loads_and_says_where_it_comes_from():
         assert "location steps those of the line" in assumed and "untouched phases" in assumed
 
 
-def test_shipped_sensors_are_what_their_generator_makes():
+def test_shipped_sensors_equal_those_of_their_generator():
     path = Path(DATA_DIR) / "sensors" / "make_sensors.py"
     spec = importlib.util.spec_from_file_location("make_sensors", path)
     module = importlib.util.module_from_spec(spec)
@@ -50,7 +50,7 @@ def test_shipped_sensors_are_what_their_generator_makes():
 
 
 @pytest.mark.parametrize("name", ["line-900mhz", "wiforce-2400mhz", "line-900mhz-calibrated"])
-def test_a_model_survives_its_file(tmp_path, name):
+def test_sensor_written_to_file_reads_back_equal(tmp_path, name):
     model = load_sensor(name)
     write_sensor(model, tmp_path / "s.yaml")
     again = load_sensor("s.yaml", relative_to=tmp_path)
@@ -60,7 +60,7 @@ def test_a_model_survives_its_file(tmp_path, name):
     assert again.provenance == model.provenance
 
 
-def test_wiforce_moves_as_measured_with_the_lines_location_steps():
+def test_wiforce_sensors_have_measured_movement_and_line_steps():
     # published movement at 20 mm, 900 MHz: phase of port 1 rises by 10.9 deg from 3 to 6 N
     for name, two_beta in (("wiforce-900mhz", 2.1614), ("wiforce-2400mhz", 5.7638)):
         wiforce = load_sensor(name)
@@ -70,8 +70,8 @@ def test_wiforce_moves_as_measured_with_the_lines_location_steps():
             assert moved[0] == pytest.approx(moved[1], abs=1e-6)
         anchor = 4.806 if "900" in name else 5.59
         steps = np.diff(wiforce.phases_deg(anchor, [20.0, 40.0, 60.0]), axis=0)
-        expected = np.array([[-20 * two_beta, 20 * two_beta]] * 2)
-        assert np.abs(np.exp(1j * np.radians(steps - expected)) - 1).max() < np.radians(0.1)
+        steps_deg = np.array([[-20 * two_beta, 20 * two_beta]] * 2)
+        assert np.abs(np.exp(1j * np.radians(steps - steps_deg)) - 1).max() < np.radians(0.1)
 
 
 def content(name="wiforce-900mhz"):
@@ -97,13 +97,13 @@ def load(tmp_path, values):
     return load_sensor(path)
 
 
-def test_numbers_typed_900e6_are_numbers(tmp_path):
+def test_number_typed_as_text_is_read_as_number(tmp_path):
     model = load(tmp_path, changed(["carriers", 0, "frequency_hz"], "900e6"))
     assert model.frequencies_hz == (900e6,)
 
 
 @pytest.mark.parametrize(
-    "path, value, told",
+    "path, value, expected",
     [
         (["kind"], "magic", "kind: must be 'line' or 'curves'"),
         (["colour"], "red", "colour: is not a known key"),
@@ -128,17 +128,29 @@ def test_numbers_typed_900e6_are_numbers(tmp_path):
         ),
         (["carriers", 0, "frequency_hz"], 1e-300, "frequency_hz: must be a number from 1 to"),
         (["provenance", "date"], None, "provenance.date"),
+        (["provenance", "assumed"], "much", "provenance.assumed: must be a list of texts"),
         (["form"], "septic", "form: must be 'cubic' or 'power' or 'spline'"),
+        (["form"], "cubic", "knots_n: must be at least two rising positive forces"),
+        (["knots_n"], [1, 2], "knots_n: must be left out where form is 'power'"),
+        (["carriers", 0, "covariance_deg2", 0, 0, 0, 0], -9, "must hold symmetric, non-negative"),
+        (["carriers", 0, "noise_deg"], [1, 2, 3], "noise_deg: must be a list of 2 numbers"),
+        (["carriers", 0, "frequency"], 9e8, "did you mean 'frequency_hz'?"),
     ],
 )
-def test_a_file_that_cannot_be_is_refused_by_key(tmp_path, path, value, told):
+def test_sensor_with_wrong_value_names_key_and_rule(tmp_path, path, value, expected):
     with pytest.raises(InputError) as caught:
         load(tmp_path, changed(path, value))
-    assert told in str(caught.value) and "sensor.yaml" in str(caught.value)
+    assert expected in str(caught.value) and "sensor.yaml" in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
-def test_names_and_carriers_that_are_not_there_are_refused(tmp_path):
+def test_sensor_wider_than_its_line_is_rejected(tmp_path):
+    wide = changed(["contact", "width_mm"], 81, "line-900mhz")
+    with pytest.raises(InputError, match="contact.width_mm: must not be wider than length_mm, 80"):
+        load(tmp_path, wide)
+
+
+def test_sensor_name_or_carrier_unknown_is_rejected(tmp_path):
     with pytest.raises(InputError, match="wiforce-900mhz"):
         load_sensor("wiforce-901mhz")
     with pytest.raises(InputError, match="cannot be read"):
@@ -149,7 +161,7 @@ def test_names_and_carriers_that_are_not_there_are_refused(tmp_path):
         model.phases_deg(4.0, 40.0, 915e6)
 
 
-def test_nothing_half_written_is_left_behind(tmp_path):
+def test_write_sensor_failure_leaves_no_partial_file(tmp_path):
     with pytest.raises(InputError, match="cannot be written"):
         write_sensor(load_sensor("line-900mhz"), tmp_path / "no" / "s.yaml")
     write_sensor(load_sensor("line-900mhz"), tmp_path / "s.yaml")

@@ -19,6 +19,7 @@ PROGRAM = "gr-wiforce"
 COMMANDS = {
     "demo": "Simulate two presses, read them back and compare with the truth.",
     "list": "List shipped scenes and sensor models.",
+    "schema": "Print the JSON Schema of scene or sensor files.",
     "simulate": "Simulate a scene and write its capture.",
     "read": "Read force and location from a capture.",
     "live": "Read force and location live from a USRP.",

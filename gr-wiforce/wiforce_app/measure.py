@@ -20,7 +20,7 @@ from gnuradio.wiforce.planning.plan import HARMONICS
 from gnuradio.wiforce.planning.plan import plan as plan_of
 from gnuradio.wiforce.planning.steps import steps
 from gnuradio.wiforce.receiver import Receiver
-from gnuradio.wiforce.scene.schema import Press
+from gnuradio.wiforce.scene import Press
 from gnuradio.wiforce.signal.waveform import FFT_LENGTH
 from gnuradio.wiforce.simulation.simulator import simulate
 
@@ -72,7 +72,17 @@ def _pressed(scene):
     for sensor in scene.sensors:
         model = sensor.load_model(scene)
         force, place = np.mean(model.force_span_n), np.mean(model.location_span_mm)
-        presses.append(Press(sensor.name, scene.reference_s, 0.0, 1e3, force, force, place))
+        presses.append(
+            Press(
+                sensor=sensor.name,
+                start_s=scene.reference_s,
+                rise_s=0.0,
+                hold_s=1e3,
+                force_n=force,
+                end_force_n=force,
+                location_mm=place,
+            )
+        )
     simulation = dataclasses.replace(
         scene.simulation,
         duration_s=scene.reference_s + max(_PRESSED_S, 12 * scene.group_period_s),

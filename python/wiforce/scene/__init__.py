@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Scenes: schema, plan, channel and simulator. Numpy only."""
+"""Scenes: what is measured, with what, and, for simulations, what happens."""
 
 from .load import load_scene, shipped_scenes
-from .schema import Scene
+from .schema import Scene, scene_json_schema
+from .simulated import Press
 
-__all__ = ["Scene", "load_scene", "shipped_scenes"]
+__all__ = ["Press", "Scene", "load_scene", "scene_json_schema", "shipped_scenes"]

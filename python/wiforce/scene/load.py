@@ -1,23 +1,28 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Scenes by name: files and those that are shipped."""
+"""Scenes by name: files, and the scenes that are shipped."""
 
+from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
+from typing import Any
 
 from ..errors import InputError
-from ..io.yamlfile import Section, read_yaml
-from .contradictions import check_scene
+from ..io.schema import read
+from ..io.values import KeyPath
+from ..io.yamlfile import read_yaml
+from .consistency import check_scene
 from .schema import Scene
-from .sections import parse_scene
+from .simulated import with_all_tags
 
 
-def load_scene(scene):
+def load_scene(scene: str | Path | dict[str, Any] | Scene) -> Scene:
     """Read and check a scene.
 
     Parameters
     ----------
-    scene : str, Path or dict
-        A YAML file, the name of a shipped scene, or the mapping that such a file would hold.
+    scene : str, Path, dict or Scene
+        A YAML file, the name of a shipped scene, or the mapping that such a file would hold. A
+        Scene is returned as it is.
 
     Returns
     -------
@@ -26,42 +31,75 @@ def load_scene(scene):
     Raises
     ------
     InputError
-        For an unreadable file, an unknown key, a wrong type, a value out of range, or sections
-        that contradict each other; the message names file, dotted key, rule and value.
+        For an unreadable file, an unknown key, a wrong type, a value out of range, or keys that
+        contradict each other. The message names file, dotted key, rule and value.
+
+    Examples
+    --------
+    >>> load_scene("demo").radio.center_frequency_hz
+    900000000.0
+    >>> scene = {"sensors": [{"name": "arm", "model": "line-900mhz", "clock_hz": 0}]}
+    >>> load_scene(scene)
+    Traceback (most recent call last):
+    gnuradio.wiforce.errors.InputError: scene: sensors[0].clock_hz: must be a number above 0 and \
+at most 1e+06 Hz, got 0
     """
     if isinstance(scene, Scene):
         return scene
     if isinstance(scene, dict):
-        return _checked(Section(scene, "scene"), None)
+        return _checked(scene, KeyPath("scene"), None)
     path = _scene_path(scene)
-    return _checked(Section(read_yaml(path), str(scene)), path)
+    return _checked(read_yaml(path), KeyPath(str(scene)), path)
 
 
-def _checked(top, path):
-    scene = parse_scene(top, path)
-    check_scene(top, scene)
+def _checked(values: dict[str, Any], where: KeyPath, path: Path | None) -> Scene:
+    scene = read(Scene, values, where, path=path)
+    tagged = with_all_tags(scene.simulation, scene.sensors, where.key("simulation"))
+    scene = replace(scene, simulation=tagged)
+    check_scene(scene, where.source)
     return scene
 
 
-def shipped_scenes():
-    """Names of the scenes that are shipped, sorted."""
+def shipped_scenes() -> list[str]:
+    """Names of the scenes that are shipped, sorted.
+
+    Examples
+    --------
+    >>> "demo" in shipped_scenes()
+    True
+    """
     return sorted(path.stem for path in _shipped_folder().glob("*.yaml"))
 
 
-def about_scene(name):
-    """What a scene shows: the comment that its file begins with, as one line."""
+def about_scene(name: str) -> str:
+    """What a scene shows: the comment that its file begins with, as one line.
+
+    Parameters
+    ----------
+    name : str
+        Name of a shipped scene, or a file.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> "press" in about_scene("demo")
+    True
+    """
     lines = _scene_path(name).read_text(encoding="utf-8").splitlines()
     return " ".join(line.lstrip("# ") for line in takewhile(lambda x: x.startswith("#"), lines))
 
 
-def _shipped_folder():
+def _shipped_folder() -> Path:
     from .._config import DATA_DIR
 
     return Path(DATA_DIR) / "scenes"
 
 
-def _scene_path(scene):
-    """The file meant: a shipped scene when the name has no suffix and no such file is there."""
+def _scene_path(scene: str | Path) -> Path:
+    """The file meant: a shipped scene when the name has no suffix and no such file exists."""
     path = Path(scene)
     if path.is_file() or path.suffix:
         return path

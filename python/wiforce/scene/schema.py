@@ -1,173 +1,203 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Scenes: what is measured, with what, and - for simulations - what happens.
+"""Scene files, declared key by key: what is measured, and with what.
 
-Frozen dataclasses that mirror the sections of a scene file (:func:`load.load_scene`). Keys and
-defaults are listed in docs/scenes.md.
+What a simulation adds is declared in :mod:`.simulated`. Rules that involve several keys are in
+:mod:`.consistency`.
 """
 
 import dataclasses
-from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from ..signal.waveform import sounding_waveform
+from ..io.schema import DRAFT_7, ListOf, Mapping, declared, json_schema, key, plain
+from ..io.values import Choice, Integer, Number, Text
+from ..signal.waveform import PREAMBLE_LENGTH, Waveform, sounding_waveform
+from .off_reflection import OffReflection
+from .simulated import MAX_SENSORS, MODEL_NAME_LENGTH, Simulation
+
+if TYPE_CHECKING:
+    from ..sensor import SensorModel
 
 
-@dataclass(frozen=True)
+@declared
 class Radio:
-    center_frequency_hz: float
-    sample_rate_hz: float
+    """Carrier and sample rate."""
+
+    center_frequency_hz: float = key(
+        Number(unit="Hz", low=1e6, high=100e9),
+        default=900e6,
+        doc="Carrier frequency. Every sensor model must hold it.",
+    )
+    sample_rate_hz: float = key(
+        Number(unit="Hz", low=1e5, high=1e9),
+        default=12.5e6,
+        doc="Complex samples per second.",
+    )
 
 
-@dataclass(frozen=True)
+@declared
 class Sounding:
-    waveform: str
-    frame_length: int
+    """The frame that the reader sends; each frame gives one snapshot of the channel."""
+
+    waveform: str = key(
+        Choice(words=("repeated", "wifi")),
+        default="repeated",
+        doc="`repeated`: five repetitions of one symbol with 62 subcarriers. `wifi`: the 802.11 "
+        "preamble with 52.",
+    )
+    frame_length: int = key(
+        Integer(unit="samples", low=PREAMBLE_LENGTH, high=1_000_000),
+        default=720,
+        doc="Length of a frame: the preamble and the zeros that follow it.",
+    )
 
 
-@dataclass(frozen=True)
+@declared
 class PhaseGroup:
-    """Snapshots per reading, and how phases are had from them (``estimation.estimators``)."""
+    """Snapshots per reading, and how phases are estimated from them."""
 
-    snapshots: int
-    estimator: str
+    snapshots: int = key(
+        Integer(low=32, high=100_000),
+        default=625,
+        doc="N_g, the snapshots per reading.",
+    )
+    estimator: str = key(
+        Choice(words=("harmonic", "sideband", "paper")),
+        default="harmonic",
+        doc="`harmonic`: this project's estimator. For comparison `paper`, as published, and "
+        "`sideband`, half the angle of P(+m) P(-m).",
+    )
 
 
-@dataclass(frozen=True)
+@declared
+class Environment:
+    """What the reader knows about the room and its own clocks."""
+
+    moving_clutter_hz: float = key(
+        Number(unit="Hz", low=0, high=10_000),
+        default=0.0,
+        doc="Highest Doppler frequency of anything that moves; 0 where nothing moves.",
+    )
+    reader_clock: str = key(
+        Choice(words=("shared", "free")),
+        default="shared",
+        doc="`shared`: transmitter and receiver use one clock. `free`: each uses its own.",
+    )
+    receive_antennas: int = key(
+        Integer(low=1, high=2),
+        default=1,
+        doc="2 needs `reader_clock: free`: `simulate` writes a second capture `NAME.antenna2`, "
+        "and `read` uses the ratio of the two.",
+    )
+
+
+@declared
 class SceneSensor:
-    """A sensor in a scene; ``off_reflection`` is G_off / rho per switch."""
+    """A sensor of the scene and its tag, as the reader knows them."""
 
-    name: str
-    model: str
-    clock_hz: float
-    clock_tolerance_ppm: float
-    off_reflection: tuple
+    name: str = key(Text(limit=64), doc="Name in the readings; differs from every other.")
+    model: str = key(
+        Text(limit=MODEL_NAME_LENGTH),
+        doc="Sensor model that phases are inverted with: a shipped name, or the path of a sensor "
+        "file relative to the scene file.",
+    )
+    clock_hz: float = key(
+        Number(unit="Hz", low=0, above=True, high=1e6),
+        default=1000.0,
+        doc="Frequency fs of the tag's clock, above `moving_clutter_hz`. 4 fs must lie below half "
+        "the snapshot rate.",
+    )
+    clock_tolerance_ppm: float = key(
+        Number(unit="ppm", low=0, high=1000),
+        default=100.0,
+        doc="Largest error of the tag's crystal.",
+    )
+    off_reflection: tuple[complex, complex] = key(
+        OffReflection(),
+        default=(0j, 0j),
+        doc="G_off / rho of the open switches; two pairs where the switches differ.",
+    )
 
-    def load_model(self, scene):
-        """The reader's model of this sensor (see ``sensor.load_sensor``)."""
+    def load_model(self, scene: "Scene") -> "SensorModel":
+        """Load the reader's model of this sensor (see ``sensor.load_sensor``)."""
         return scene.load_model(self.model)
 
 
-@dataclass(frozen=True)
-class Environment:
-    moving_clutter_hz: float
-    reader_clock: str
-    receive_antennas: int = 1
+@declared
+class Scene:
+    """A scene: what is measured, with what, and, for simulations, what happens.
 
-
-@dataclass(frozen=True)
-class Press:
-    """A press: force rises from 0, goes linearly to ``end_force_n``, falls again to 0.
-
-    ``tremor_n`` is the rms of a hand's tremor about that.
+    ``path`` is the scene's file, None for a scene given as a dict.
     """
 
-    sensor: str
-    start_s: float
-    rise_s: float
-    hold_s: float
-    force_n: float
-    end_force_n: float
-    location_mm: float
-    tremor_n: float = 0.0
+    radio: Radio = key(Mapping(of=Radio), doc="Carrier and sample rate.")
+    sounding: Sounding = key(Mapping(of=Sounding), doc="The frame that the reader sends.")
+    phase_group: PhaseGroup = key(
+        Mapping(of=PhaseGroup), doc="Snapshots per reading, and their estimator."
+    )
+    environment: Environment = key(
+        Mapping(of=Environment), doc="What is known about the room and the reader's clocks."
+    )
+    sensors: tuple[SceneSensor, ...] = key(
+        ListOf(of=SceneSensor, least=1, most=MAX_SENSORS), doc="The sensors that are read."
+    )
+    reference_s: float = key(
+        Number(unit="s", low=0, high=3600),
+        default=0.5,
+        doc="Time at the start in which no sensor is touched; phases are differences against it.",
+    )
+    simulation: Simulation = key(
+        Mapping(of=Simulation), doc="What happens in the scene, for `simulate` and `emulate` only."
+    )
+    path: Path | None = dataclasses.field(default=None, compare=False)
 
-    @property
-    def end_s(self):
-        return self.start_s + self.hold_s + 2 * self.rise_s
-
-
-@dataclass(frozen=True)
-class Move:
-    """A sensor's tag moves: its two-way path grows by twice ``distance_mm``."""
-
-    sensor: str
-    start_s: float
-    duration_s: float
-    distance_mm: float
-
-
-@dataclass(frozen=True)
-class Tag:
-    """What a simulation knows of one sensor's tag, and a reader does not."""
-
-    sensor: str
-    truth_model: str
-    level_db: float
-    clock_offset_ppm: float
-    clock_drift_ppm_per_s: float
-    clock_phase_deg: float | None
-    clock2_delay_s: float
-    clock2_duty: str
-
-
-@dataclass(frozen=True)
-class Simulation:
-    duration_s: float
-    seed: int
-    snr_db: float
-    static_clutter_db: float | None
-    moving_clutter_db: float | None
-    moving_clutter_hz: float
-    tag_coherence_hz: float | None
-    carrier_offset_hz: float
-    phase_noise_hz: float
-    adc_bits: int | None
-    tags: tuple
-    presses: tuple
-    moves: tuple
-
-
-@dataclass(frozen=True)
-class Scene:
-    """A checked scene. ``path`` is its file, None for a scene given as a dict."""
-
-    radio: Radio
-    sounding: Sounding
-    phase_group: PhaseGroup
-    sensors: tuple
-    environment: Environment
-    reference_s: float
-    simulation: Simulation
-    path: Path | None = field(default=None, compare=False)
-
-    def waveform(self):
-        """The sounding frame of this scene (``waveform.Waveform``)."""
+    def waveform(self) -> Waveform:
+        """The sounding frame of this scene."""
         return sounding_waveform(
             self.sounding.waveform, self.sounding.frame_length, self.radio.sample_rate_hz
         )
 
     @property
-    def snapshot_period_s(self):
+    def snapshot_period_s(self) -> float:
+        """Time between two snapshots of the channel, in s: the length of a frame."""
         return self.sounding.frame_length / self.radio.sample_rate_hz
 
     @property
-    def group_samples(self):
-        """Samples in a phase group."""
+    def group_samples(self) -> int:
+        """Samples per phase group."""
         return self.phase_group.snapshots * self.sounding.frame_length
 
     @property
-    def group_period_s(self):
+    def group_period_s(self) -> float:
+        """Length of a phase group in s, the time between readings."""
         return self.group_samples / self.radio.sample_rate_hz
 
     @property
-    def sensor_names(self):
+    def sensor_names(self) -> tuple[str, ...]:
+        """Names of the sensors, in their order."""
         return tuple(sensor.name for sensor in self.sensors)
 
-    def load_model(self, name):
-        """A sensor model by shipped name, or by path relative to the scene file."""
+    def load_model(self, name: str) -> "SensorModel":
+        """Load a sensor model by its shipped name, or by its path relative to the scene file."""
         from ..sensor import load_sensor
 
         return load_sensor(name, relative_to=self.path.parent if self.path else None)
 
-    def as_dict(self):
+    def as_dict(self) -> dict[str, Any]:
         """The scene with all defaults filled in, as plain values that YAML and JSON can hold."""
-        return _plain({k: v for k, v in dataclasses.asdict(self).items() if k != "path"})
+        return plain(Scene, self)
 
 
-def _plain(value):
-    if isinstance(value, complex):
-        return [value.real, value.imag]
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return value
+def scene_json_schema() -> dict[str, Any]:
+    """JSON Schema of scene files, draft 7, for completion and checks in editors.
+
+    Returns
+    -------
+    dict
+
+    Examples
+    --------
+    >>> scene_json_schema()["required"]
+    ['sensors']
+    """
+    return {"$schema": DRAFT_7, "title": "gr-wiforce scene"} | json_schema(Scene)

@@ -1,54 +1,53 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sensor models as YAML files: reading with checks, writing, the shipped ones by name."""
+"""Sensor models as YAML files: load by name or path, and write."""
 
-import datetime
 import os
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
-import numpy as np
 import yaml
 
 from ..errors import InputError, unwritable
+from ..io.schema import keys, plain, read
 from ..io.textfile import write_whole
-from ..io.yamlfile import Section, as_number, read_yaml
-from . import curves, line
+from ..io.values import Choice, KeyPath, Scope
+from ..io.yamlfile import read_yaml
 from .checks import check_onset
-from .location import SHAPES
-from .model import (
-    LEAST,
-    LEAST_FREQUENCY_HZ,
-    MAX_FORCE_N,
-    MAX_LENGTH_MM,
-    MAX_PERMITTIVITY,
-    LineModel,
-)
-
-KINDS = ("line", "curves")
-MAX_CARRIERS = 16
-_LARGEST = 1e12  # of any number
+from .curves import Carrier, CurveModel
+from .file_schema import FILES, LineFile, Provenance, SensorFile
+from .line import ContactLaw
+from .model import LineModel, SensorModel
 
 
-def shipped_sensors():
-    """Names of the sensors that are shipped, sorted."""
+def shipped_sensors() -> list[str]:
+    """Names of the sensors that are shipped, sorted.
+
+    Examples
+    --------
+    >>> "line-900mhz" in shipped_sensors()
+    True
+    """
     return sorted(path.stem for path in _shipped_folder().glob("*.yaml"))
 
 
-def _shipped_folder():
+def _shipped_folder() -> Path:
     from .._config import DATA_DIR
 
     return Path(DATA_DIR) / "sensors"
 
 
-def load_sensor(name_or_path, relative_to=None):
-    """Reads a sensor model.
+def load_sensor(
+    name_or_path: str | os.PathLike, relative_to: str | os.PathLike | None = None
+) -> SensorModel:
+    """Load a sensor model.
 
     Parameters
     ----------
     name_or_path : str or path
         Name of a shipped sensor, or path of a YAML file (ends in ``.yaml`` or ``.yml``).
     relative_to : path, optional
-        Folder from which a relative path counts.
+        Folder that a relative path starts from; the current one by default.
 
     Returns
     -------
@@ -57,7 +56,12 @@ def load_sensor(name_or_path, relative_to=None):
     Raises
     ------
     InputError
-        Naming file, key, rule and value.
+        Naming file, dotted key, rule and value.
+
+    Examples
+    --------
+    >>> load_sensor("line-900mhz").length_mm
+    80.0
     """
     text = os.fspath(name_or_path)
     if text.lower().endswith((".yaml", ".yml")):
@@ -70,178 +74,65 @@ def load_sensor(name_or_path, relative_to=None):
     return sensor_from_dict(read_yaml(path), path)
 
 
-# One object with its tables for all who name it: they take a second to build.
+# The models of a shipped sensor share one object, because its tables take a second to build.
 @lru_cache(maxsize=8)
-def _shipped(path):
+def _shipped(path: Path) -> SensorModel:
     return sensor_from_dict(read_yaml(path), path)
 
 
-def sensor_from_dict(content, where="sensor"):
-    """The model that a sensor file's content describes; see :func:`load_sensor`."""
-    section = Section(content, str(where))
-    kind = section.choice("kind", KINDS)
-    length = section.number("length_mm", above=0, high=MAX_LENGTH_MM)
-    common = {
-        "name": section.text("name"),
-        "length_mm": length,
-        "onset_force_n": section.number("onset_force_n", low=LEAST, high=MAX_FORCE_N),
-        "force_span_n": _span(section, "force_span_n", high=MAX_FORCE_N),
-        "location_span_mm": _span(section, "location_span_mm", high=length),
-        "provenance": _provenance(section.section("provenance")),
-    }
-    check_onset(f"{where}: onset_force_n", common["onset_force_n"], common["force_span_n"][1])
-    model = (_read_line if kind == "line" else _read_curves)(section, common)
-    section.finish()
-    return model
+def sensor_from_dict(content: dict[str, Any], where: str | Path = "sensor") -> SensorModel:
+    """Build the model that the content of a sensor file describes.
+
+    Parameters
+    ----------
+    content : dict
+        As the YAML loader returns it.
+    where : str or path
+        Name of the file, for messages.
+
+    Returns
+    -------
+    SensorModel
+
+    Raises
+    ------
+    InputError
+        Naming file, dotted key, rule and value.
+
+    Examples
+    --------
+    >>> sensor_from_dict({"kind": "line", "name": "arm", "length_mm": -80})
+    Traceback (most recent call last):
+    gnuradio.wiforce.errors.InputError: sensor: length_mm: must be a number above 0 and at most \
+10000 mm, got -80
+    """
+    top = KeyPath(str(where))
+    if not isinstance(content, dict):
+        raise top.error("must be a mapping of keys to values", content)
+    kind = Choice(words=tuple(FILES)).read(content.get("kind"), top.key("kind"), Scope())
+    file = read(FILES[kind], content, top)
+    check_onset(top.key("onset_force_n"), file.onset_force_n, file.force_span_n[1])
+    return _model_of(file)
 
 
-def _span(section, key, high):
-    span = _numbers(section, key, (2,))
-    if not 0 <= span[0] < span[1] <= high:
-        raise section.error(key, f"must be two rising numbers from 0 to {high:g}", span.tolist())
-    return float(span[0]), float(span[1])
+def _model_of(file: SensorFile) -> SensorModel:
+    values = vars(file) | {"provenance": plain(Provenance, file.provenance)}
+    del values["kind"]
+    if isinstance(file, LineFile):
+        values["contact"] = ContactLaw(onset_force_n=file.onset_force_n, **vars(file.contact))
+        return LineModel(**values)
+    values["carriers"] = tuple(Carrier(**vars(curves)) for curves in values["carriers"])
+    values["frequencies_hz"] = tuple(carrier.frequency_hz for carrier in values["carriers"])
+    return CurveModel(**values)
 
 
-def _provenance(section):
-    date = section.raw("date")
-    if isinstance(date, datetime.date):
-        date = date.isoformat()
-    if not isinstance(date, str):
-        raise section.error("date", "must be a date", date)
-    known = {"source": section.text("source", limit=2000), "date": date}
-    assumed = section.raw("assumed", [])
-    if not isinstance(assumed, list) or not all(isinstance(text, str) for text in assumed):
-        raise section.error("assumed", "must be a list of texts", assumed)
-    section.finish()
-    return known | {"assumed": assumed}
+def write_sensor(model: SensorModel, path: str | Path) -> None:
+    """Write a model as YAML, completely or not at all.
 
-
-def _read_line(section, common):
-    contact = section.section("contact")
-    law = line.ContactLaw(
-        onset_force_n=common["onset_force_n"],
-        decay_length_mm=contact.number("decay_length_mm", low=LEAST, high=_LARGEST),
-        asymmetry=contact.number("asymmetry", low=0, high=0.99),
-        fade_mm=contact.number("fade_mm", low=LEAST, high=_LARGEST),
-        width_mm=contact.number("width_mm", 0.0, low=0, high=common["length_mm"]),
-    )
-    contact.finish()
-    frequencies = _numbers(section, "frequencies_hz", (None,))
-    if not np.all(frequencies >= LEAST_FREQUENCY_HZ):
-        rule = f"must be at least {LEAST_FREQUENCY_HZ:g}"
-        raise section.error("frequencies_hz", rule, frequencies.tolist())
-    return LineModel(
-        **common,
-        frequencies_hz=tuple(map(float, frequencies)),
-        contact=law,
-        permittivity=section.number("permittivity", low=1, high=MAX_PERMITTIVITY),
-        port_offset_deg=tuple(map(float, _numbers(section, "port_offset_deg", (2,)))),
-    )
-
-
-def _read_curves(section, common):
-    form = section.choice("form", curves.FORMS)
-    knots = None
-    if form != "power":
-        knots = _numbers(section, "knots_n", (None,))
-        if len(knots) < 2 or np.any(np.diff(knots, prepend=0) < LEAST):
-            rule = f"must be at least two rising positive forces, {LEAST:g} apart"
-            raise section.error("knots_n", rule, knots.tolist())
-    basis_size = curves.force_basis(form, knots).size
-    carriers = tuple(
-        _read_carrier(carrier, basis_size, common["length_mm"])
-        for carrier in section.sections("carriers", MAX_CARRIERS, required=True)
-    )
-    validation = section.raw("cross_validation", {})
-    if not isinstance(validation, dict):
-        raise section.error("cross_validation", "must be a mapping of keys to values", validation)
-    return curves.CurveModel(
-        **common,
-        frequencies_hz=tuple(carrier.frequency_hz for carrier in carriers),
-        form=form,
-        knots_n=knots,
-        carriers=carriers,
-        permittivity=section.number("permittivity", low=1, high=MAX_PERMITTIVITY),
-        cross_validation=validation,
-    )
-
-
-def _read_carrier(section, basis_size, length_mm):
-    location = _numbers(section, "location_mm", (None,))
-    if len(location) < 2 or np.any(np.diff(location) < LEAST):
-        rule = f"must be at least two rising locations, {LEAST:g} apart"
-        raise section.error("location_mm", rule, location.tolist())
-    if location[0] < 0 or location[-1] > length_mm:
-        rule = f"must lie from 0 to {length_mm:g}"
-        raise section.error("location_mm", rule, location.tolist())
-    count = len(location)
-    interpolation = _numbers(section, "interpolation", (None, 6))
-    if np.any(interpolation[:, [1, 3, 4]] < LEAST) or np.any(interpolation[:, 5] < 0):
-        rule = f"must have fades, scales and probabilities of at least {LEAST:g}"
-        raise section.error("interpolation", rule)
-    if not np.all(np.isin(interpolation[:, 0], SHAPES)):
-        rule = "must have shapes (first column) 0 to 4"
-        raise section.error("interpolation", rule, interpolation[:, 0].tolist())
-    if abs(interpolation[:, 4].sum() - 1) > 1e-6:
-        rule = "must have probabilities (fifth column) that sum to 1"
-        raise section.error("interpolation", rule, interpolation[:, 4].sum())
-    covariance = _numbers(section, "covariance_deg2", (2, count, basis_size, basis_size))
-    if not _are_covariances(covariance):
-        raise section.error("covariance_deg2", "must hold symmetric, non-negative matrices")
-    carrier = curves.Carrier(
-        frequency_hz=section.number("frequency_hz", low=LEAST_FREQUENCY_HZ, high=_LARGEST),
-        untouched_deg=tuple(map(float, _numbers(section, "untouched_deg", (2,)))),
-        location_mm=location,
-        force_span_n=_numbers(section, "force_span_n", (count, 2)),
-        coefficients_deg=_numbers(section, "coefficients_deg", (2, count, basis_size)),
-        covariance_deg2=covariance,
-        noise_deg=tuple(map(float, _numbers(section, "noise_deg", (2,)))),
-        misfit_deg=tuple(map(float, _numbers(section, "misfit_deg", (2,)))),
-        interpolation=interpolation,
-    )
-    section.finish()
-    return carrier
-
-
-def _are_covariances(matrices):
-    """Whether matrices (..., n, n) are symmetric and without negative eigenvalues but rounding."""
-    size = np.abs(matrices).max(axis=(-2, -1))
-    apart = np.abs(matrices - np.swapaxes(matrices, -2, -1)).max(axis=(-2, -1))
-    least = np.linalg.eigvalsh(matrices)[..., 0]
-    return bool(np.all((apart <= 1e-6 * size) & (least >= -1e-6 * size)))
-
-
-def _numbers(section, key, shape):
-    """An array of numbers up to _LARGEST; None in ``shape`` stands for any length above 0."""
-    value = section.raw(key)
-    wanted = " x ".join("n" if size is None else str(size) for size in shape)
-    rule = f"must be a list of {wanted} numbers"
-    if value is None:
-        raise section.error(key, f"is missing, {rule}")
-    try:
-        numbers = np.array(_nested(value, shape), float)
-    except ValueError:
-        raise section.error(key, rule, value) from None
-    largest = numbers.flat[np.argmax(np.abs(numbers))]
-    if abs(largest) > _LARGEST:
-        rule = f"must hold numbers from -{_LARGEST:g} to {_LARGEST:g}"
-        raise section.error(key, rule, float(largest))
-    return numbers
-
-
-def _nested(value, shape):
-    if not shape:
-        number = as_number(value)
-        if number is None:
-            raise ValueError
-        return number
-    if not isinstance(value, list) or len(value) != (shape[0] or max(len(value), 1)):
-        raise ValueError
-    return [_nested(item, shape[1:]) for item in value]
-
-
-def write_sensor(model, path):
-    """Writes a model as YAML, whole or not at all.
+    Parameters
+    ----------
+    model : SensorModel
+    path : str or path
 
     Raises
     ------
@@ -259,40 +150,38 @@ def write_sensor(model, path):
         raise unwritable(path, error) from error
 
 
-def sensor_to_dict(model):
-    """The content of a model's file."""
-    is_line = isinstance(model, LineModel)
-    if is_line:
-        contact = ["decay_length_mm", "asymmetry", "fade_mm"]
-        contact += ["width_mm"] if model.contact.width_mm else []
-    content = {
-        "name": model.name,
-        "kind": "line" if is_line else "curves",
-        "length_mm": model.length_mm,
-        "onset_force_n": _rounded(model.onset_force_n),
-        "force_span_n": _rounded(model.force_span_n),
-        "location_span_mm": _rounded(model.location_span_mm),
-        "permittivity": model.permittivity,
-        "provenance": dict(model.provenance),
-    }
-    if is_line:
-        return content | {
-            "frequencies_hz": list(model.frequencies_hz),
-            "port_offset_deg": list(model.port_offset_deg),
-            "contact": {key: getattr(model.contact, key) for key in contact},
-        }
-    content |= {"cross_validation": model.cross_validation, "form": model.form}
-    if model.knots_n is not None:
-        content["knots_n"] = _rounded(model.knots_n)
-    return content | {"carriers": [_carrier_to_dict(carrier) for carrier in model.carriers]}
+def sensor_to_dict(model: SensorModel) -> dict[str, Any]:
+    """The content of a model's file, as plain values that YAML and JSON can hold.
+
+    Parameters
+    ----------
+    model : SensorModel
+
+    Returns
+    -------
+    dict
+        Numbers have nine significant digits, enough for any phase.
+
+    Examples
+    --------
+    >>> sensor_to_dict(load_sensor("line-900mhz"))["force_span_n"]
+    [0.9, 10.0]
+    """
+    kind = "line" if isinstance(model, LineModel) else "curves"
+    content: dict[str, Any] = {}
+    for name, key in keys(FILES[kind]).items():
+        if name == "kind":
+            content[name] = kind
+        elif name == "provenance":
+            content[name] = dict(model.provenance)
+        else:
+            content[name] = key.type.plain(getattr(model, name))
+    return _rounded(content)
 
 
-def _carrier_to_dict(carrier):
-    return {key: _rounded(getattr(carrier, key)) for key in curves.Carrier.__dataclass_fields__}
-
-
-def _rounded(value):
-    """Nested lists of floats with nine significant digits, enough for any phase."""
-    if np.ndim(value):
+def _rounded(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _rounded(item) for key, item in value.items() if item is not None}
+    if isinstance(value, list):
         return [_rounded(item) for item in value]
-    return float(f"{float(value):.9g}")
+    return float(f"{value:.9g}") if isinstance(value, float) else value

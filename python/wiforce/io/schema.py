@@ -1,0 +1,308 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Mappings in YAML files, declared once as dataclasses.
+
+A class decorated with :func:`declared` describes a mapping. Each of its fields is a :func:`key`
+with the type of its value, its default and its documentation. :func:`read` parses a mapping,
+:func:`plain` writes it, :func:`json_schema` describes it to editors, and the tables in docs/ list
+its :func:`keys`.
+"""
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, TypeVar, dataclass_transform
+
+from .values import KeyPath, Scope, ValueType
+
+# YAML language servers take this draft; of later ones they support parts.
+DRAFT_7 = "http://json-schema.org/draft-07/schema#"
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Derived:
+    """A default that follows from other values of the file.
+
+    Parameters
+    ----------
+    text : str
+        For the documentation.
+    of : callable
+        Scope to value; None where no default follows, so that the key is required.
+    """
+
+    text: str
+    of: Callable[[Scope], Any]
+
+
+@dataclass(frozen=True)
+class Key:
+    """A key of a mapping, as :func:`key` declares it."""
+
+    type: ValueType
+    doc: str
+    default: Any
+    derived: Derived | None
+    check: Callable[[Any, Scope], str | None] | None
+
+    @property
+    def required(self) -> bool:
+        """Whether the key has no default of any kind."""
+        no_default = self.default is dataclasses.MISSING and self.derived is None
+        return no_default and not self.type.may_be_absent
+
+    def read(self, values: dict[Any, Any], name: str, where: KeyPath, scope: Scope) -> Any:
+        """The checked value of this key in a mapping, or its default."""
+        if name in values:
+            value = self.type.read(values[name], where, scope)
+        elif self.derived:
+            value = self.type.read(self.derived.of(scope), where, scope)
+        elif self.default is not dataclasses.MISSING:
+            value = self.default
+        else:
+            value = self.type.read(None, where, scope)
+        rule = self.check(value, scope) if self.check else None
+        if rule:
+            raise where.error(rule, self.type.plain(value))
+        return value
+
+
+def key(
+    type: ValueType,
+    *,
+    doc: str,
+    default: Any = dataclasses.MISSING,
+    derived: Derived | None = None,
+    check: Callable[[Any, Scope], str | None] | None = None,
+) -> Any:
+    """Declare a key of a mapping, as a field of a class decorated with :func:`declared`.
+
+    Parameters
+    ----------
+    type : ValueType
+    doc : str
+        What the value means, as a sentence.
+    default : object, optional
+        The converted value where the key is absent.
+    derived : Derived, optional
+        A default that depends on other values. Without any default the key is required, unless
+        its type allows null.
+    check : callable, optional
+        A further rule, which may involve other values: value and scope to the text of the rule
+        that is broken, or None.
+
+    Returns
+    -------
+    dataclasses.Field
+
+    Examples
+    --------
+    See :func:`declared`.
+    """
+    metadata = {"key": Key(type, doc, default, derived, check)}
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+@dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(key,))
+def declared(cls: type[T]) -> type[T]:
+    """Make a class a frozen dataclass that declares a mapping.
+
+    Its documentation lists its keys, which are also its attributes and keyword arguments.
+
+    Examples
+    --------
+    >>> from .values import Number, KeyPath
+    >>> @declared
+    ... class Radio:
+    ...     '''The radio.'''
+    ...     rate_hz: float = key(Number(unit="Hz", low=1, high=1e9), default=1e6, doc="Rate.")
+    >>> read(Radio, {"rate_hz": "2e6"}, KeyPath("scene.yaml"))
+    Radio(rate_hz=2000000.0)
+    >>> read(Radio, {"rate": 1}, KeyPath("scene.yaml"))
+    Traceback (most recent call last):
+    gnuradio.wiforce.errors.InputError: scene.yaml: rate: is not a known key, did you mean \
+'rate_hz'? (known: rate_hz)
+    """
+    cls = dataclass(frozen=True, kw_only=True)(cls)
+    attributes = [
+        f"{name} : {each.type.allowed}\n    {each.doc}" for name, each in keys(cls).items()
+    ]
+    cls.__doc__ = "\n".join([f"{cls.__doc__}\n", "Attributes", "----------", *attributes])
+    return cls
+
+
+def keys(cls: type) -> dict[str, Key]:
+    """The keys that a declared class has, by name, in their order."""
+    fields = dataclasses.fields(cls)
+    return {field.name: field.metadata["key"] for field in fields if "key" in field.metadata}
+
+
+def read(cls: type[T], values: Any, where: KeyPath, scope: Scope | None = None, **more: Any) -> T:
+    """Read a mapping that a class declares.
+
+    Parameters
+    ----------
+    cls : type
+        A class decorated with :func:`declared`.
+    values : dict
+        As the YAML loader returns it.
+    where : KeyPath
+        Where the mapping is, for messages.
+    scope : Scope, optional
+        Values of the enclosing mappings that were read before.
+    **more
+        Further fields of the class, which are not keys of the file.
+
+    Returns
+    -------
+    cls
+
+    Raises
+    ------
+    InputError
+        For an unknown key, or a value that breaks its rule; names file, dotted key, rule and
+        value.
+    """
+    if not isinstance(values, dict):
+        raise where.error("must be a mapping of keys to values", values)
+    _reject_unknown_keys(cls, values, where)
+    found: dict[str, Any] = {}
+    inner = (scope if scope is not None else Scope()).new_child(found)
+    for name, each in keys(cls).items():
+        found[name] = each.read(values, name, where.key(name), inner)
+    return cls(**found, **more)
+
+
+def _reject_unknown_keys(cls: type, values: dict[Any, Any], where: KeyPath) -> None:
+    known = keys(cls)
+    for name in values:
+        if name not in known:
+            import difflib  # only a file with an error pays for it
+
+            near = difflib.get_close_matches(str(name), known, n=1)
+            hint = f", did you mean '{near[0]}'?" if near else ""
+            rule = f"is not a known key{hint} (known: {', '.join(known)})"
+            raise where.key(str(name)[:60]).error(rule)
+
+
+def plain(cls: type, source: Any) -> dict[str, Any]:
+    """Write a mapping with plain values, as YAML and JSON can hold them.
+
+    Parameters
+    ----------
+    cls : type
+        A class decorated with :func:`declared`.
+    source : object
+        An instance of it, or any object with attributes of the same names.
+
+    Returns
+    -------
+    dict
+    """
+    return {name: each.type.plain(getattr(source, name)) for name, each in keys(cls).items()}
+
+
+def json_schema(cls: type) -> dict[str, Any]:
+    """Describe a mapping as JSON Schema, draft 7.
+
+    Parameters
+    ----------
+    cls : type
+        A class decorated with :func:`declared`.
+
+    Returns
+    -------
+    dict
+    """
+    properties = {}
+    for name, each in keys(cls).items():
+        described = each.type.json_schema() | {"description": each.doc}
+        if each.default is not dataclasses.MISSING:
+            described["default"] = each.type.plain(each.default)
+        properties[name] = described
+    return {
+        "type": "object",
+        "properties": properties,
+        "required": [name for name, each in keys(cls).items() if each.required],
+        "additionalProperties": False,
+    }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mapping(ValueType):
+    """A mapping that a class declares; where it is absent, all its keys have their defaults.
+
+    Parameters
+    ----------
+    of : type
+        A class decorated with :func:`declared`.
+    """
+
+    of: type
+
+    @property
+    def allowed(self) -> str:
+        return "a mapping of keys to values"
+
+    @property
+    def may_be_absent(self) -> bool:
+        return not any(each.required for each in keys(self.of).values())
+
+    def read(self, value: Any, where: KeyPath, scope: Scope) -> Any:
+        return self._read({} if value is None else value, where, scope)
+
+    def _read(self, value: Any, where: KeyPath, scope: Scope) -> Any:
+        return read(self.of, value, where, scope)
+
+    def plain(self, value: Any) -> dict[str, Any]:
+        return plain(self.of, value)
+
+    def _json_schema(self) -> dict[str, Any]:
+        schema = json_schema(self.of)
+        return schema | {"type": ["object", "null"]} if self.may_be_absent else schema
+
+
+@dataclass(frozen=True, kw_only=True)
+class ListOf(ValueType):
+    """A list of mappings that a class declares, read as a tuple.
+
+    Parameters
+    ----------
+    of : type
+        A class decorated with :func:`declared`.
+    least, most : int
+        Number of mappings. The list may be absent where ``least`` is 0.
+    """
+
+    of: type
+    least: int = 0
+    most: int
+
+    @property
+    def allowed(self) -> str:
+        return f"a list of {self.least} to {self.most} mappings"
+
+    @property
+    def may_be_absent(self) -> bool:
+        return self.least == 0
+
+    def read(self, value: Any, where: KeyPath, scope: Scope) -> Any:
+        return super().read([] if value is None and self.may_be_absent else value, where, scope)
+
+    def _read(self, value: Any, where: KeyPath, scope: Scope) -> tuple[Any, ...]:
+        if not isinstance(value, list | tuple) or not self.least <= len(value) <= self.most:
+            raise where.error(self.rule, value)
+        items = enumerate(value)
+        return tuple(read(self.of, item, where.item(index), scope) for index, item in items)
+
+    def plain(self, value: Any) -> list[dict[str, Any]]:
+        return [plain(self.of, item) for item in value]
+
+    def _json_schema(self) -> dict[str, Any]:
+        return {
+            "type": ["array", "null"] if self.may_be_absent else "array",
+            "items": json_schema(self.of),
+            "minItems": self.least,
+            "maxItems": self.most,
+        }

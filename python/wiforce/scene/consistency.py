@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Rules of a scene that involve several of its keys."""
+
+from collections.abc import Iterator
+from typing import Any
+
+from ..errors import InputError
+from ..io.values import KeyPath
+from .schema import Scene
+
+# What breaks a rule: dotted key, rule and value, where the rule does not state the value itself.
+Violation = tuple[str, str, Any] | tuple[str, str]
+
+# The ends of a sensor are read on the tag's lines at fs and 4 fs; fs, 2 fs and 4 fs are its
+# strongest lines (docs/clocks.md).
+_READ_LINES = (1, 4)
+_STRONG_LINE_PAIRS = ((1, 1), (2, 1), (4, 1), (1, 2), (1, 4))
+
+
+def check_scene(scene: Scene, source: str) -> None:
+    """Reject a scene whose keys contradict each other.
+
+    Parameters
+    ----------
+    scene : Scene
+    source : str
+        Name of the file, for messages.
+
+    Raises
+    ------
+    InputError
+        Naming file, dotted key, rule and value of the first contradiction.
+    """
+    for check in (
+        _reader_clock,
+        _names,
+        _clock_frequencies,
+        _clock_distances,
+        _moving_clutter,
+        _duration,
+        _press_times,
+        _models,
+    ):
+        for dotted, rule, *value in check(scene):
+            raise KeyPath(source, dotted).error(rule, *value)
+
+
+def _reader_clock(scene: Scene) -> Iterator[Violation]:
+    """Only oscillators that run freely can differ, and only then are two antennas of use."""
+    if scene.environment.reader_clock == "free":
+        return
+    if scene.environment.receive_antennas > 1:
+        rule = "must be 1 when reader_clock is 'shared'"
+        yield "environment.receive_antennas", rule, scene.environment.receive_antennas
+    for key in ("carrier_offset_hz", "phase_noise_hz"):
+        value = getattr(scene.simulation, key)
+        if value:
+            rule = "must be 0 when environment.reader_clock is 'shared'"
+            yield f"simulation.{key}", rule, value
+
+
+def _names(scene: Scene) -> Iterator[Violation]:
+    for i, name in enumerate(scene.sensor_names):
+        if name in scene.sensor_names[:i]:
+            yield f"sensors[{i}].name", "must differ from every other sensor's", name
+
+
+def _clock_frequencies(scene: Scene) -> Iterator[Violation]:
+    """The lines that are read must lie between moving clutter and the snapshots' Nyquist."""
+    nyquist_hz = 0.5 / scene.snapshot_period_s
+    highest = max(_READ_LINES)
+    moving_hz = scene.environment.moving_clutter_hz
+    for i, sensor in enumerate(scene.sensors):
+        if sensor.clock_hz * highest >= nyquist_hz:
+            rule = (
+                f"must be below {nyquist_hz / highest:.6g} Hz: {highest} x clock_hz must lie below "
+                f"half the snapshot rate ({nyquist_hz:.6g} Hz)"
+            )
+            yield f"sensors[{i}].clock_hz", rule, sensor.clock_hz
+        if sensor.clock_hz <= moving_hz:
+            rule = f"must be above environment.moving_clutter_hz ({moving_hz:g})"
+            yield f"sensors[{i}].clock_hz", rule, sensor.clock_hz
+
+
+def _clock_distances(scene: Scene) -> Iterator[Violation]:
+    """No line on which one tag is read may lie on a strong line of another tag."""
+    resolution_hz = 1 / scene.group_period_s
+    for i, second in enumerate(scene.sensors):
+        for first in scene.sensors[:i]:
+            for a, b in _STRONG_LINE_PAIRS:
+                lines = a * first.clock_hz, b * second.clock_hz
+                wander_hz = 1e-6 * sum(
+                    line * sensor.clock_tolerance_ppm
+                    for line, sensor in zip(lines, (first, second), strict=True)
+                )
+                distance_hz = max(resolution_hz, wander_hz)
+                if abs(lines[0] - lines[1]) < distance_hz:
+                    rule = (
+                        f"{b} x clock_hz must lie {distance_hz:.3g} Hz or more from {a} x the "
+                        f"clock of sensor '{first.name}' ({first.clock_hz:g})"
+                    )
+                    yield f"sensors[{i}].clock_hz", rule, second.clock_hz
+
+
+def _moving_clutter(scene: Scene) -> Iterator[Violation]:
+    simulation = scene.simulation
+    if simulation.moving_clutter_db is not None and simulation.moving_clutter_hz == 0:
+        rule = "must be null when nothing moves (moving_clutter_hz is 0)"
+        yield "simulation.moving_clutter_db", rule, simulation.moving_clutter_db
+
+
+def _duration(scene: Scene) -> Iterator[Violation]:
+    duration_s = scene.simulation.duration_s
+    if duration_s < scene.group_period_s:
+        rule = f"must hold at least one phase group ({scene.group_period_s:.6g} s)"
+        yield "simulation.duration_s", rule, duration_s
+
+
+def _press_times(scene: Scene) -> Iterator[Violation]:
+    duration_s, presses = scene.simulation.duration_s, scene.simulation.presses
+    for i, press in enumerate(presses):
+        start = f"simulation.presses[{i}].start_s"
+        if press.start_s < scene.reference_s:
+            rule = (
+                f"must not begin before reference_s ({scene.reference_s:g} s), in which no sensor "
+                "is touched"
+            )
+            yield start, rule, press.start_s
+        if press.start_s >= duration_s:
+            yield start, f"must begin before simulation.duration_s ({duration_s:g})", press.start_s
+        for other in presses[:i]:
+            together = press.start_s < other.end_s and other.start_s < press.end_s
+            if other.sensor == press.sensor and together:
+                rule = (
+                    f"must not overlap another press of sensor '{press.sensor}' "
+                    f"({other.start_s:g} to {other.end_s:g} s)"
+                )
+                yield start, rule, press.start_s
+
+
+def _models(scene: Scene) -> Iterator[Violation]:
+    """Every model must load and hold the carrier; presses must lie on the line that is pressed."""
+    keys = {sensor.model: f"sensors[{i}].model" for i, sensor in enumerate(scene.sensors)}
+    for tag in scene.simulation.tags:
+        stated = tag.truth_model != scene.simulation.truth_model
+        owner = f"simulation.tags[{tag.sensor}]" if stated else "simulation"
+        keys.setdefault(tag.truth_model, f"{owner}.truth_model")
+    models = {}
+    for name, key in keys.items():
+        try:
+            models[name] = scene.load_model(name)
+        except InputError as error:
+            yield key, str(error).removeprefix("sensor: ")
+            return
+        try:
+            models[name].carrier_index(scene.radio.center_frequency_hz)
+        except InputError as error:
+            yield "radio.center_frequency_hz", f"model {error}"
+    pressed = {tag.sensor: models[tag.truth_model] for tag in scene.simulation.tags}
+    for i, press in enumerate(scene.simulation.presses):
+        length_mm = pressed[press.sensor].length_mm
+        if press.location_mm > length_mm:
+            rule = f"must lie on the line, 0 to {length_mm:g} mm"
+            yield f"simulation.presses[{i}].location_mm", rule, press.location_mm
