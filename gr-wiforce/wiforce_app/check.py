@@ -12,7 +12,7 @@ from gnuradio.wiforce.io.samples import samples_of
 from gnuradio.wiforce.scene import load_scene
 
 from .live import leave, open_radio, radio_options
-from .mishaps import mishaps
+from .stream_events import describe_events
 
 _FRAMES = 2000
 _SEARCHES = 16
@@ -152,7 +152,7 @@ def _advice_on_loss(findings):
     help_ = "a faster machine, larger socket buffers or frames"
     if findings.samples_lost:
         yield f"{findings.samples_lost} samples were lost: {help_}"
-    for said in mishaps(findings.frames_moved, findings.times_ignored):
+    for said in describe_events(findings.frames_moved, findings.times_ignored):
         yield f"{said}: {help_}"
 
 

@@ -8,10 +8,15 @@ import threading
 import click
 from gnuradio.wiforce.errors import OutputError
 from gnuradio.wiforce.io.readings import open_writer
+from gnuradio.wiforce.io.zmq_sockets import (
+    ReadingsPublisher,
+    Replies,
+    answer_words,
+    endpoint_of,
+)
 from gnuradio.wiforce.scene import load_scene
 
 from .ranges import FiniteRange
-from .zmq_sockets import ReadingsPublisher, Replies, answer_words, endpoint_of
 
 _LOOK_S = 0.1
 # Between two looks, however many a peer sends.

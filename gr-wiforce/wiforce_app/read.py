@@ -13,8 +13,8 @@ from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import second_antenna
 
-from .mishaps import mishaps
 from .progress import progress
+from .stream_events import describe_events
 
 _SEARCHED_FRAMES = 2000
 
@@ -114,7 +114,7 @@ def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False, on
         missing = source.samples_missing()
         if missing:
             _warn(path, f"was cut short while it was read, {missing} samples are missing")
-        for said in mishaps(source.frames_moved()):
+        for said in describe_events(source.frames_moved()):
             _warn(path, said)
     return reader.counts
 
@@ -140,7 +140,7 @@ def follow_capture(capture, scene, on_reading, frame_offset, tracked):
     _run(reader, source)
     if source.failure is not None:
         raise source.failure
-    for said in mishaps(reader.fold.frames_moved(), reader.fold.times_ignored()):
+    for said in describe_events(reader.fold.frames_moved(), reader.fold.times_ignored()):
         _warn(capture[0], said)
     return reader.counts
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from .live_session import DeviceLost
-from .mishaps import mishaps
+from .stream_events import describe_events
 
 _LINE_S = 0.5
 _WARN_S = 1.0
@@ -110,7 +110,7 @@ class Watch:
         text = f"{session.time_s:.3f} s, {session.reader.counts}"
         if session.gaps:
             text += f", {session.gaps} gaps, {session.samples_lost} samples lost"
-        return ", ".join([text, *mishaps(session.frames_moved, session.times_ignored)])
+        return ", ".join([text, *describe_events(session.frames_moved, session.times_ignored)])
 
     def _warn(self):
         session = self._session
@@ -122,7 +122,7 @@ class Watch:
             self._tell(f"{text} (at {session.time_s:.1f} s)")
         self._gaps, self._lost = gaps, lost
         moved, ignored = session.frames_moved, session.times_ignored
-        for said in mishaps(moved - self._moved, ignored - self._ignored):
+        for said in describe_events(moved - self._moved, ignored - self._ignored):
             self._tell(f"{said} (at {session.time_s:.1f} s)")
         self._moved, self._ignored = moved, ignored
         if self._clips:

@@ -18,7 +18,7 @@ import zmq
 from gnuradio import blocks, gr, uhd
 from software_n210.air import Cable
 from software_n210.console import ZmqControl
-from software_n210.engine import Device
+from software_n210.device import Device
 
 CONTROL, RX0, TX, FIFO = 49152, 49156, 49157, 49159
 PORTS = (49152, 49156, 49157, 49158, 49159, 49172)

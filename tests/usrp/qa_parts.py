@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from gnuradio.wiforce.errors import InputError
 from software_n210 import wire
-from software_n210.air import Cable, SampleHistory
+from software_n210.air import Cable
 from software_n210.clock import DeviceClock
 from software_n210.control import Control
 from software_n210.eeprom import I2cBus, daughterboard_image, motherboard_image
 from software_n210.faults import FaultQueue, parse_fault
 from software_n210.fifo import Fifo
 from software_n210.frontend import Synthesizer
+from software_n210.history import SampleHistory
 from software_n210.pacing import HostBacklog, Throttle, WallClock
 from software_n210.receive import ReceiveChain
 from software_n210.registers import Registers
@@ -157,8 +158,8 @@ def test_an_overflow_is_reported_where_the_samples_end():
 def test_lost_packets_are_counted_and_swapped_ones_change_places():
     chain = receive_chain()
     command(chain, NOW | CHAIN | RELOAD | 1)
-    chain.lose_packets(2)
-    chain.swap_packets()
+    chain.packets.lose(2)
+    chain.packets.swap()
     got = packets(chain.run(0, 800 * 6))
     assert [p["count"] for p in got] == [3, 2, 4, 5]
     assert [p["i"][0] for p in got] == [300, 200, 400, 500]
@@ -182,7 +183,7 @@ def transmit_chain():
 
 def events(chain):
     """Event words and consumed sequence numbers of the reports that are due."""
-    return [struct.unpack_from(">IIQII", report)[3:] for report in chain.reports()]
+    return [struct.unpack_from(">IIQII", report)[3:] for report in chain.flow.take()]
 
 
 @pytest.mark.parametrize("step", [8, 50, 333, 4000])
