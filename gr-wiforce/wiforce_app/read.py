@@ -114,8 +114,8 @@ def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False, on
         missing = source.samples_missing()
         if missing:
             _warn(path, f"was cut short while it was read, {missing} samples are missing")
-        for said in describe_events(source.frames_moved()):
-            _warn(path, said)
+        for event in describe_events(source.frames_moved()):
+            _warn(path, event)
     return reader.counts
 
 
@@ -140,8 +140,8 @@ def follow_capture(capture, scene, on_reading, frame_offset, tracked):
     _run(reader, source)
     if source.failure is not None:
         raise source.failure
-    for said in describe_events(reader.fold.frames_moved(), reader.fold.times_ignored()):
-        _warn(capture[0], said)
+    for event in describe_events(reader.fold.frames_moved(), reader.fold.times_ignored()):
+        _warn(capture[0], event)
     return reader.counts
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from statistics import median
 
 import pytest
-from qa_live import FRAMES, SLOW, SLOW_GROUP_S, command, rows_of, scene_file, wait_until
+from live_runs import FRAMES, SLOW, SLOW_GROUP_S, command, rows_of, scene_file, wait_until
 from software_usrp import SoftwareUsrp
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
@@ -26,7 +26,7 @@ def scene(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def device(scene):
-    device = SoftwareUsrp(scene)
+    device = SoftwareUsrp(scene, speed=2)
     yield device
     device.stop()
 
@@ -108,7 +108,7 @@ def test_transmit_sends_and_hears_nothing(device, scene):
 
 def test_two_readers_read_each_its_own_sensor(device, scene, software_usrp, tmp_path):
     untouched = scene_file(tmp_path, [], 400, 0.3, **SLOW)
-    other = software_usrp(untouched)
+    other = software_usrp(untouched, speed=2)
     with example(
         "two_readers_uhd.py", args_of(device), scene, args_of(other), untouched
     ) as process:
