@@ -87,7 +87,7 @@ def test_a_capture_cut_inside_a_frame_is_read_to_its_last_whole_group(
 
 
 @pytest.mark.parametrize("follow", [False, True])
-def test_samples_that_went_missing_untold_are_told_as_frames_that_came_elsewhere(
+def test_read_samples_missing_without_a_gap_warns_of_timing_shift(
     demo, read_args, tmp_path, follow
 ):
     capture = cut(demo, tmp_path, 0)
@@ -105,7 +105,7 @@ def test_samples_that_went_missing_untold_are_told_as_frames_that_came_elsewhere
         reading.send_signal(signal.SIGINT)
     said = reading.communicate(timeout=100)[1].splitlines()
     assert reading.returncode == 0
-    told = [line for line in said if "frames came elsewhere once: times may be off" in line]
+    told = [line for line in said if "frame timing shifted once; times may be off" in line]
     assert len(told) == 1 and str(capture) in told[0]
     assert not any("lost" in line for line in said)
 

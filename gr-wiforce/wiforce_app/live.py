@@ -28,7 +28,10 @@ def radio_options(command):
     for option in reversed(
         [
             click.option(
-                "--scene", "scene_path", required=True, help="Scene file, or name of a shipped scene."
+                "--scene",
+                "scene_path",
+                required=True,
+                help="Scene file, or name of a shipped scene.",
             ),
             click.option("--args", required=True, help="UHD device arguments: addr=192.168.10.2."),
             click.option("--tx-gain", type=float, metavar="DB", help="Default: the device's own."),
@@ -51,16 +54,28 @@ def radio_options(command):
 
 @click.command()
 @radio_options
-@click.option("-o", "--output", type=click.Path(), help="OUT.csv or OUT.jsonl. Default: CSV on standard output.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(),
+    help="OUT.csv or OUT.jsonl. Default: CSV on standard output.",
+)
 @click.option("--record", metavar="NAME", help="Record to NAME.sigmf-data and NAME.sigmf-meta.")
-@click.option("--zmq", "zmq_endpoint", metavar="ENDPOINT", help="Publish readings by ZMQ: PORT or tcp://ADDRESS:PORT.")
+@click.option(
+    "--zmq",
+    "zmq_endpoint",
+    metavar="ENDPOINT",
+    help="Publish readings by ZMQ: PORT or tcp://ADDRESS:PORT.",
+)
 @click.option(
     "--control",
     metavar="ENDPOINT",
     help="Accept requests (tare, status, stop) by ZMQ: PORT or tcp://ADDRESS:PORT.",
 )
 @click.option("--tracked", is_flag=True, help="Track each press over time.")
-@click.option("--duration", type=FiniteRange(0, min_open=True), help="Seconds to read. Default: until Ctrl-C.")
+@click.option(
+    "--duration", type=FiniteRange(0, min_open=True), help="Seconds to read. Default: until Ctrl-C."
+)
 def live(scene_path, args, output, record, zmq_endpoint, control, tracked, duration, **radio):
     """Transmit, receive and read with a UHD device, until interrupted.
 
@@ -172,7 +187,9 @@ def _run(session, args, outputs, control, duration):
         raise session.failure
     click.echo(f"gr-wiforce: read {watch.summary()}", err=True)
     if session.recorder is not None and session.recorder.failure is not None:
-        raise OutputError("--record", f"the recording is incomplete ({session.recorder.failure.strerror})")
+        raise OutputError(
+            "--record", f"the recording is incomplete ({session.recorder.failure.strerror})"
+        )
 
 
 def leave(error):

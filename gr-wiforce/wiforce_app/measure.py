@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What each step of a plan costs on this machine: processor time per second of signal.
+"""Measures what each step of a plan costs on this machine, as processor time per second of signal.
 
 GNU Radio's performance counters time the reader's blocks over a simulated press. Folding and tones
-are one block there: the tones' share is what they add to folding alone. What a skip saves is what
-the same block takes with the step forced on, less what it takes without.
+are one block there, so the cost of the tones is what they add to folding alone. The saving of a
+skipped step is the time of the same block with the step forced on, minus its time without.
 """
 
 import dataclasses
@@ -20,13 +20,13 @@ from gnuradio.wiforce.scene.schema import Press
 from gnuradio.wiforce.signal.waveform import FFT_LENGTH
 from gnuradio.wiforce.simulation.simulator import simulate
 
-# Signal behind the untouched reference: long enough that a block's start does not count.
+# Signal after the untouched reference: long enough that a block's start-up is negligible.
 _PRESSED_S = 1.0
 _REPEATS, _RUNS = 20, 3
 
 
 def measure_steps(scene, plan):
-    """Processor time of each step, or what its skip saves.
+    """Processor time of each step, or the saving when it is skipped.
 
     Parameters
     ----------
@@ -62,12 +62,12 @@ def measure_steps(scene, plan):
 
 
 def _pressed(scene):
-    """The scene with one long press on each sensor after the reference, heard by one antenna."""
+    """The scene with one long press on each sensor after the reference, and one receive antenna."""
     presses = []
     for sensor in scene.sensors:
         model = sensor.load_model(scene)
-        force, place = np.mean(model.force_span_n), np.mean(model.location_span_mm)
-        presses.append(Press(sensor.name, scene.reference_s, 0.0, 1e3, force, force, place))
+        force, location = np.mean(model.force_span_n), np.mean(model.location_span_mm)
+        presses.append(Press(sensor.name, scene.reference_s, 0.0, 1e3, force, force, location))
     simulation = dataclasses.replace(
         scene.simulation,
         duration_s=scene.reference_s + max(_PRESSED_S, 12 * scene.group_period_s),
@@ -101,7 +101,7 @@ def _seconds(block):
 
 
 class _Chain:
-    """The blocks from samples to tones, in the order and with the settings that are asked for."""
+    """The blocks from samples to tones, in a given order and with given settings."""
 
     def __init__(self, samples, plan):
         self._samples, self._plan = str(samples), plan
@@ -113,7 +113,7 @@ class _Chain:
         return self._time(self._fold)
 
     def whole_frames(self):
-        """Every sample of a frame looked at."""
+        """With all samples of a frame folded."""
         whole = {
             "first_averaged": 0,
             "repetitions": self._plan.waveform.frame_length // FFT_LENGTH,
@@ -152,7 +152,7 @@ class _Chain:
         }
 
     def _time(self, make, behind=None):
-        """The least time that a block took in some runs, each with blocks of its own."""
+        """The shortest time of a block in several runs, each with new blocks."""
         return min(self._run(make(), behind and behind()) for _ in range(_RUNS))
 
     def _run(self, block, behind):
@@ -167,7 +167,7 @@ class _Chain:
 
 
 def _group_skips(scene, plan):
-    """What is not done once per group: averaging over a single group, inverting untouched ones."""
+    """Savings per group: averaging over a single group, inverting untouched groups."""
     rate, sensors = 1 / plan.group_period_s, len(scene.sensors)
     took = {}
     if plan.smoothing_groups == 1:
@@ -184,7 +184,7 @@ def _group_skips(scene, plan):
 
 
 def _each(call):
-    """Processor time of one call; the least of some, after one that warms up."""
+    """Processor time of one call: the shortest of several, after one to warm up."""
     call()
     times = []
     for _ in range(_REPEATS):

@@ -125,7 +125,9 @@ class Watch:
         session = self._session
         gaps, lost = session.gaps, session.samples_lost
         if gaps > self._gaps:
-            text = f"{describe_loss(gaps - self._gaps, lost - self._lost)} at {session.time_s:.1f} s"
+            text = (
+                f"{describe_loss(gaps - self._gaps, lost - self._lost)} at {session.time_s:.1f} s"
+            )
             if gaps - self._gaps >= _MANY_GAPS:
                 text += f"; this machine or its network is too slow{_buffer_advice()}"
             self._warn_of(text)
