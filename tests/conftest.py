@@ -1,31 +1,36 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What every test runs under: the right interpreter, its own HOME, and an end."""
+"""Conditions of every test: the right interpreter, a HOME of its own, and a time limit."""
 
 import faulthandler
 import os
 import signal
 import sys
+from itertools import zip_longest
+from pathlib import Path
 
 import pytest
 from software_usrp import software_usrp  # noqa: F401
 
+ROOT = Path(__file__).parent
 TIMEOUT_S = 120
-# Threads only slow down matrices as small as ours. To be set before NumPy is imported.
+# Threads slow down matrices as small as ours. Must be set before NumPy is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def pytest_addoption(parser):
-    parser.addoption("--long", action="store_true", help="Run what runs by the number at length.")
+    parser.addoption(
+        "--long", action="store_true", help="Run the long forms of tests that have one."
+    )
 
 
 @pytest.fixture(scope="session")
 def long_run(request):
-    """Whether numbers of runs are to be those of the long command."""
+    """Whether tests run in their long form."""
     return request.config.getoption("--long")
 
 
 def pytest_configure(config):
-    config.addinivalue_line("markers", f"timeout(seconds): instead of {TIMEOUT_S} s")
+    config.addinivalue_line("markers", f"timeout(seconds): time limit instead of {TIMEOUT_S} s")
     try:
         from gnuradio import gr, wiforce  # noqa: F401
     except ImportError as error:
@@ -35,9 +40,22 @@ def pytest_configure(config):
         ) from error
 
 
+def pytest_collection_modifyitems(items):
+    """Alternate files that wait for a device with files that compute, to keep all cores busy.
+
+    Workers take whole files in this order. Folders with longer files come first.
+    """
+    waiting, computing = {}, {}
+    for item in sorted(items, key=lambda item: item.path.parent == ROOT):
+        files = waiting if item.path.parent.name == "usrp" else computing
+        files.setdefault(item.path, []).append(item)
+    pairs = zip_longest(waiting.values(), computing.values(), fillvalue=[])
+    items[:] = [item for pair in pairs for file in pair for item in file]
+
+
 @pytest.fixture(autouse=True, scope="session")
 def own_home(tmp_path_factory):
-    """GNU Radio and grcc write to the home folder: give them one of their own."""
+    """A home folder for the tests, since GNU Radio and grcc write to it."""
     home = tmp_path_factory.mktemp("home")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("HOME", str(home))
@@ -49,7 +67,7 @@ def own_home(tmp_path_factory):
 
 @pytest.fixture(autouse=True)
 def time_limit(request):
-    """Fails a test that hangs, with its stack; ends the run if it hangs outside Python."""
+    """Fail a test that hangs, with its stack; end the run if it hangs outside Python."""
     marker = request.node.get_closest_marker("timeout")
     seconds = marker.args[0] if marker else TIMEOUT_S
 
@@ -69,7 +87,7 @@ def time_limit(request):
 
 @pytest.fixture(scope="session")
 def qt():
-    """Qt without a screen; one application per process is all that Qt allows."""
+    """Qt without a screen; Qt allows one application per process."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("QT_QPA_PLATFORM", "offscreen")
         from PyQt5.QtWidgets import QApplication

@@ -69,7 +69,7 @@ def test_version_option_prints_version_of_build():
         (["simulate", "a", "b", "--datatype", "ci8"], "'ci8' is not one of"),
         (["simulate", "none.yaml", "x"], "none.yaml: cannot be read"),
         (["simulate", "no\nne.yaml", "x"], "no ne.yaml: cannot be read"),
-        (["emulate", "--speed", "nan"], "'nan' is not a finite number"),
+        (["emulate", "--air", "cable", "--speed", "nan"], "speed: must be positive and finite"),
         (["live", "--scene", "demo", "--args", "x", "--zmq", "\u00b2"], "--zmq: must be a port"),
         (["bench", "speed", "--only", "x"], "got 'x'"),
         (["bench", "speed", "--megabytes", "99999999999"], "both recordings must fit on the disk"),

@@ -7,7 +7,7 @@ import time
 
 import pytest
 import zmq
-from wiforce_app.zmq_sockets import Replies, answer_words
+from gnuradio.wiforce.io.zmq_sockets import Replies, answer_words
 
 
 @pytest.fixture

@@ -48,7 +48,8 @@ class SoftwareUsrp:
             _, reason = self.process.communicate(timeout=_STOP_S)
             if "is taken" not in reason:
                 raise RuntimeError(reason)
-        self.args = f"addr={self.address}"
+        # With the type UHD skips the search for other kinds of devices, which takes 0.5 s.
+        self.args = f"addr={self.address},type=usrp2"
 
     def command(self, line):
         """The answer to one line of live control, as a dict."""

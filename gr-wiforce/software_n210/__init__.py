@@ -1,2 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A software USRP N210: the device's side of what libuhd's ``usrp2`` driver says on the network."""
+"""A software USRP N210: the device's side of the protocol of libuhd's ``usrp2`` driver.
+
+``python3 -m software_n210 --air cable`` runs one; docs/software-n210.md describes it.
+"""
+
+from .air import Cable, Counter
+from .device import Device
+from .faults import parse_fault
+
+__all__ = ["Cable", "Counter", "Device", "parse_fault"]

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Live control of a running device: one line in, one line of JSON out, by stdin or ZMQ."""
+"""Control of a running device: a line in, a line of JSON out, on standard input or over ZMQ."""
 
 import json
 import os
 import stat
 
 from gnuradio.wiforce.errors import InputError
-from wiforce_app.zmq_sockets import Replies
+from gnuradio.wiforce.io.zmq_sockets import Replies
 
 from .faults import parse_fault
 
-# In one turn of the device's loop, however many a peer sends.
+# So that a flood of requests does not stop the streams.
 _REQUESTS_A_TURN = 10
 
 USAGE = {
@@ -23,7 +23,7 @@ USAGE = {
 
 
 class Console:
-    """Understands the lines of the live control.
+    """Executes the lines of the control.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class Console:
         self._device = device
 
     def answer(self, line):
-        """Do what a line says; JSON with ``ok``, and ``error`` or what was asked for."""
+        """Execute a line; JSON with ``ok``, and ``error`` or the requested values."""
         try:
             return json.dumps({"ok": True, **self._do(line)})
         except InputError as error:
@@ -66,7 +66,7 @@ class Console:
 
     def _take(self, name, arguments, least, most):
         if not least <= len(arguments) <= most:
-            raise InputError("control", f"must read: {USAGE[name]}", " ".join(arguments))
+            raise InputError("control", f"must have the form: {USAGE[name]}", " ".join(arguments))
         return arguments
 
 
@@ -74,13 +74,13 @@ def _numbers(name, texts):
     try:
         return [float(text) for text in texts]
     except ValueError:
-        raise InputError("control", f"must read: {USAGE[name]}", " ".join(texts)) from None
+        raise InputError("control", f"must have the form: {USAGE[name]}", " ".join(texts)) from None
 
 
 class LineControl:
     """Lines on a file descriptor, answers on a stream.
 
-    The end of a pipe ends the device: whoever was at its other end has gone.
+    The end of a pipe ends the device, because the process at its other end has gone.
     """
 
     def __init__(self, console, device, descriptor, out):
@@ -108,12 +108,12 @@ class ZmqControl:
     Raises
     ------
     InputError
-        When pyzmq is missing, or the endpoint is not ``tcp://127.x.y.z:PORT`` or is taken.
+        When pyzmq is missing, or the endpoint is not ``tcp://127.x.y.z:PORT`` or is in use.
     """
 
     def __init__(self, console, device, endpoint):
         if not endpoint.startswith("tcp://127."):
-            raise InputError("--control", "must read tcp://127.0.0.1:PORT", endpoint)
+            raise InputError("--control", "must have the form tcp://127.0.0.1:PORT", endpoint)
         self._replies = Replies(endpoint, console.answer)
         self.close = self._replies.close
         device.watch(self._replies.fileno(), lambda: self._replies.serve(_REQUESTS_A_TURN))

@@ -1,27 +1,53 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Faults on demand: what goes wrong, and at which device time."""
+"""Faults on demand: what goes wrong, when, and what it does to the device."""
 
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from gnuradio.wiforce.errors import InputError
 
 from .wire import TICK_RATE
 
-# Kind of fault -> converters of its arguments, the optional ones last and in brackets.
+_MOST_PPM = 1000  # as in a scene
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """Names and converters of a fault's arguments, optional ones in brackets; what it does."""
+
+    arguments: tuple
+    apply: Callable
+
+
+def _overflow(hardware, samples, stop=None):
+    hardware.receive[0].overflow(samples, restart=stop is None)
+
+
+def _late(hardware, which):
+    (hardware.receive[0] if which == "rx" else hardware.transmit).make_late()
+
+
 _KINDS = {
-    "overflow": (("samples", int), ("[stop]", str)),
-    "lose": (("packets", int),),
-    "swap": (),
-    "late": (("rx|tx", str),),
-    "stall": (("seconds", float),),
-    "clock": (("sensor", str), ("ppm", float)),
-    "off": (("sensor", str),),
-    "on": (("sensor", str),),
+    "overflow": _Kind((("samples", int), ("[stop]", str)), _overflow),
+    "lose": _Kind((("packets", int),), lambda hw, packets: hw.receive[0].packets.lose(packets)),
+    "swap": _Kind((), lambda hw: hw.receive[0].packets.swap()),
+    "late": _Kind((("rx|tx", str),), _late),
+    "stall": _Kind((("seconds", float),), lambda hw, seconds: time.sleep(seconds)),
+    "clock": _Kind(
+        (("sensor", str), ("ppm", float)),
+        lambda hw, sensor, ppm: hw.air.set_clock_offset(sensor, ppm),
+    ),
+    "off": _Kind((("sensor", str),), lambda hw, sensor: hw.air.switch_tag(sensor, on=False)),
+    "on": _Kind((("sensor", str),), lambda hw, sensor: hw.air.switch_tag(sensor, on=True)),
 }
 
-_MOST_PPM = 1000  # as in a scene
-SENSOR_KINDS = tuple(kind for kind, args in _KINDS.items() if ("sensor", str) in args)
-GRAMMAR = "; ".join(" ".join((kind, *(name for name, _ in args))) for kind, args in _KINDS.items())
+
+def _usage(name):
+    return " ".join((name, *(argument for argument, _ in _KINDS[name].arguments)))
+
+
+GRAMMAR = "; ".join(_usage(name) for name in _KINDS)
 
 
 @dataclass(frozen=True)
@@ -31,7 +57,7 @@ class Fault:
     Attributes
     ----------
     time : int
-        Ticks: of device time, or after the first received sample when `relative`.
+        Ticks of device time; of time after the first received sample when `relative`.
     relative : bool
     kind : str
     arguments : tuple
@@ -43,24 +69,39 @@ class Fault:
     arguments: tuple
 
 
-def parse_fault(text, where="--fault"):
+def parse_fault(text: str, where: str = "--fault") -> Fault:
     """A fault from ``TIME KIND ARGUMENTS``.
 
-    TIME is in seconds of device time; with a leading ``+``, in seconds after the first sample
-    received since the device was opened. The kinds::
+    TIME is in seconds of device time or, with a leading ``+``, in seconds after the first sample
+    that was received since the device was opened. The kinds are::
 
-        overflow SAMPLES [stop]   report an overflow, lose so many samples, go on (or go idle)
-        lose PACKETS              send nothing for so many packets, but count them
-        swap                      send the next two packets in the wrong order
+        overflow SAMPLES [stop]   report an overflow and lose SAMPLES; then continue, or go idle
+        lose PACKETS              number the next packets but do not send them
+        swap                      exchange the next two packets
         late rx|tx                report the next receive command or transmit burst as late
-        stall SECONDS             do nothing for so long, by the wall clock
-        clock SENSOR PPM          the tag's clock offset is now PPM
-        off SENSOR, on SENSOR     the tag's switches stop, go on
+        stall SECONDS             do nothing for SECONDS of wall time
+        clock SENSOR PPM          set the clock offset of a tag
+        off SENSOR, on SENSOR     stop or start the switches of a tag
+
+    Parameters
+    ----------
+    text : str
+    where : str
+        Named in the error.
+
+    Returns
+    -------
+    Fault
 
     Raises
     ------
     InputError
-        When it doesn't follow this grammar.
+        When the text does not follow this grammar.
+
+    Examples
+    --------
+    >>> parse_fault("+1.5 overflow 3630")
+    Fault(time=150000000, relative=True, kind='overflow', arguments=(3630,))
     """
     time, *rest = text.split() or [""]
     kind, *arguments = rest or [""]
@@ -75,32 +116,44 @@ def parse_fault(text, where="--fault"):
     return Fault(ticks, time.startswith("+"), kind, _convert(kind, arguments, text, where))
 
 
-def _convert(kind, arguments, text, where):
-    wanted = _KINDS[kind]
+def _convert(kind, texts, text, where):
+    """Arguments as numbers and words, each checked."""
+    wanted, form = _KINDS[kind].arguments, f"TIME {_usage(kind)}"
     required = sum(not name.startswith("[") for name, _ in wanted)
-    usage = " ".join((kind, *(name for name, _ in wanted)))
-    if not required <= len(arguments) <= len(wanted):
-        raise InputError(where, f"must read TIME {usage}", text)
+    if not required <= len(texts) <= len(wanted):
+        raise InputError(where, f"must have the form {form}", text)
     converted = []
-    for (name, convert), argument in zip(wanted, arguments, strict=False):
+    for (name, convert), argument in zip(wanted, texts, strict=False):
         try:
             value = convert(argument)
         except ValueError:
-            raise InputError(where, f"{name} must be a number in TIME {usage}", text) from None
+            raise InputError(where, f"{name} must be a number in {form}", text) from None
         choices = name.strip("[]").split("|")
         if convert is str and name != "sensor" and value not in choices:
-            raise InputError(where, f"must read TIME {usage}", text)
+            raise InputError(where, f"must have the form {form}", text)
         if name == "ppm" and not abs(value) <= _MOST_PPM:
-            rule = f"ppm must lie from -{_MOST_PPM:g} to {_MOST_PPM:g} in TIME {usage}"
+            rule = f"ppm must lie from -{_MOST_PPM:g} to {_MOST_PPM:g} in {form}"
             raise InputError(where, rule, text)
         if convert is not str and name != "ppm" and not 0 < value < 1e9:
-            raise InputError(where, f"{name} must be positive in TIME {usage}", text)
+            raise InputError(where, f"{name} must be positive in {form}", text)
         converted.append(value)
     return tuple(converted)
 
 
+def check_fault(fault, air):
+    """Raise an InputError when a fault names a sensor that is not on the air."""
+    for (name, _), value in zip(_KINDS[fault.kind].arguments, fault.arguments, strict=False):
+        if name == "sensor":
+            air.check_sensor(value)
+
+
+def apply_fault(fault, hardware):
+    """Let a fault happen now."""
+    _KINDS[fault.kind].apply(hardware, *fault.arguments)
+
+
 class FaultQueue:
-    """Faults that are still to come."""
+    """Scheduled faults."""
 
     def __init__(self):
         self._faults = []
@@ -109,12 +162,12 @@ class FaultQueue:
         self._faults.append(fault)
 
     def next_tick(self, clock, origin):
-        """Tick of the first fault, or None; `origin` is that of the first sample, or None."""
+        """Tick of the first fault, or None; `origin` is the tick of the first sample, or None."""
         ticks = [t for fault in self._faults if (t := _tick(fault, clock, origin)) is not None]
         return min(ticks, default=None)
 
     def due(self, clock, origin):
-        """Faults whose tick has come, earliest first; they leave the queue."""
+        """Faults that are due, earliest first; they leave the queue."""
         timed = [(_tick(fault, clock, origin), fault) for fault in self._faults]
         due = [(t, f) for t, f in timed if t is not None and t <= clock.ticks]
         self._faults = [f for t, f in timed if t is None or t > clock.ticks]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A receive stream: commands in, samples of the air out in packets."""
+"""A receive stream: stream commands select which samples are received and when."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -7,16 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from .dsp import FULL_SCALE, DspRegisters
-from .wire import (
-    RX_BROKEN_CHAIN,
-    RX_HEADER_WORDS,
-    RX_LATE,
-    RX_OVERFLOW,
-    RX_OVERHEAD_WORDS,
-    rx_error,
-    rx_header,
-    rx_trailer,
-)
+from .rx_packets import PacketStream
+from .wire import RX_BROKEN_CHAIN, RX_LATE, RX_OVERFLOW
 
 _NOW, _CHAIN, _RELOAD, _STOP = 1 << 31, 1 << 30, 1 << 29, 1 << 28
 _COUNT = _STOP - 1
@@ -60,42 +52,38 @@ class ReceiveChain:
     air : object
         ``air.receive(chain, tick, spacing, count)`` gives complex64 samples, 1.0 at full scale.
     stream_id : int
-        As the driver has it until it writes another.
+        Used until the driver writes another.
 
     Attributes
     ----------
     dsp : DspRegisters
+    packets : PacketStream
     stream_start : int or None
-        Tick of the first sample since the device was opened; single samples, by which the
-        driver flushes a stream, don't count.
-    dropped_samples, dropped_packets : int
-        Taken away by faults.
+        Tick of the first sample since the device was opened. Commands for a single sample, which
+        the driver uses to flush a stream, do not count.
+    dropped_samples : int
+        Samples lost in overflows.
     """
 
     def __init__(self, clock, air, stream_id=3):
         self.dsp = DspRegisters(cic_power=4)
         self.stream_start = None
+        self.packets = PacketStream(clock, stream_id)
         self.dropped_samples = 0
-        self.dropped_packets = 0
         self._clock = clock
         self._air = air
-        self._stream_id = stream_id
-        self._samples_per_packet = 363
         self._command_word = 0
         self._command_time = 0
-        self._packet_count = 0
         self._make_late = False
-        self._lose = 0
-        self._swap = False
-        self._out = []
-        self._reset()
+        self.stop()
 
-    def _reset(self):
+    def stop(self):
+        """Go idle without a report, as when nobody listens any more."""
         self._queue = deque()
         self._command = None
         self._next_tick = None
         self._remaining = 0
-        self._partial = np.empty((0, 2), ">i2")
+        self.packets.discard()
 
     def poke(self, register, value):
         """Write register 0..8 of the stream's control block."""
@@ -109,12 +97,11 @@ class ReceiveChain:
             if len(self._queue) < _MAX_QUEUE:
                 self._queue.append(StreamCommand(self._command_word, time))
         elif register == 5:
-            self._stream_id = value
-            self._packet_count = 0
+            self.packets.restart(value)
         elif register == 7:
-            self._samples_per_packet = max(value & 0xFFFF, 1)
+            self.packets.samples_per_packet = max(value & 0xFFFF, 1)
         elif register == 8:
-            self._reset()
+            self.stop()
 
     @property
     def active(self):
@@ -139,42 +126,29 @@ class ReceiveChain:
         return tick + (max(count, 1) - 1) * self.dsp.ticks_per_sample + 1
 
     def run(self, start, end):
-        """Receive from tick `start` up to `end`; list of (bytes, segment size) to be sent."""
+        """Receive from tick `start` up to `end`; list of (bytes, packet size) to send."""
         while self._begin(start, end) and self._receive(end):
             pass
-        out, self._out = self._out, []
-        return out
-
-    def stop(self):
-        """Go idle without a word, as when nobody listens any more."""
-        self._reset()
+        return self.packets.take()
 
     def overflow(self, samples, restart=True):
-        """Report an overflow; go on after `samples`, or go idle as the FPGA itself does."""
+        """Report an overflow; continue after `samples`, or go idle as the FPGA itself does."""
         if not self.active:
             return
-        self._flush(end_of_burst=False)
-        self._error(RX_OVERFLOW, self._next_tick)
+        self.packets.flush()
+        self.packets.error(RX_OVERFLOW, self._next_tick)
         if restart:
             self._next_tick += samples * self.dsp.ticks_per_sample
             self.dropped_samples += samples
         else:
-            self._reset()
-
-    def lose_packets(self, count):
-        """Send nothing for the next `count` packets, but count them."""
-        self._lose += count
-
-    def swap_packets(self):
-        """Send the next two packets in the wrong order."""
-        self._swap = True
+            self.stop()
 
     def make_late(self):
         """Report the next command as late."""
         self._make_late = True
 
     def _begin(self, start, end):
-        """Whether a command runs, after taking on the next one when it is due before `end`."""
+        """Whether a command runs, after starting the next one if it is due before `end`."""
         while self._command is None:
             if not self._queue:
                 return False
@@ -188,7 +162,7 @@ class ReceiveChain:
                 continue
             if late:
                 self._make_late = False
-                self._error(RX_LATE, start)
+                self.packets.error(RX_LATE, start)
                 continue
             self._take(command, begin)
             if self.stream_start is None and (command.reload or command.count > 1):
@@ -201,7 +175,7 @@ class ReceiveChain:
         self._remaining = command.count
 
     def _receive(self, end):
-        """Receive what the running command wants up to `end`; False when `end` is reached."""
+        """Receive for the running command up to `end`; False when `end` is reached."""
         spacing = self.dsp.ticks_per_sample
         self._follow_on()
         count = max(0, -(-(end - self._next_tick) // spacing))
@@ -212,22 +186,22 @@ class ReceiveChain:
             return False
         taken = min(count, self._remaining)
         self._remaining -= taken
-        self._collect(taken, last=self._remaining == 0 and not self._command.chain)
+        self._collect(taken, end_of_burst=self._remaining == 0 and not self._command.chain)
         if self._remaining == 0:
             self._finish()
         return True
 
     def _follow_on(self):
-        """A command queued behind a repeating one takes its place."""
+        """Replace a repeating command by the one that is queued behind it."""
         if self._command.reload and self._queue:
             command = self._queue.popleft()
             if command.stop:
-                # Some packet must carry the end of the burst: one more sample when none is left.
-                command = StreamCommand(0 if len(self._partial) else 1, 0)
+                # A packet must carry the end of the burst: one more sample if none is pending.
+                command = StreamCommand(0 if self.packets.pending else 1, 0)
             self._take(command, self._next_tick)
 
     def _finish(self):
-        """The running command has had its samples: go to the next one or stop."""
+        """The running command has all its samples: start the next one or stop."""
         command, tick = self._command, self._next_tick
         self._command = None
         if not command.chain:
@@ -235,34 +209,21 @@ class ReceiveChain:
         if self._queue:
             following = self._queue.popleft()
             if following.stop:
-                self._flush(end_of_burst=True)
+                self.packets.flush(end_of_burst=True)
             else:
                 self._take(following, tick)
         else:
-            self._flush(end_of_burst=False)
-            self._error(RX_BROKEN_CHAIN, tick)
+            self.packets.flush()
+            self.packets.error(RX_BROKEN_CHAIN, tick)
 
-    def _collect(self, count, last=False):
-        """Take `count` samples off the air; send what fills packets, and the rest if `last`."""
+    def _collect(self, count, end_of_burst=False):
+        """Receive `count` samples and hand them to the packets."""
         spacing = self.dsp.ticks_per_sample
+        samples = np.empty(0, np.complex64)
         if count:
             samples = self._air.receive(self, self._next_tick, spacing, count)
-            wire = self._to_wire(samples)
-            if len(self._partial):
-                wire = np.concatenate((self._partial, wire))
-            self._next_tick += count * spacing
-        else:
-            wire = self._partial
-        size = self._samples_per_packet
-        full = len(wire) // size
-        if last and full and full * size == len(wire):
-            full -= 1
-        first_tick = self._next_tick - len(wire) * spacing
-        if full:
-            self._send(wire[: full * size], size, first_tick)
-        self._partial = wire[full * size :]
-        if last:
-            self._flush(end_of_burst=True)
+        self.packets.append(self._to_wire(samples), self._next_tick, spacing, end_of_burst)
+        self._next_tick += count * spacing
 
     def _to_wire(self, samples):
         values = samples.view(np.float32) * np.float32(FULL_SCALE * self.dsp.gain)
@@ -270,41 +231,3 @@ class ReceiveChain:
         np.minimum(values, FULL_SCALE, out=values)
         np.maximum(values, -FULL_SCALE - 1, out=values)
         return values.astype(np.int16).astype(">i2").reshape(-1, 2)
-
-    def _send(self, wire, size, first_tick, end_of_burst=False):
-        """Send packets of one size."""
-        packets = len(wire) // size
-        numbers = np.arange(packets)
-        times = self._clock.to_time(first_tick) + numbers * size * self.dsp.ticks_per_sample
-        block = np.empty((packets, size + RX_OVERHEAD_WORDS), ">u4")
-        block[:, 0] = rx_header(0, size) | ((self._packet_count + numbers) & 15) << 16
-        block[:, 1] = self._stream_id
-        block[:, 2] = times >> 32
-        block[:, 3] = times & 0xFFFFFFFF
-        block[:, RX_HEADER_WORDS:-1].view(">i2")[:] = wire.reshape(packets, 2 * size)
-        block[:, -1] = rx_trailer(end_of_burst)
-        self._packet_count += packets
-        self._emit(block)
-
-    def _flush(self, end_of_burst):
-        """Send what is left over as one short packet."""
-        wire, self._partial = self._partial, self._partial[:0]
-        if len(wire):
-            first_tick = self._next_tick - len(wire) * self.dsp.ticks_per_sample
-            self._send(wire, len(wire), first_tick, end_of_burst)
-
-    def _emit(self, block):
-        """Hand packets of one size on, less what the faults take."""
-        lost = min(self._lose, len(block))
-        self._lose -= lost
-        self.dropped_packets += lost
-        block = block[lost:]
-        if self._swap and len(block) > 1:
-            block[[0, 1]] = block[[1, 0]]
-            self._swap = False
-        if len(block):
-            self._out.append((block.tobytes(), block.shape[1] * 4))
-
-    def _error(self, code, tick):
-        packet = rx_error(self._packet_count, self._stream_id, self._clock.to_time(tick), code)
-        self._out.append((packet, len(packet)))

@@ -8,8 +8,9 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.simulation.adc import Adc
 from gnuradio.wiforce.simulation.channel import AirChannel
 
-from .air import Cable, SampleHistory, amplitude
+from .air import Cable, amplitude
 from .dsp import FULL_SCALE
+from .history import SampleHistory
 from .wire import TICK_RATE
 
 # A sounding waveform of this amplitude (its mean preamble power is the square), at the board's

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``gr-wiforce check``: what a device and the air give, and what to change before measuring."""
+"""``gr-wiforce check``: measures levels, delay and tag clocks, and advises what to change."""
 
 import json
 from dataclasses import asdict, dataclass, field
@@ -10,9 +10,10 @@ from gnuradio.wiforce.estimation.frame import MARGIN
 from gnuradio.wiforce.estimation.levels import measure_levels
 from gnuradio.wiforce.io.samples import samples_of
 from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.scene.schema import Scene
 
 from .live import leave, open_radio, radio_options
-from .mishaps import mishaps
+from .stream_events import describe_events
 
 _FRAMES = 2000
 _SEARCHES = 16
@@ -22,7 +23,7 @@ _LOOK_S = 0.05
 
 @dataclass
 class Sensor:
-    """What was heard of one tag; None for what could not be told."""
+    """Measurements of one tag; None where it was not detected."""
 
     name: str
     clock_offset_ppm: float | None = None
@@ -32,7 +33,7 @@ class Sensor:
 
 @dataclass
 class Findings:
-    """All that a check finds."""
+    """Results of a check."""
 
     hardware: str
     settings: dict
@@ -49,9 +50,9 @@ class Findings:
 @radio_options
 @click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
 def check(scene_path, args, as_json, amplitude, **radio):
-    """Look at levels, noise, delay and the tags' clocks; say what to change before a measurement.
+    """Measure levels, noise, delay and the tags' clocks, and advise what to change.
 
-    Nothing may press a sensor meanwhile.
+    No sensor may be pressed meanwhile.
     """
     from .live_session import DeviceLost
 
@@ -59,17 +60,17 @@ def check(scene_path, args, as_json, amplitude, **radio):
     opened = open_radio(args, scene, **radio)
     findings = Findings(opened.hardware, opened.settings())
     try:
-        session, samples = _listen(scene, opened, amplitude, args)
+        session, samples = _receive(scene, opened, amplitude, args)
     except DeviceLost as lost:
         leave(lost)
     if samples is not None:
-        _judge(findings, scene, session, samples)
+        _measure(findings, scene, session, samples)
     findings.advice = advice_on(findings, scene)
     click.echo(json.dumps(asdict(findings), indent=2) if as_json else _text(findings))
 
 
-def _listen(scene, radio, amplitude, args):
-    """A session that has run for the reference and a little more, and the first frames of it."""
+def _receive(scene, radio, amplitude, args):
+    """A session that has run a little longer than the reference, and its first frames or None."""
     import time
 
     from gnuradio.wiforce.blocks.sample_keeper import sample_keeper
@@ -94,7 +95,7 @@ def _listen(scene, radio, amplitude, args):
     return session, samples_of(keeper.samples)
 
 
-def _judge(findings, scene, session, samples):
+def _measure(findings, scene, session, samples):
     waveform = scene.waveform()
     findings.levels = asdict(measure_levels(samples, waveform))
     delay = (session.alignment.offset + MARGIN) % waveform.frame_length
@@ -104,11 +105,11 @@ def _judge(findings, scene, session, samples):
     findings.times_ignored = session.times_ignored
     groups = session.latest
     for index, sensor in enumerate(scene.sensors):
-        findings.sensors.append(_heard(sensor.name, index, groups))
+        findings.sensors.append(_measure_tag(sensor.name, index, groups))
 
 
-def _heard(name, index, groups):
-    """What the groups say of one tag, by their medians."""
+def _measure_tag(name, index, groups):
+    """Medians over the groups in which the tag's clock was locked."""
     if not len(groups) or not groups.locked[:, index].any():
         return Sensor(name)
     locked = groups[groups.locked[:, index]]
@@ -121,11 +122,11 @@ def _heard(name, index, groups):
     )
 
 
-def advice_on(findings, scene):
-    """What to change, the most important first; list of str."""
+def advice_on(findings: Findings, scene: Scene) -> list[str]:
+    """What to change before a measurement, the most important first."""
     if findings.levels is None:
         return [
-            "no sounding frames heard: look at antennas and cables, raise --tx-gain or --rx-gain"
+            "no sounding frames received: check antennas and cables, raise --tx-gain or --rx-gain"
         ]
     return [
         *_advice_on_levels(findings.levels),
@@ -137,39 +138,40 @@ def advice_on(findings, scene):
 def _advice_on_levels(levels):
     peak = levels["peak_dbfs"]
     if levels["clipped"] or peak > -1:
-        yield f"the receiver clips or nearly so (peak {peak:.1f} dBFS): lower --rx-gain by 6 dB"
+        found = f"the receiver is saturated or close to it (peak {peak:.1f} dBFS)"
+        yield f"{found}: lower --rx-gain by 6 dB"
     elif peak < -20:
         more = f"raise --rx-gain by {-6 - peak:.0f} dB"
-        yield f"the converter is hardly used (peak {peak:.1f} dBFS): {more}"
+        yield f"the receive level is low (peak {peak:.1f} dBFS): {more}"
     if levels["dc_dbfs"] > -20:
-        yield f"a DC offset of {levels['dc_dbfs']:.1f} dBFS takes range: calibrate the device"
+        yield f"the DC offset is high ({levels['dc_dbfs']:.1f} dBFS): calibrate the device"
 
 
 def _advice_on_loss(findings):
-    help_ = "a faster machine, larger socket buffers or frames"
+    remedy = "use a faster machine, larger socket buffers or larger frames"
     if findings.samples_lost:
-        yield f"{findings.samples_lost} samples were lost: {help_}"
-    for said in mishaps(findings.frames_moved, findings.times_ignored):
-        yield f"{said}: {help_}"
+        yield f"{findings.samples_lost} samples were lost: {remedy}"
+    for event in describe_events(findings.frames_moved, findings.times_ignored):
+        yield f"{event}: {remedy}"
 
 
 def _advice_on_sensor(findings, sensor):
-    heard = next(found for found in findings.sensors if found.name == sensor.name)
-    if heard.clock_offset_ppm is None:
+    tag = next(found for found in findings.sensors if found.name == sensor.name)
+    if tag.clock_offset_ppm is None:
         yield (
-            f"{sensor.name}: no tag heard at {sensor.clock_hz:g} Hz: is it on, near enough, and "
-            "does the scene say its clock?"
+            f"{sensor.name}: no tag detected at {sensor.clock_hz:g} Hz: check that it is on and "
+            "near enough, and clock_hz in the scene"
         )
         return
-    if abs(heard.clock_offset_ppm) > 0.8 * sensor.clock_tolerance_ppm:
+    if abs(tag.clock_offset_ppm) > 0.8 * sensor.clock_tolerance_ppm:
         yield (
-            f"{sensor.name}: its clock is {heard.clock_offset_ppm:+.0f} ppm off: raise "
+            f"{sensor.name}: its clock offset is {tag.clock_offset_ppm:+.0f} ppm: raise "
             "clock_tolerance_ppm in the scene"
         )
-    if heard.phase_error_deg and max(heard.phase_error_deg) > 1.5:
+    if tag.phase_error_deg and max(tag.phase_error_deg) > 1.5:
         yield (
-            f"{sensor.name}: phases will scatter by {max(heard.phase_error_deg):.1f} deg: raise "
-            "--tx-gain, bring antennas nearer, or take longer phase groups"
+            f"{sensor.name}: the expected phase error is {max(tag.phase_error_deg):.1f} deg: raise "
+            "--tx-gain, move the antennas closer, or use longer phase groups"
         )
 
 
@@ -186,13 +188,13 @@ def _text(findings):
             f"delay      {findings.delay_us:.2f} us from transmit to receive",
         ]
     lines += [f"{sensor.name:10s} {_sensor_text(sensor)}" for sensor in findings.sensors]
-    lines += [f"advice     {text}" for text in findings.advice or ["none: ready to measure"]]
+    lines += [f"advice     {text}" for text in findings.advice or ["none, ready to measure"]]
     return "\n".join(lines)
 
 
 def _sensor_text(sensor):
     if sensor.clock_offset_ppm is None:
-        return "not heard"
+        return "not detected"
     snr = " and ".join(f"{value:.1f}" for value in sensor.snr_db)
     text = f"clock {sensor.clock_offset_ppm:+.2f} ppm, SNR {snr} dB"
     if sensor.phase_error_deg:

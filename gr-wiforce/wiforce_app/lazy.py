@@ -16,11 +16,13 @@ class LazyGroup(click.Group):
         Package of the modules.
     helps : dict
         One line of help per command, so that showing them imports none of the modules.
+    elsewhere : dict, optional
+        Full names of the modules that are not in the package, by command.
     """
 
-    def __init__(self, *arguments, package, helps, **options):
+    def __init__(self, *arguments, package, helps, elsewhere=None, **options):
         super().__init__(*arguments, **options)
-        self._package, self._helps = package, helps
+        self._package, self._helps, self._elsewhere = package, helps, elsewhere or {}
 
     def list_commands(self, ctx):
         return list(self._helps)
@@ -46,4 +48,4 @@ class LazyGroup(click.Group):
                 formatter.write_dl(rows)
 
     def _module(self, name):
-        return f"{self._package}.{name.replace('-', '_')}"
+        return self._elsewhere.get(name, f"{self._package}.{name.replace('-', '_')}")

@@ -8,24 +8,32 @@ import threading
 import click
 from gnuradio.wiforce.errors import OutputError
 from gnuradio.wiforce.io.writers import open_writer
+from gnuradio.wiforce.io.zmq_sockets import (
+    ReadingsPublisher,
+    Replies,
+    answer_words,
+    endpoint_of,
+)
 from gnuradio.wiforce.scene import load_scene
 
 from .ranges import FiniteRange
-from .zmq_sockets import ReadingsPublisher, Replies, answer_words, endpoint_of
 
 _LOOK_S = 0.1
-# Between two looks, however many a peer sends.
+# So that a flood of requests does not delay the warnings.
 _REQUESTS_A_LOOK = 100
 
 
 def radio_options(command):
-    """The options by which a device is opened; the same for every command that does."""
+    """Add the options that open a device, which are the same for every command."""
     for option in reversed(
         [
             click.option(
-                "--scene", "scene_path", required=True, help="Scene file, or a shipped scene."
+                "--scene",
+                "scene_path",
+                required=True,
+                help="Scene file, or name of a shipped scene.",
             ),
-            click.option("--args", required=True, help="UHD device, as addr=192.168.10.2."),
+            click.option("--args", required=True, help="UHD device arguments: addr=192.168.10.2."),
             click.option("--tx-gain", type=float, metavar="DB", help="Default: the device's own."),
             click.option("--rx-gain", type=float, metavar="DB", help="Default: the device's own."),
             click.option("--antenna", help="Receive antenna, for example RX2."),
@@ -36,7 +44,7 @@ def radio_options(command):
                 type=FiniteRange(0, 1, min_open=True),
                 default=0.5,
                 show_default=True,
-                help="Of what is transmitted: root of the mean preamble power over full scale.",
+                help="Transmit amplitude: root of the mean preamble power over full scale.",
             ),
         ]
     ):
@@ -46,20 +54,32 @@ def radio_options(command):
 
 @click.command()
 @radio_options
-@click.option("-o", "--output", type=click.Path(), help="OUT.csv or OUT.jsonl; CSV on stdout.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(),
+    help="OUT.csv or OUT.jsonl. Default: CSV on standard output.",
+)
 @click.option("--record", metavar="NAME", help="Record to NAME.sigmf-data and NAME.sigmf-meta.")
-@click.option("--zmq", "zmq_endpoint", metavar="ENDPOINT", help="Publish readings: PORT or tcp://.")
+@click.option(
+    "--zmq",
+    "zmq_endpoint",
+    metavar="ENDPOINT",
+    help="Publish readings by ZMQ: PORT or tcp://ADDRESS:PORT.",
+)
 @click.option(
     "--control",
     metavar="ENDPOINT",
-    help="Take requests (tare, status, stop) by ZMQ: PORT or tcp://.",
+    help="Accept requests (tare, status, stop) by ZMQ: PORT or tcp://ADDRESS:PORT.",
 )
-@click.option("--tracked", is_flag=True, help="Follow each press over time.")
-@click.option("--duration", type=FiniteRange(0, min_open=True), help="Seconds; else until ^C.")
+@click.option("--tracked", is_flag=True, help="Track each press over time.")
+@click.option(
+    "--duration", type=FiniteRange(0, min_open=True), help="Seconds to read. Default: until Ctrl-C."
+)
 def live(scene_path, args, output, record, zmq_endpoint, control, tracked, duration, **radio):
     """Transmit, receive and read with a UHD device, until interrupted.
 
-    SIGUSR1 takes the untouched reference anew (tare).
+    SIGUSR1 measures the untouched reference again (tare).
     """
     from .live_session import DeviceLost
 
@@ -80,12 +100,13 @@ def live(scene_path, args, output, record, zmq_endpoint, control, tracked, durat
 
 
 def open_radio(args, scene, tx_gain, rx_gain, antenna, tx_antenna, reference):
-    """The device as a command's options want it; warns of oscillators that do not lock."""
+    """Open the device with a command's options; warns of oscillators that do not lock."""
     from .radio import Radio
 
     radio = Radio(args, scene, tx_gain, rx_gain, tx_antenna, antenna, reference)
-    for way in radio.unlocked():
-        click.echo(f"gr-wiforce: warning: the {way} oscillator does not lock", err=True)
+    for direction in radio.unlocked():
+        text = f"the {direction} oscillator does not lock; readings may drift"
+        click.echo(f"gr-wiforce: warning: {text}", err=True)
     return radio
 
 
@@ -96,7 +117,7 @@ def _make_session(scene, radio, outputs, amplitude, tracked, record):
 
 
 class _Outputs:
-    """Where readings go: a file, and ZMQ when asked for."""
+    """The outputs of a run: a file and, optionally, ZMQ."""
 
     def __init__(self, writer, zmq_endpoint):
         self._writer = writer
@@ -114,7 +135,7 @@ class _Outputs:
             self._publisher.close()
 
     def begin(self):
-        """From here on the file holds this run's readings and no others."""
+        """Start the file, whose former content is replaced."""
         self._writer.begin()
 
     def take(self, reading):
@@ -128,12 +149,12 @@ class _Outputs:
 
 
 def _run(session, args, outputs, control, duration):
-    """Run the session until it is told to stop.
+    """Run the session until a signal, a request or `duration` ends it.
 
     Raises
     ------
     DeviceLost
-        When that ended it; all readings have been given.
+        When the device is gone; all readings have been written.
     """
     from .live_session import DeviceLost
     from .watch import Watch
@@ -166,11 +187,13 @@ def _run(session, args, outputs, control, duration):
         raise session.failure
     click.echo(f"gr-wiforce: read {watch.summary()}", err=True)
     if session.recorder is not None and session.recorder.failure is not None:
-        raise OutputError("--record", f"ends before its time ({session.recorder.failure.strerror})")
+        raise OutputError(
+            "--record", f"the recording is incomplete ({session.recorder.failure.strerror})"
+        )
 
 
 def leave(error):
-    """End at once: with the device gone UHD's blocks throw while they are stopped, and abort."""
+    """End the process at once: UHD's blocks abort when they are stopped without their device."""
     click.echo(f"gr-wiforce: {error}", err=True)
     os._exit(1)
 

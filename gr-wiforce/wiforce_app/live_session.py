@@ -3,48 +3,62 @@
 
 import time
 from collections import deque
+from collections.abc import Callable
+from pathlib import Path
 
 from gnuradio import gr, wiforce
 from gnuradio.wiforce.blocks.level_meter import level_meter
 from gnuradio.wiforce.estimation.groups import Groups
+from gnuradio.wiforce.io.readings import Reading
 from gnuradio.wiforce.io.samples import FULL_SCALE
+from gnuradio.wiforce.scene.schema import Scene
+
+from .radio import Radio
 
 # GNU Radio logs to standard output, where readings may go.
 gr.logging().set_default_level(gr.log_levels.error)
 
-# How far ahead the common start is set. A busy machine may miss it: then again, further ahead.
+# How far ahead the common start is set. A busy machine may miss it; then the next one is tried.
 _START_LEADS_S = (0.5, 1.5, 4.0)
 _START_GRACE_S = 1.0
 _START_LOOK_S = 0.02
 _BUFFER_SAMPLES = 1 << 18
 _RECEIVE_SAMPLES = 1 << 16  # 5 ms: handling every packet by itself would cost two cores
 _RECEIVE_TIMEOUT_S = 0.1
-_LAST_READINGS_S = 2.0  # for what has been received to be read
+_LAST_READINGS_S = 2.0  # for the chain to process what has been received
 _KEPT_BATCHES = 64
 
 
 class DeviceLost(Exception):
-    """The device sends no samples, or no more."""
+    """The device sends no samples, or has stopped sending them."""
 
 
 class LiveSession:
-    """Sounds and reads with one device.
+    """Transmits and reads with one device.
 
     Parameters
     ----------
     scene : Scene
     radio : Radio
     on_reading : callable
-        Takes every Reading as it comes, in a thread of its own.
+        Called with every Reading as soon as it is ready, in another thread.
     amplitude : float
-        Root of the mean preamble power of what is sent, over full scale.
+        Root of the mean preamble power of the transmitted signal, over full scale.
     tracked : bool
-        Follow each press over time.
+        Track each press over time.
     recording : str or Path, optional
         Record to this SigMF pair.
     """
 
-    def __init__(self, scene, radio, on_reading, amplitude=0.5, tracked=False, recording=None):
+    def __init__(
+        self,
+        scene: Scene,
+        radio: Radio,
+        on_reading: Callable[[Reading], None],
+        amplitude: float = 0.5,
+        tracked: bool = False,
+        recording: str | Path | None = None,
+    ):
         waveform = scene.waveform()
         sounding = {
             "waveform": waveform.name,
@@ -62,7 +76,7 @@ class LiveSession:
         self._latest = deque(maxlen=_KEPT_BATCHES)
         self.reader.receiver.readout.on_groups = self._latest.append
         self.recorder = self._make_recorder(recording, amplitude) if recording else None
-        # UHD's blocks throw when a device vanishes: that must end them, not the process.
+        # UHD's blocks throw when a device disappears, which must not end the process.
         self._flowgraph = gr.top_block("gr-wiforce live", catch_exceptions=True)
         self._connect()
 
@@ -95,43 +109,44 @@ class LiveSession:
             path, radio.sample_rate_hz, radio.center_frequency_hz, "sc16", fields
         )
 
-    def tap(self, *blocks):
-        """Lead the aligned samples through further blocks as well; before `start`."""
+    def tap(self, *blocks) -> None:
+        """Connect further blocks to the aligned samples; before `start`."""
         self._flowgraph.connect(self.alignment, *blocks)
 
-    def start(self):
+    def start(self) -> None:
         """Start both streams at one device time.
 
         Raises
         ------
         DeviceLost
-            When nothing comes back.
+            When the device sends no samples.
         """
         for lead_s in _START_LEADS_S:
             start_s = self._radio.start_together(lead_s)
             self._flowgraph.start()
-            if self._hears_after(start_s):
+            if self._receives_after(start_s):
                 return
             self._flowgraph.stop()
             self._flowgraph.wait()
-        raise DeviceLost(f"{self._radio.hardware}: sends no samples")
+        raise DeviceLost(f"{self._radio.hardware}: sends no samples; check its network and power")
 
-    def _hears_after(self, start_s):
-        """Whether samples come soon after this device time."""
+    def _receives_after(self, start_s):
+        """Whether samples arrive soon after this device time."""
         try:
-            while self.samples_heard == 0:
+            while self.samples_received == 0:
                 if self._radio.time_s > start_s + _START_GRACE_S:
                     return False
                 time.sleep(_START_LOOK_S)
         except RuntimeError as error:  # UHD's, when the device does not answer
-            raise DeviceLost(f"{self._radio.hardware}: answers no more") from error
+            raise DeviceLost(f"{self._radio.hardware}: does not answer any more") from error
         return True
 
-    def stop(self):
-        """End in good order; every reading that the samples hold has been given after this."""
+    def stop(self) -> None:
+        """End in good order: `on_reading` has been called for all samples received."""
         try:
             self.meter.end()
-            self.reader.ended.wait(_LAST_READINGS_S)
+            if self.samples:
+                self.reader.ended.wait(_LAST_READINGS_S)
             self._flowgraph.stop()
             self._flowgraph.wait()
         finally:
@@ -144,48 +159,52 @@ class LiveSession:
 
     @property
     def failure(self):
-        """What ended the chain before its time, or None."""
+        """The exception that ended the chain, or None."""
         return self.reader.failure
 
     @property
-    def samples(self):
-        """Samples received from the first frame on."""
+    def samples(self) -> int:
+        """Number of samples received since the first frame."""
         return self.meter.nitems_read(0)
 
     @property
-    def samples_heard(self):
-        """Samples received, before any frame was found included."""
+    def samples_received(self) -> int:
+        """Number of samples received, those before the first frame included."""
         return self.alignment.nitems_read(0)
 
     @property
-    def samples_lost(self):
+    def samples_lost(self) -> int:
+        """Number of samples that gaps account for."""
         return self.reader.fold.samples_lost()
 
     @property
-    def gaps(self):
+    def gaps(self) -> int:
+        """Number of gaps in the stream."""
         return self.reader.fold.gaps()
 
     @property
-    def frames_moved(self):
+    def frames_moved(self) -> int:
+        """Times that the frame timing shifted without an ``rx_time`` tag."""
         return self.reader.fold.frames_moved()
 
     @property
-    def times_ignored(self):
+    def times_ignored(self) -> int:
+        """Number of implausible ``rx_time`` tags."""
         return self.reader.fold.times_ignored()
 
     @property
-    def time_s(self):
-        """Stream time that has been received, lost samples included."""
+    def time_s(self) -> float:
+        """Length of the stream since the first frame, lost samples included."""
         samples = self.samples + self.samples_lost + self.reader.fold.samples_moved()
         return samples / self._scene.radio.sample_rate_hz
 
     @property
-    def start_s(self):
-        """Device time of the first frame's first sample; None before it was found."""
+    def start_s(self) -> float | None:
+        """Device time of the first frame's first sample; None before it is found."""
         time = self.alignment.start_time
         return None if time is None else time[0] + time[1]
 
-    def take_peak(self):
-        """Largest component since the last call, over full scale."""
+    def take_peak(self) -> float:
+        """Largest I or Q since the last call, over full scale."""
         peak, self.meter.peak = self.meter.peak, 0
         return peak / FULL_SCALE

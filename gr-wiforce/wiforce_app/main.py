@@ -61,6 +61,7 @@ def _set_debug(ctx, _, asked):
     cls=LazyGroup,
     package=__package__,
     helps=COMMANDS,
+    elsewhere={"emulate": "software_n210.command"},
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog="Exit status: 0 success; 2 bad usage or bad input, explained in one line; "
     "1 any other failure.",

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What each step of a plan costs on this machine: processor time per second of signal.
+"""Measures what each step of a plan costs on this machine, as processor time per second of signal.
 
 GNU Radio's performance counters time the C++ blocks over a simulated press, and the receiver's
-stages are timed on the tones that come out. Folding and tones are one block there: the tones'
-share is what they add to folding alone. What a skip saves is what the same block takes with the
-step forced on, less what it takes without.
+stages are timed on the tones that come out. Folding and tones are one block there, so the cost of
+the tones is what they add to folding alone. The saving of a skipped step is the time of the same
+block with the step forced on, minus its time without.
 """
 
 import dataclasses
@@ -24,14 +24,14 @@ from gnuradio.wiforce.scene import Press
 from gnuradio.wiforce.signal.waveform import FFT_LENGTH
 from gnuradio.wiforce.simulation.simulator import simulate
 
-# Signal behind the untouched reference: long enough that a block's start does not count.
+# Signal after the untouched reference: long enough that a block's start-up is negligible.
 _PRESSED_S = 1.0
 _REPEATS, _RUNS = 20, 3
 _BATCH = 64  # groups
 
 
 def measure_steps(scene, plan):
-    """Processor time of each step, or what its skip saves.
+    """Processor time of each step, or the saving when it is skipped.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def measure_steps(scene, plan):
 
 
 def _pressed(scene):
-    """The scene with one long press on each sensor after the reference, heard by one antenna."""
+    """The scene with one long press on each sensor after the reference, and one receive antenna."""
     presses = []
     for sensor in scene.sensors:
         model = sensor.load_model(scene)
@@ -133,7 +133,7 @@ def _seconds(block):
 
 
 class _Chain:
-    """The blocks from samples to tones, in the order and with the settings that are asked for."""
+    """The blocks from samples to tones, in a given order and with given settings."""
 
     def __init__(self, samples, plan):
         self._samples, self._plan = str(samples), plan
@@ -145,7 +145,7 @@ class _Chain:
         return self._time(self._fold)
 
     def whole_frames(self):
-        """Every sample of a frame looked at."""
+        """With all samples of a frame folded."""
         whole = {
             "first_averaged": 0,
             "repetitions": self._plan.waveform.frame_length // FFT_LENGTH,
@@ -184,7 +184,7 @@ class _Chain:
         }
 
     def _time(self, make, behind=None):
-        """The least time that a block took in some runs, each with blocks of its own."""
+        """The shortest time of a block in several runs, each with new blocks."""
         return min(self._run(make(), behind and behind()) for _ in range(_RUNS))
 
     def _run(self, block, behind):
@@ -199,7 +199,7 @@ class _Chain:
 
 
 def _group_skips(scene, plan):
-    """What is not done once per group: averaging over a single group, inverting untouched ones."""
+    """Savings per group: averaging over a single group, inverting untouched groups."""
     rate, sensors = 1 / plan.group_period_s, len(scene.sensors)
     took = {}
     if plan.smoothing_groups == 1:
@@ -216,7 +216,7 @@ def _group_skips(scene, plan):
 
 
 def _each(call):
-    """Processor time of one call; the least of some, after one that warms up."""
+    """Processor time of one call: the shortest of several, after one to warm up."""
     call()
     times = []
     for _ in range(_REPEATS):

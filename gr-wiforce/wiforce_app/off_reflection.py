@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``gr-wiforce off-reflection``: the switches' off state from a capture with presses."""
+"""``gr-wiforce off-reflection``: estimates the switches' off state from a capture."""
 
 import click
 import numpy as np
@@ -12,8 +12,8 @@ from gnuradio.wiforce.scene import load_scene
 from .progress import progress
 from .read import find_offset, read_capture, warn_of_leftover
 
-# Groups that show no steady reflection of the end.
-_UNFIT = {"gap", "transition", "moved"}
+# Flags of groups in which the reflection is not constant.
+_UNSTEADY = {"gap", "transition", "moved"}
 
 
 @click.command("off-reflection")
@@ -23,15 +23,15 @@ _UNFIT = {"gap", "transition", "moved"}
     "scene_path",
     required=True,
     type=click.Path(),
-    help="Scene file, or a shipped scene.",
+    help="Scene file, or name of a shipped scene.",
 )
-@click.option("--datatype", help="Raw samples of this type: ci16_le or cf32_le.")
+@click.option("--datatype", help="Type of raw samples: ci16_le or cf32_le.")
 def off_reflection(capture, scene_path, datatype):
-    """Find off_reflection of every sensor from a CAPTURE in which each is pressed.
+    """Estimate off_reflection of every sensor from a CAPTURE with presses.
 
-    The tag stands still and is pressed at several forces or places, which need not be known but
-    must turn both ends' phases. Prints what to write into the scene, with its standard deviation,
-    or says that it cannot tell.
+    The tag must not move. Each sensor must be pressed with several forces or at several
+    locations, which need not be known but must change the phases of both ends. Prints the lines
+    for the scene with their standard deviation, or an error if the presses do not determine them.
     """
     scene = load_scene(scene_path)
     recording = open_capture(capture, datatype)
@@ -55,7 +55,7 @@ def off_reflection(capture, scene_path, datatype):
             for reading in readings
             if reading.sensor == sensor.name
             and reading.touch is not None
-            and not _UNFIT & set(reading.flags)
+            and not _UNSTEADY & set(reading.flags)
         ]
         values = [_of_end(found, groups, 2 * i + end, sensor, end, scene) for end in (0, 1)]
         text = ", ".join(f"[{value.real:.4f}, {value.imag:.4f}]" for value, _ in values)

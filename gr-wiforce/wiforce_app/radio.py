@@ -1,15 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A UHD device, opened and set up as a scene needs it, with every refusal in one line."""
+"""A UHD device, opened and set up for a scene; every refusal is one line."""
 
 import os
 import time
 
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.scene.schema import Scene
 
-# What UHD prints by itself would hide our own line; whoever wants it sets these.
-os.environ.setdefault("UHD_LOG_CONSOLE_LEVEL", "fatal")
-os.environ.setdefault("UHD_LOG_FASTPATH_DISABLE", "1")
-
+# UHD prints dozens of lines that would hide our own. Users who need them set these variables.
+_QUIET = {"UHD_LOG_CONSOLE_LEVEL": "fatal", "UHD_LOG_FASTPATH_DISABLE": "1"}
 _LOCK_S = 1.0
 _RATE_TOLERANCE = 1e-6
 _CARRIER_TOLERANCE_HZ = 10.0
@@ -23,9 +22,9 @@ class Radio:
     args : str
         UHD device arguments.
     scene : Scene
-        Gives carrier and sample rate.
+        Determines carrier and sample rate.
     tx_gain_db, rx_gain_db : float or None
-        None leaves the device's own.
+        None keeps the device's default.
     tx_antenna, rx_antenna : str or None
     reference : str or None
         Clock source: ``internal``, ``external``, ...
@@ -34,23 +33,23 @@ class Radio:
     ----------
     source, sink : uhd blocks
     hardware : str
-        What was found, for metadata and messages.
+        Kind, daughterboard and serial number of the device.
 
     Raises
     ------
     InputError
-        When there is no such device, or it can't do what is asked.
+        When there is no such device, or it does not support a setting.
     """
 
     def __init__(
         self,
-        args,
-        scene,
-        tx_gain_db=None,
-        rx_gain_db=None,
-        tx_antenna=None,
-        rx_antenna=None,
-        reference=None,
+        args: str,
+        scene: Scene,
+        tx_gain_db: float | None = None,
+        rx_gain_db: float | None = None,
+        tx_antenna: str | None = None,
+        rx_antenna: str | None = None,
+        reference: str | None = None,
     ):
         self.source, self.sink = _open(args)
         self._name = scene.path or "scene"
@@ -65,17 +64,28 @@ class Radio:
         _set_antenna("--antenna", self.source, rx_antenna)
         self.hardware = _describe(self.source)
 
-    def unlocked(self):
-        """Names of the oscillators that have not locked after a second; a list of str."""
-        return [way for way, block in (("tx", self.sink), ("rx", self.source)) if not _locks(block)]
+    def unlocked(self) -> list[str]:
+        """Directions (``tx``, ``rx``) whose oscillator has not locked after a second."""
+        blocks = {"tx": self.sink, "rx": self.source}
+        return [direction for direction, block in blocks.items() if not _locks(block)]
 
     @property
-    def time_s(self):
+    def time_s(self) -> float:
         """Device time."""
         return self.source.get_time_now().get_real_secs()
 
-    def start_together(self, lead_s):
-        """Let both streams start at one device time, so much later than now; that time."""
+    def start_together(self, lead_s: float) -> float:
+        """Schedule both streams to start `lead_s` from now.
+
+        Parameters
+        ----------
+        lead_s : float
+
+        Returns
+        -------
+        float
+            Device time of the start.
+        """
         from gnuradio import uhd
 
         start_s = self.time_s + lead_s
@@ -83,8 +93,8 @@ class Radio:
             block.set_start_time(uhd.time_spec(start_s))
         return start_s
 
-    def settings(self):
-        """What the device does, as plain values for metadata."""
+    def settings(self) -> dict:
+        """Gains and antennas as plain values for metadata."""
         return {
             "tx_gain_db": self.sink.get_gain(),
             "rx_gain_db": self.source.get_gain(),
@@ -96,7 +106,7 @@ class Radio:
         block.set_samp_rate(rate_hz)
         actual = block.get_samp_rate()
         if abs(actual - rate_hz) > _RATE_TOLERANCE * rate_hz:
-            rule = f"must be a rate that the device can do (nearest: {actual:.9g} Hz)"
+            rule = f"must be a rate that the device supports (nearest: {actual:.9g} Hz)"
             raise InputError(f"{self._name}: radio.sample_rate_hz", rule, rate_hz)
 
     def _set_carrier(self, block, carrier_hz):
@@ -115,6 +125,8 @@ class Radio:
 
 
 def _open(args):
+    for name, value in _QUIET.items():  # read by UHD when it is loaded
+        os.environ.setdefault(name, value)
     from gnuradio import uhd
 
     stream = uhd.stream_args(cpu_format="sc16", otw_format="sc16", channels=[0])
@@ -123,12 +135,12 @@ def _open(args):
     except (RuntimeError, ValueError, IndexError, KeyError) as error:
         reason = "no device found" if "No devices found" in str(error) else _last_line(error)
         rule = (
-            f"must name a device that answers ({reason}); without one there are "
-            "`gr-wiforce emulate` and, for recordings, `gr-wiforce read`"
+            f"must name a device that answers ({reason}); without a device, use "
+            "`gr-wiforce emulate`, or `gr-wiforce read` for recordings"
         )
         raise InputError("--args", rule, args) from error
     for block in blocks:
-        block.set_log_level("off")  # gaps and late packets are reported by what sees them
+        block.set_log_level("off")  # the reader reports gaps
     return blocks
 
 

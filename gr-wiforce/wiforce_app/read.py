@@ -12,8 +12,8 @@ from gnuradio.wiforce.io.writers import open_writer
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import load_scene
 
-from .mishaps import mishaps
 from .progress import progress
+from .stream_events import describe_events
 
 _SEARCHED_FRAMES = 2000
 
@@ -132,8 +132,8 @@ def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False, on
         missing = source.samples_missing()
         if missing:
             _warn(path, f"was truncated while it was read; {missing} samples are missing")
-        for said in mishaps(source.frames_moved()):
-            _warn(path, said)
+        for event in describe_events(source.frames_moved()):
+            _warn(path, event)
     return reader.counts
 
 
@@ -158,8 +158,8 @@ def follow_capture(capture, scene, on_reading, frame_offset, tracked):
     _run(reader, source)
     if source.failure is not None:
         raise source.failure
-    for said in mishaps(reader.fold.frames_moved(), reader.fold.times_ignored()):
-        _warn(capture[0], said)
+    for event in describe_events(reader.fold.frames_moved(), reader.fold.times_ignored()):
+        _warn(capture[0], event)
     return reader.counts
 
 

@@ -1,26 +1,28 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a running live session has to say: a line on a terminal, warnings, and its end."""
+"""Monitors a live session: status line, warnings, and the end when the device is gone."""
 
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import click
+from gnuradio.wiforce.io.readings import Reading
 
-from .live_session import DeviceLost
-from .mishaps import mishaps
+from .live_session import DeviceLost, LiveSession
+from .stream_events import describe_events, describe_loss
 
 _LINE_S = 0.5
 _WARN_S = 1.0
 _SILENCE_S = 5.0
-_NO_FRAMES = 8  # searches without finding frames, of 0.12 s each
-_BEHIND = 3  # gaps within a second that mean more than an accident
+_SEARCHES = 8  # of 0.12 s each, after which missing frames are reported
+_MANY_GAPS = 3  # within a second: more than chance
 _BUFFER_LIMIT = Path("/proc/sys/net/core/rmem_max")
 _WANTED_BUFFER = 50_000_000  # what UHD asks for
 
 
 class Watch:
-    """Looks after a session from the outside.
+    """Monitors a session and reports to standard error.
 
     Parameters
     ----------
@@ -28,32 +30,39 @@ class Watch:
     args : str
         The device's arguments, for messages.
     quiet : bool
-        Neither draw nor warn: only notice when the device is gone.
+        Print neither status line nor warnings; only detect that the device is gone.
     now : callable
-        Seconds of wall time.
+        Returns wall time in seconds.
     """
 
-    def __init__(self, session, args, quiet=False, now=time.monotonic):
+    def __init__(
+        self,
+        session: LiveSession,
+        args: str,
+        quiet: bool = False,
+        now: Callable[[], float] = time.monotonic,
+    ):
         self._session, self._args, self._now = session, args, now
         self._started_s = self._line_s = self._warn_s = self._heard_s = now()
-        self._heard, self._gaps, self._lost, self._clips = 0, 0, 0, False
+        self._heard, self._gaps, self._lost, self._saturated = 0, 0, 0, False
         self._moved = self._ignored = 0
-        self._no_frames_told = self._recording_told = False
+        self._no_frames_reported = self._recording_reported = False
         self._quiet = quiet
         self._terminal = sys.stderr.isatty() and not quiet
         self._last = {}
 
-    def note(self, reading):
-        """Keep a reading for the status line, and whether it warns of clipping."""
+    def note(self, reading: Reading) -> None:
+        """Keep a reading for the status line, and whether it is saturated."""
         self._last[reading.sensor] = reading
-        self._clips = self._clips or "saturated" in reading.flags
+        self._saturated = self._saturated or "saturated" in reading.flags
 
-    def look(self):
-        """Draw, warn, and see whether samples still come.
+    def look(self) -> None:
+        """Update the status line, warn, and check that samples still arrive.
 
         Raises
         ------
         DeviceLost
+            When none has arrived for five seconds.
         """
         now = self._now()
         if not self._quiet and now - self._warn_s >= _WARN_S:
@@ -62,14 +71,14 @@ class Watch:
         if self._terminal and now - self._line_s >= _LINE_S:
             self._line_s = now
             click.echo(f"\r\033[K{self.line()}", err=True, nl=False)
-        self._listen(now)
+        self._check_samples(now)
 
-    def finish(self):
-        """Leave the status line."""
+    def finish(self) -> None:
+        """End the status line."""
         if self._terminal:
             click.echo(err=True)
 
-    def line(self):
+    def line(self) -> str:
         """Status in one line: time, rate, gaps, groups, level, clocks, sensors."""
         session = self._session
         elapsed = max(self._now() - self._started_s, 1e-3)
@@ -86,8 +95,8 @@ class Watch:
             parts.append("no frames yet")
         return ", ".join(parts + [_short(reading) for reading in self._last.values()])
 
-    def status(self):
-        """The same as plain values."""
+    def status(self) -> dict:
+        """State of the session as plain values."""
         session = self._session
         return {
             "time_s": session.time_s,
@@ -102,49 +111,51 @@ class Watch:
             "readings": {name: reading.row() for name, reading in self._last.items()},
         }
 
-    def summary(self):
-        """What was read and lost, in one line."""
+    def summary(self) -> str:
+        """What was read and what was lost, in one line."""
         session = self._session
         text = f"{session.time_s:.3f} s, {session.reader.counts}"
         if session.gaps:
-            text += f", {session.gaps} gaps, {session.samples_lost} samples lost"
-        return ", ".join([text, *mishaps(session.frames_moved, session.times_ignored)])
+            text += f", {describe_loss(session.gaps, session.samples_lost)}"
+        return ", ".join([text, *describe_events(session.frames_moved, session.times_ignored)])
 
     def _warn(self):
         session = self._session
         gaps, lost = session.gaps, session.samples_lost
         if gaps > self._gaps:
-            text = f"{gaps - self._gaps} gaps, {lost - self._lost} samples lost"
-            if gaps - self._gaps >= _BEHIND:
-                text += f": this machine or its network cannot keep up{_buffer_advice()}"
-            self._tell(f"{text} (at {session.time_s:.1f} s)")
+            text = (
+                f"{describe_loss(gaps - self._gaps, lost - self._lost)} at {session.time_s:.1f} s"
+            )
+            if gaps - self._gaps >= _MANY_GAPS:
+                text += f"; this machine or its network is too slow{_buffer_advice()}"
+            self._warn_of(text)
         self._gaps, self._lost = gaps, lost
         moved, ignored = session.frames_moved, session.times_ignored
-        for said in mishaps(moved - self._moved, ignored - self._ignored):
-            self._tell(f"{said} (at {session.time_s:.1f} s)")
+        for event in describe_events(moved - self._moved, ignored - self._ignored):
+            self._warn_of(f"at {session.time_s:.1f} s: {event}")
         self._moved, self._ignored = moved, ignored
-        if self._clips:
-            self._tell("the receiver clips: lower --rx-gain, --tx-gain or --amplitude")
-            self._clips = False
-        if session.alignment.searches >= _NO_FRAMES and not self._no_frames_told:
-            self._no_frames_told = True
-            self._tell("no sounding frames heard: look at antennas, --tx-gain and --rx-gain")
+        if self._saturated:
+            self._warn_of("the receiver is saturated; lower --rx-gain, --tx-gain or --amplitude")
+            self._saturated = False
+        if session.alignment.searches >= _SEARCHES and not self._no_frames_reported:
+            self._no_frames_reported = True
+            self._warn_of("no sounding frames received; check antennas, --tx-gain and --rx-gain")
         failure = session.recorder.failure if session.recorder is not None else None
-        if failure is not None and not self._recording_told:
-            self._recording_told = True
-            self._tell(f"not recorded further: {failure}")
+        if failure is not None and not self._recording_reported:
+            self._recording_reported = True
+            self._warn_of(f"the recording has ended: {failure}; readings continue")
 
-    def _tell(self, text):
+    def _warn_of(self, text):
         start = "\r\033[K" if self._terminal else ""
         click.echo(f"{start}gr-wiforce: warning: {text}", err=True)
 
-    def _listen(self, now):
-        heard = self._session.samples_heard
+    def _check_samples(self, now):
+        heard = self._session.samples_received
         if heard != self._heard:
             self._heard, self._heard_s = heard, now
         elif now - self._heard_s > _SILENCE_S:
-            rule = f"the device {self._args!r} has sent nothing for {_SILENCE_S:g} s"
-            raise DeviceLost(f"{rule}; what was read until then is kept")
+            event = f"the device {self._args!r} has sent no samples for {_SILENCE_S:g} s"
+            raise DeviceLost(f"{event}; all readings until then are kept")
 
 
 def _db(amplitude):
@@ -154,7 +165,7 @@ def _db(amplitude):
 
 
 def _buffer_advice():
-    """What to do about socket buffers that are smaller than UHD wants; empty when they are not."""
+    """Advice on socket buffers that are smaller than UHD asks for; empty when they are not."""
     try:
         limit = int(_BUFFER_LIMIT.read_text())
     except (OSError, ValueError):
@@ -171,11 +182,11 @@ def _short(reading):
         return f"{reading.sensor}: no touch"
     if reading.force_n is None:
         return f"{reading.sensor}: touched"
-    place = "" if reading.location_mm is None else f" at {reading.location_mm:.1f} mm"
-    return f"{reading.sensor}: {reading.force_n:.2f} N{place}"
+    location = "" if reading.location_mm is None else f" at {reading.location_mm:.1f} mm"
+    return f"{reading.sensor}: {reading.force_n:.2f} N{location}"
 
 
-def _clock_offsets(session):
+def _clock_offsets(session) -> list[float]:
     """Offset of every tag's clock in the latest group, in ppm."""
     groups = session.latest
     return groups.clock_offset_ppm[-1].tolist() if len(groups) else []

@@ -18,7 +18,7 @@ import zmq
 from gnuradio import blocks, gr, uhd
 from software_n210.air import Cable
 from software_n210.console import ZmqControl
-from software_n210.engine import Device
+from software_n210.device import Device
 
 CONTROL, RX0, TX, FIFO = 49152, 49156, 49157, 49159
 PORTS = (49152, 49156, 49157, 49158, 49159, 49172)
@@ -55,19 +55,19 @@ def sockets_of(process):
     return sorted(found)
 
 
-def test_only_the_address_given_is_bound(software_usrp):
+def test_device_sockets_bound_to_the_given_address_only(software_usrp):
     device = software_usrp("--air", "cable")
     assert sockets_of(device.process.pid) == [("udp", device.address, port) for port in PORTS]
 
 
 @pytest.mark.parametrize("address", ["0.0.0.0", "192.168.10.2", "8.8.8.8", "::1", "localhost", ""])
-def test_an_address_that_others_could_reach_is_refused(address):
+def test_device_address_outside_loopback_refused(address):
     status, said = emulate("--air", "cable", "--bind", address)
     assert status == 2 and said.count("\n") == 1
     assert "--bind: must be a loopback address" in said and repr(address) in said
 
 
-def test_a_second_device_on_the_same_address_says_so(software_usrp):
+def test_device_address_in_use_refused(software_usrp):
     device = software_usrp("--air", "cable")
     status, said = emulate("--air", "cable", "--bind", device.address)
     assert status == 2 and said.count("\n") == 1 and "is taken" in said
@@ -89,12 +89,12 @@ def test_a_second_device_on_the_same_address_says_so(software_usrp):
         (["--air", "cable", "--control", "tcp://*:5555"], "--control"),
     ],
 )
-def test_bad_usage_is_told_in_one_line(arguments, words):
+def test_emulate_bad_usage_refused_in_one_line(arguments, words):
     status, said = emulate(*arguments)
     assert status == 2 and said.count("\n") == 1 and words in said, said
 
 
-def test_malformed_and_foreign_packets_are_counted_and_change_nothing(software_usrp):
+def test_device_malformed_and_foreign_packets_counted_and_ignored(software_usrp):
     device = software_usrp("--air", "cable")
     rng = np.random.default_rng(1)
     junk = [b"", b"\0", b"\xff" * 7, rng.bytes(35), rng.bytes(37), rng.bytes(300), rng.bytes(9000)]
@@ -129,7 +129,7 @@ def test_malformed_and_foreign_packets_are_counted_and_change_nothing(software_u
     assert sink.nitems_read(0) == 100_000
 
 
-def test_two_devices_run_side_by_side(software_usrp):
+def test_devices_at_two_addresses_run_together(software_usrp):
     devices = [software_usrp("--air", "counter") for _ in range(2)]
     stream = uhd.stream_args(cpu_format="sc16", channels=[0])
     sources = [uhd.usrp_source(device.args, stream) for device in devices]
@@ -148,7 +148,7 @@ def test_two_devices_run_side_by_side(software_usrp):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_stops_it_cleanly(software_usrp, number):
+def test_device_signal_stops_it_and_frees_its_ports(software_usrp, number):
     device = software_usrp("--air", "cable")
     device.process.send_signal(number)
     _, said = device.process.communicate(timeout=10)
@@ -159,13 +159,13 @@ def test_a_signal_stops_it_cleanly(software_usrp, number):
             sock.bind((device.address, port))
 
 
-def test_it_ends_with_whoever_held_the_other_end_of_its_input(software_usrp):
+def test_device_closed_standard_input_ends_it(software_usrp):
     device = software_usrp("--air", "cable")
     device.process.stdin.close()
     assert device.process.wait(timeout=30) == 0
 
 
-def test_a_fault_whose_time_has_passed_happens_at_once(software_usrp):
+def test_device_fault_in_the_past_happens_at_once(software_usrp):
     device = software_usrp("--air", "cable", faults=["0 swap"])
     assert device.command("fault 0 late rx") == {"ok": True}
     end = time.monotonic() + 10
@@ -176,7 +176,7 @@ def test_a_fault_whose_time_has_passed_happens_at_once(software_usrp):
         assert time.monotonic() < end
 
 
-def test_twenty_starts_and_stops_leave_nothing_behind():
+def test_device_twenty_starts_and_stops_leave_nothing_open():
     def once():
         with closing(Device(Cable(0), "127.0.211.7")) as device:
             loop = threading.Thread(target=device.run)
@@ -193,7 +193,7 @@ def test_twenty_starts_and_stops_leave_nothing_behind():
     assert (sorted(os.listdir("/proc/self/fd")), threading.active_count()) == before
 
 
-def test_a_host_that_vanishes_does_not_keep_it_busy(software_usrp):
+def test_device_host_killed_stops_its_stream(software_usrp):
     device = software_usrp("--air", "counter")
     script = (
         "import sys, time; from gnuradio import uhd, gr, blocks\n"
@@ -228,7 +228,7 @@ class CountedAir(Cable):
         self.moves.append(self.answered)
 
 
-def test_a_flood_of_requests_is_answered_to_its_end_and_stops_no_stream():
+def test_device_flood_of_requests_answered_without_stopping_time():
     flood, air = 500, CountedAir()
     with (
         closing(Device(air, "127.0.211.8")) as device,

@@ -11,7 +11,7 @@ from pathlib import Path
 from statistics import median
 
 import pytest
-from qa_live import FRAMES, SLOW, SLOW_GROUP_S, command, rows_of, scene_file, wait_until
+from live_runs import FRAMES, SLOW, SLOW_GROUP_S, command, rows_of, scene_file, wait_until
 from software_usrp import SoftwareUsrp
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
@@ -26,7 +26,7 @@ def scene(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def device(scene):
-    device = SoftwareUsrp(scene)
+    device = SoftwareUsrp(scene, speed=2)
     yield device
     device.stop()
 
@@ -81,13 +81,13 @@ def assert_pressed(lines):
         assert median(values) == pytest.approx(true, abs=limit)
 
 
-def test_live_prints_the_press(device, scene):
+def test_example_live_uhd_prints_the_press(device, scene):
     with example("live_uhd.py", args_of(device), scene) as process:
         read(process, 1.2 / SLOW_GROUP_S)
     assert_pressed(process.lines)
 
 
-def test_what_record_writes_can_be_read(device, scene, tmp_path):
+def test_example_record_uhd_recording_can_be_read(device, scene, tmp_path):
     with example("record_uhd.py", args_of(device), scene, tmp_path / "press"):
         heard(device, 1.4)
     status, _, said = command(
@@ -99,16 +99,16 @@ def test_what_record_writes_can_be_read(device, scene, tmp_path):
     assert any(row["touch"] == "1" for row in rows)
 
 
-def test_transmit_sends_and_hears_nothing(device, scene):
+def test_example_transmit_uhd_sends_and_receives_nothing(device, scene):
     with example("transmit_uhd.py", args_of(device), scene):
         wait_until(lambda: device.command("status")["tx_streaming"])
         status = device.command("status")
     assert not status["rx_streaming"] and status["tx_underflows"] == 0
 
 
-def test_two_readers_read_each_its_own_sensor(device, scene, software_usrp, tmp_path):
+def test_example_two_readers_uhd_each_reads_its_own_sensor(device, scene, software_usrp, tmp_path):
     untouched = scene_file(tmp_path, [], 400, 0.3, **SLOW)
-    other = software_usrp(untouched)
+    other = software_usrp(untouched, speed=2)
     with example(
         "two_readers_uhd.py", args_of(device), scene, args_of(other), untouched
     ) as process:
@@ -122,7 +122,7 @@ def test_two_readers_read_each_its_own_sensor(device, scene, software_usrp, tmp_
 
 
 @pytest.mark.timeout(300)
-def test_the_flowgraph_reads_live(software_usrp, tmp_path):
+def test_example_live_uhd_flowgraph_reads_the_press(software_usrp, tmp_path):
     subprocess.run(
         ["grcc", "-o", str(tmp_path), str(EXAMPLES / "live_uhd.grc")],
         check=True,

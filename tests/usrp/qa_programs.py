@@ -31,7 +31,7 @@ def counts(output):
 
 
 @pytest.mark.parametrize("board, name", [("SBX", "SBX"), ("WBX", "WBX"), ("CBX", "CBX")])
-def test_the_device_is_found_and_probed_as_an_n210(software_usrp, board, name):
+def test_uhd_find_and_probe_report_an_n210(software_usrp, board, name):
     device = software_usrp("--air", "cable", "--daughterboard", board)
     found = run("uhd_find_devices", f"--args={device.args}")
     assert f"addr: {device.address}" in found and "type: usrp2" in found
@@ -40,7 +40,7 @@ def test_the_device_is_found_and_probed_as_an_n210(software_usrp, board, name):
     assert re.search(rf"RX Dboard: A\n.*ID: {name} ", probe), probe
 
 
-def test_bursts_underflows_late_commands_and_broken_chains_are_reported(software_usrp):
+def test_uhd_test_messages_all_reports_arrive(software_usrp):
     device = software_usrp("--air", "cable", speed=10)
     arguments = ["--args", device.args, "--test-chain", "--ntests", 20]
     # The program waits 0.1 s by the wall for each report, which a busy machine may miss once.
@@ -50,14 +50,14 @@ def test_bursts_underflows_late_commands_and_broken_chains_are_reported(software
     assert all(bad == "0" for _, bad in results), output
 
 
-def test_timed_commands_act_on_their_tick(software_usrp):
+def test_uhd_timed_commands_act_on_their_tick(software_usrp):
     device = software_usrp("--air", "cable")
     output = run("test_timed_commands", "--args", device.args)
     differences = re.findall(r"(?:time delta|time and first packet): +(-?[\d.]+) us", output)
     assert len(differences) == 2 and all(float(us) == 0 for us in differences), output
 
 
-def test_a_reply_in_time_is_transmitted_in_time(software_usrp):
+def test_uhd_latency_test_all_replies_transmitted_in_time(software_usrp):
     # A slower clock gives the program 17 ms by the wall for the 5 ms it must answer in.
     device = software_usrp("--air", "cable", speed=0.3)
     arguments = ["--args", device.args, "--nruns", 50, "--rate", 5e6, "--rtt", 0.005]
@@ -65,14 +65,14 @@ def test_a_reply_in_time_is_transmitted_in_time(software_usrp):
     assert "ACKs received:    50/50" in output, output
 
 
-def test_timed_samples_arrive_complete(software_usrp):
+def test_uhd_rx_timed_samples_arrive_complete(software_usrp):
     device = software_usrp("--air", "cable")
     output = run("rx_timed_samples", "--args", device.args, "--nsamps", 20000, "--secs", 0.5)
     packets = [int(n) for n in re.findall(r"Received packet: (\d+) samples", output)]
     assert sum(packets) == 20000, output
 
 
-def test_what_is_transmitted_is_received(software_usrp, tmp_path):
+def test_uhd_loopback_receives_what_is_transmitted(software_usrp, tmp_path):
     device = software_usrp("--air", "cable")
     path = tmp_path / "samples.dat"
     common = ["--tx-args", device.args, "--rx-args", device.args, "--file", path]
@@ -89,7 +89,7 @@ def test_what_is_transmitted_is_received(software_usrp, tmp_path):
 
 
 @pytest.mark.parametrize("frame", [1472, 8000])
-def test_both_ways_at_full_rate_nothing_is_dropped_late_or_out_of_order(software_usrp, frame):
+def test_uhd_benchmark_rate_at_full_rate_loses_nothing(software_usrp, frame):
     device = software_usrp("--air", "cable")
     arguments = f"{device.args},recv_frame_size={frame},send_frame_size={frame}"
     rates = ["--rx_rate", 12.5e6, "--tx_rate", 12.5e6, "--duration", 2]

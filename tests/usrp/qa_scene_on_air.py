@@ -70,7 +70,7 @@ def simulated(scene, count):
     return pieces.reshape(-1, 2)[:count]
 
 
-def test_a_host_receives_what_simulate_writes(software_usrp, scene_file, tmp_path):
+def test_scene_air_host_receives_what_simulate_writes(software_usrp, scene_file, tmp_path):
     scene = load_scene(scene_file)
     count = int(0.06 * 12.5e6) // 720 * 720
     device = software_usrp(scene_file, "--delay-us", 0)
@@ -121,7 +121,7 @@ def rms(codes):
     return np.sqrt(np.mean(codes.astype(float) ** 2))
 
 
-def test_a_delayed_device_sees_the_scene_later(scene):
+def test_scene_air_delay_shifts_the_received_samples(scene):
     device = Connectors(scene, delay_ticks=512)
     device.send(frames(scene, 20))
     delayed = device.receive(7200).reshape(-1, 2)
@@ -133,7 +133,7 @@ def simulated_codes(samples):
     return np.rint(samples.view(np.float32) * 8192).astype(int).reshape(-1, 2) * 4
 
 
-def test_transmit_gain_changes_the_signal_receive_gain_the_noise_too(scene):
+def test_scene_air_transmit_gain_scales_signal_receive_gain_noise_too(scene):
     levels = {}
     for tx_db, rx_db in ((15, 15), (5, 15), (15, 5), (-100, 15), (-100, 5)):
         device = Connectors(scene)
@@ -150,7 +150,7 @@ def test_transmit_gain_changes_the_signal_receive_gain_the_noise_too(scene):
     assert levels[-100, 5] < levels[-100, 15] - 3
 
 
-def test_too_much_gain_clips_at_the_converter_s_range(scene):
+def test_scene_air_high_gain_clips_at_full_scale(scene):
     device = Connectors(scene)
     device.tuning.rx_gain_db = 31.5
     device.send(frames(scene, 20))
@@ -158,7 +158,7 @@ def test_too_much_gain_clips_at_the_converter_s_range(scene):
     assert codes.max() == 8191 * 4 and codes.min() == -8192 * 4
 
 
-def test_pieces_and_a_second_receiver_see_the_same_air(scene):
+def test_scene_air_pieces_and_second_receiver_get_the_same_samples(scene):
     whole, cut = Connectors(scene), Connectors(scene)
     for device in (whole, cut):
         device.send(frames(scene, 20))
@@ -169,7 +169,7 @@ def test_pieces_and_a_second_receiver_see_the_same_air(scene):
     assert np.abs(np.concatenate(parts) - expected).max() <= 4  # a rounding of the ADC
 
 
-def test_a_new_session_begins_the_scene_anew(scene):
+def test_scene_air_new_session_starts_the_scene_again(scene):
     device = Connectors(scene)
     device.send(frames(scene, 20))
     first = device.receive(7200)
@@ -178,7 +178,7 @@ def test_a_new_session_begins_the_scene_anew(scene):
     assert np.array_equal(device.receive(7200), first)
 
 
-def test_after_a_pause_the_scene_has_gone_on(scene):
+def test_scene_air_time_continues_during_a_pause(scene):
     device, steady = Connectors(scene), AirChannel(scene)
     device.receive(1000)
     device.send(np.tile(frames(scene, 1), 700))
@@ -191,14 +191,14 @@ def test_after_a_pause_the_scene_has_gone_on(scene):
     assert rms(difference[720:]) == pytest.approx(np.sqrt(2 * (noise**2 + 4**2 / 12)), rel=0.1)
 
 
-def test_at_an_unknown_carrier_nothing_but_noise_comes_back(scene):
+def test_scene_air_unknown_carrier_returns_noise_only(scene):
     device = Connectors(scene)
     device.tuning.tx_carrier_hz = 5.8e9
     device.send(frames(scene, 20))
     assert rms(device.receive(7200)) < 4 * AirChannel(scene).noise_std * 32768
 
 
-def test_another_rate_is_the_same_scene_sampled_otherwise(scene):
+def test_scene_air_other_rate_keeps_the_level(scene):
     slow, fast = Connectors(scene), Connectors(scene)
     slow.send(frames(scene, 20), spacing=16)
     fast.send(frames(scene, 20))
@@ -207,7 +207,7 @@ def test_another_rate_is_the_same_scene_sampled_otherwise(scene):
     assert level == pytest.approx(1, abs=0.05)
 
 
-def test_presses_and_faults_act_on_the_sensor_that_they_name(scene):
+def test_scene_air_press_and_faults_act_on_the_named_sensor(scene):
     device = Connectors(scene)
     device.receive(1)
     assert device.air.status()["sensors"]["arm"]["touch"] is False
@@ -223,7 +223,7 @@ def test_presses_and_faults_act_on_the_sensor_that_they_name(scene):
     assert not tag.on
 
 
-def test_a_scene_can_be_pressed_while_it_runs_by_lines_and_by_zmq(software_usrp, scene_file):
+def test_emulate_control_accepts_lines_and_zmq_requests(software_usrp, scene_file):
     zmq = pytest.importorskip("zmq")
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))

@@ -52,7 +52,7 @@ def record(args, count, path):
     return values, recorder.times()
 
 
-def test_ten_million_samples_at_full_rate_none_wrong(software_usrp, tmp_path):
+def test_stream_ten_million_samples_at_full_rate_all_correct(software_usrp, tmp_path):
     device = software_usrp("--air", "counter")
     values, times = record(device.args, 10_000_000, tmp_path / "ramp")
     assert times == {0: START_S * RATE}
@@ -60,7 +60,7 @@ def test_ten_million_samples_at_full_rate_none_wrong(software_usrp, tmp_path):
     assert np.array_equal(values, START_S * RATE + np.arange(10_000_000))
 
 
-def test_after_an_overflow_the_new_time_tells_how_much_is_lost(software_usrp, tmp_path, capfd):
+def test_stream_overflow_new_time_states_the_loss(software_usrp, tmp_path, capfd):
     device = software_usrp("--air", "counter", faults=["+0.1 overflow 3630"])
     values, times = record(device.args, 2_000_000, tmp_path / "ramp")
     (start, first), (offset, resumed) = times.items()
@@ -74,7 +74,7 @@ def test_after_an_overflow_the_new_time_tells_how_much_is_lost(software_usrp, tm
     assert device.command("status")["rx_dropped_samples"] == 3630
 
 
-def test_lost_packets_show_as_such_with_a_new_time(software_usrp, tmp_path, capfd):
+def test_stream_lost_packets_followed_by_new_time(software_usrp, tmp_path, capfd):
     device = software_usrp("--air", "counter", faults=["+0.1 lose 3"])
     values, times = record(device.args, 2_000_000, tmp_path / "ramp")
     (_, first), (offset, resumed) = times.items()
@@ -141,7 +141,7 @@ def constant(value, count):
     return np.full(count, value, np.complex64)
 
 
-def test_timed_bursts_return_at_their_sample_with_their_amplitude(software_usrp):
+def test_stream_timed_bursts_arrive_at_their_sample_and_amplitude(software_usrp):
     device = software_usrp("--air", "cable")
     bursts = {
         START_S: noise(5000, 1),
@@ -158,7 +158,7 @@ def test_timed_bursts_return_at_their_sample_with_their_amplitude(software_usrp)
 
 
 @pytest.mark.parametrize("rate", [25e6, 5e6, 100e6 / 12, 100e6 / 27])
-def test_amplitude_is_the_same_at_every_kind_of_rate(software_usrp, rate):
+def test_stream_amplitude_equal_at_every_kind_of_rate(software_usrp, rate):
     device = software_usrp("--air", "cable", "--delay-us", 0)
     # At some rates the driver doubles what it sends and so clips above 0.5.
     samples = noise(1000, 4, limit=0.49)
@@ -166,7 +166,7 @@ def test_amplitude_is_the_same_at_every_kind_of_rate(software_usrp, rate):
     assert np.abs(codes(received) - codes(samples)).max() <= 1
 
 
-def test_what_is_tuned_elsewhere_appears_at_the_difference(software_usrp):
+def test_stream_tuning_offset_shifts_the_frequency(software_usrp):
     device = software_usrp("--air", "cable", "--delay-us", 0)
     host = Host(device)
     host.source.set_center_freq(900.1e6)
@@ -182,7 +182,7 @@ def test_what_is_tuned_elsewhere_appears_at_the_difference(software_usrp):
 
 
 @pytest.mark.parametrize("board", ["SBX", "CBX", "WBX"])
-def test_the_device_knows_its_carriers_and_gains_from_the_driver_alone(software_usrp, board):
+def test_device_carriers_and_gains_decoded_from_register_writes(software_usrp, board):
     device = software_usrp("--air", "cable", "--daughterboard", board)
     host = Host(device)
     low = 1.3e9 if board == "CBX" else 500e6
@@ -204,7 +204,7 @@ def test_the_device_knows_its_carriers_and_gains_from_the_driver_alone(software_
             assert gain_db == pytest.approx(block.get_gain(), abs=0.03)
 
 
-def test_gain_changes_the_level_and_the_converter_clips(software_usrp):
+def test_stream_gain_scales_the_level_and_clips(software_usrp):
     host = Host(software_usrp("--air", "cable", "--delay-us", 0))
     host.source.set_gain(6)
     host.sink.set_gain(14)
@@ -214,7 +214,7 @@ def test_gain_changes_the_level_and_the_converter_clips(software_usrp):
     assert np.allclose(received[500:], 1 - 1j, atol=1e-4)
 
 
-def test_time_can_be_set_at_the_next_pulse_per_second(software_usrp):
+def test_device_time_set_at_the_next_pulse_per_second(software_usrp):
     host = Host(software_usrp("--air", "cable", speed=4))
     host.source.set_time_unknown_pps(uhd.time_spec(100.0))
     last = host.source.get_time_last_pps().get_real_secs()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``gr-wiforce emulate``: a software USRP N210 with the scene on the air."""
+"""The command that runs a software N210: ``gr-wiforce emulate``, ``python3 -m software_n210``."""
 
 import signal
 import sys
@@ -7,42 +7,45 @@ from contextlib import closing
 
 import click
 from gnuradio.wiforce.errors import InputError
-from software_n210.air import Cable, Counter
-from software_n210.console import Console, LineControl, ZmqControl
-from software_n210.engine import Device
-from software_n210.faults import GRAMMAR, parse_fault
-from software_n210.frontend import DAUGHTERBOARDS
-from software_n210.wire import TICK_RATE
 
-from .ranges import FiniteRange
+from .air import Cable, Counter
+from .console import Console, LineControl, ZmqControl
+from .device import Device
+from .faults import GRAMMAR, parse_fault
+from .frontend import DAUGHTERBOARDS
+from .wire import TICK_RATE
 
-_DEFAULT_DELAY_US = 5.12
+_DEFAULT_DELAY_US = 5.12  # 64 samples at 12.5 Msps
+_MOST_DELAY_US = 1000.0
 
 
 @click.command(
-    epilog="While it runs it takes lines on standard input, and on --control: "
+    epilog="While it runs it accepts lines on standard input and requests on --control: "
     "'press SENSOR FORCE_N LOCATION_MM', 'release SENSOR', 'fault TIME KIND ...', "
-    "'status', 'stop'; each is answered by a line of JSON."
+    "'status', 'stop'. Each is answered with a line of JSON."
 )
 @click.argument("scene", required=False)
-@click.option("--bind", default="127.0.0.1", show_default=True, help="Loopback address.")
+@click.option(
+    "--bind", default="127.0.0.1", show_default=True, help="Loopback address to listen at."
+)
 @click.option(
     "--daughterboard",
     type=click.Choice(list(DAUGHTERBOARDS)),
     default="SBX",
     show_default=True,
-    help="Board that the device says it has.",
+    help="Daughterboard of the device.",
 )
 @click.option(
     "--air",
     type=click.Choice(["scene", "cable", "counter"]),
     default="scene",
     show_default=True,
-    help="Between the connectors: the scene, a cable, or a count of samples instead.",
+    help="What connects transmit to receive: SCENE or a cable. 'counter' receives the device "
+    "time in samples.",
 )
 @click.option(
     "--delay-us",
-    type=FiniteRange(0, 1000),
+    type=float,
     default=_DEFAULT_DELAY_US,
     show_default=True,
     help="Delay of the device itself, from transmit to receive.",
@@ -52,24 +55,29 @@ _DEFAULT_DELAY_US = 5.12
     "faults",
     multiple=True,
     metavar="'TIME KIND ...'",
-    help="Fault at a device time in seconds, or with a leading + after the first received "
-    f"sample; may be repeated. Kinds: {GRAMMAR}.",
+    help="Schedule a fault at a device time in seconds or, with a leading +, at a time after the "
+    f"first received sample. May be repeated. Kinds: {GRAMMAR}.",
 )
 @click.option(
     "--speed",
-    type=FiniteRange(0.001, 1000),
+    type=float,
     default=1.0,
     show_default=True,
-    help="Device seconds per second, at most.",
+    help="Device seconds per second of wall time, at most.",
 )
 @click.option(
-    "--real-time", is_flag=True, help="Lose samples when the host is slow instead of waiting."
+    "--real-time", is_flag=True, help="Lose samples when the host is slow, instead of waiting."
 )
-@click.option("--control", metavar="ENDPOINT", help="Live control by ZMQ: tcp://127.0.0.1:PORT.")
+@click.option(
+    "--control", metavar="ENDPOINT", help="Accept requests by ZMQ at tcp://127.0.0.1:PORT."
+)
 def emulate(scene, bind, daughterboard, air, delay_us, faults, speed, real_time, control):
-    """A software USRP N210 for unmodified libuhd, with SCENE on the air."""
+    """Run a software USRP N210 with SCENE on the air.
+
+    Unmodified UHD programs open it with --args addr=127.0.0.1.
+    """
     device = Device(
-        _air(air, scene, round(delay_us * 1e-6 * TICK_RATE)),
+        _air(air, scene, _delay_ticks(delay_us)),
         bind,
         daughterboard,
         speed,
@@ -91,21 +99,29 @@ def emulate(scene, bind, daughterboard, air, delay_us, faults, speed, real_time,
         click.echo(_summary(device.status()), err=True)
 
 
+def _delay_ticks(delay_us):
+    if not 0 <= delay_us <= _MOST_DELAY_US:
+        rule = f"must be 0 to {_MOST_DELAY_US:g} microseconds"
+        raise InputError("--delay-us", rule, delay_us)
+    return round(delay_us * 1e-6 * TICK_RATE)
+
+
 def _air(kind, scene, delay_ticks):
     if kind == "cable":
         return Cable(delay_ticks)
     if kind == "counter":
         return Counter(delay_ticks)
     if scene is None:
-        raise InputError("SCENE", "is needed, unless --air says otherwise")
-    # Imported when it is needed: a cable must not wait for the scene's mathematics.
+        raise InputError("SCENE", "is required unless --air is cable or counter")
+    # Imported here, since a cable starts in a fraction of the time that a scene takes to load.
     from gnuradio.wiforce.scene import load_scene
-    from software_n210.scene_air import SceneAir
+
+    from .scene_air import SceneAir
 
     return SceneAir(load_scene(scene), delay_ticks)
 
 
 def _summary(status):
-    lost = {key: value for key, value in status.items() if isinstance(value, int) and value}
-    text = ", ".join(f"{key.replace('_', ' ')} {value}" for key, value in lost.items())
+    counts = {key: value for key, value in status.items() if type(value) is int and value}
+    text = ", ".join(f"{key.replace('_', ' ')} {value}" for key, value in counts.items())
     return f"stopped at {status['device_time_s']:.3f} s of device time" + (text and f"; {text}")

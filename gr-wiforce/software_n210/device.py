@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The device: one loop that serves the host, moves the device's clock and lets faults happen."""
+
+import math
+import select
+import time
+from collections.abc import Callable, Iterable
+
+from gnuradio.wiforce.errors import InputError
+
+from .air import Cable
+from .faults import Fault, FaultQueue, apply_fault, check_fault
+from .hardware import Hardware
+from .host_link import HostLink
+from .pacing import HostBacklog, Throttle, WallClock
+from .sockets import Sockets, check_loopback
+from .wire import TX_PORT
+
+_IDLE_TICKS = 1_000_000
+_IDLE_WAIT_S = 0.01
+_HOLD_WAIT_S = 0.0005
+
+
+class Device:
+    """A software N210 at a loopback address.
+
+    Parameters
+    ----------
+    air : Cable or a class derived from it
+        What connects the transmit connector to the receive connector.
+    address : str
+        Loopback address to listen at.
+    board : str
+        Name of the daughterboard, of :data:`frontend.DAUGHTERBOARDS`.
+    speed : float
+        Device seconds per second of wall time, at most.
+    lossless : bool
+        Hold device time while the host is slow. False runs in real time and loses samples.
+    faults : iterable of Fault
+
+    Raises
+    ------
+    InputError
+        When the address or the speed cannot be used.
+
+    Examples
+    --------
+    >>> import threading
+    >>> from software_n210 import Cable, Device
+    >>> device = Device(Cable(delay_ticks=512), "127.0.0.77")
+    >>> loop = threading.Thread(target=device.run)
+    >>> loop.start()  # a host may now open addr=127.0.0.77
+    >>> device.stop()
+    >>> loop.join()
+    >>> device.close()
+    """
+
+    def __init__(
+        self,
+        air: Cable,
+        address: str = "127.0.0.1",
+        board: str = "SBX",
+        speed: float = 1.0,
+        lossless: bool = True,
+        faults: Iterable[Fault] = (),
+    ):
+        self.address = check_loopback(address)
+        if not 0 < speed < math.inf:
+            raise InputError("speed", "must be positive and finite", speed)
+        self.air = air
+        self._sockets = Sockets(address)
+        self._hardware = Hardware(
+            air, address, board, self._sockets.receive_buffer(TX_PORT), self._end_session
+        )
+        self._wall = WallClock(speed)
+        self._backlog = HostBacklog() if lossless else None
+        self._throttle = Throttle(self._backlog) if lossless else None
+        self._link = HostLink(self._sockets, self._hardware, self._throttle)
+        self._faults = FaultQueue()
+        self._faults_applied = 0
+        self._stop = False
+        self._port_of = {sock.fileno(): port for port, sock in self._sockets.items()}
+        self._callbacks, self._unfinished = {}, set()
+        for fault in faults:
+            self.add_fault(fault)
+
+    def watch(self, descriptor: int, callback: Callable[[], bool | None]) -> None:
+        """Call ``callback()`` from the loop whenever a file descriptor is readable.
+
+        While it returns True, it is called again in the next turn of the loop.
+        """
+        self._callbacks[descriptor] = callback
+
+    def unwatch(self, descriptor: int) -> None:
+        """Undo `watch`."""
+        self._callbacks.pop(descriptor, None)
+
+    def add_fault(self, fault: Fault) -> None:
+        """Schedule one more fault.
+
+        Raises
+        ------
+        InputError
+            When it names a sensor that is not on the air.
+        """
+        check_fault(fault, self.air)
+        self._faults.add(fault)
+
+    def stop(self) -> None:
+        """Make `run` return; may be called from a signal handler."""
+        self._stop = True
+
+    def close(self) -> None:
+        """Give back ports and files."""
+        self._sockets.close()
+        if self._backlog is not None:
+            self._backlog.close()
+            self._backlog = None
+
+    def run(self) -> None:
+        """Serve until `stop`."""
+        wait_s = 0.0
+        while not self._stop:
+            ready, _, _ = select.select(
+                [*self._port_of, *self._callbacks], [], [], 0 if self._unfinished else wait_s
+            )
+            self._link.serve({self._port_of.get(descriptor) for descriptor in ready})
+            self._call_back(ready)
+            wait_s = self._advance()
+
+    def status(self) -> dict:
+        """State and counters as plain values; docs/software-n210.md lists them."""
+        return {
+            "cpu_s": time.process_time(),
+            **self._hardware.status(),
+            **self._link.ignored,
+            "faults": self._faults_applied,
+        }
+
+    def _end_session(self):
+        self._link.discard()
+
+    def _call_back(self, ready):
+        due = self._unfinished | (self._callbacks.keys() & set(ready))
+        self._unfinished = {descriptor for descriptor in due if self._callbacks[descriptor]()}
+
+    def _advance(self):
+        """Move device time on by at most one step; seconds to wait before the next."""
+        hardware = self._hardware
+        for fault in self._faults.due(hardware.clock, hardware.origin):
+            apply_fault(fault, hardware)
+            self._faults_applied += 1
+        if not self._link.deliver():
+            return _HOLD_WAIT_S
+        start = hardware.clock.ticks
+        end = start + min(self._wall.allowance(start), hardware.longest_step)
+        end = self._until_event(start, end)
+        if end > start and self._throttle and hardware.streaming:
+            covered = hardware.transmit.covered_until(end)
+            end = self._throttle.transmit_until(covered, start, end)
+            if end == start:
+                return _HOLD_WAIT_S
+        if end > start:
+            self._step(start, end)
+        return self._wait_after(end)
+
+    def _until_event(self, start, end):
+        """End a step where something must act, or where a host may want to answer."""
+        hardware = self._hardware
+        fault = self._faults.next_tick(hardware.clock, hardware.origin)
+        if fault is not None:
+            end = min(end, max(fault, start))
+        return hardware.next_event(start, end)
+
+    def _step(self, start, end):
+        """Everything that happens between two ticks: transmit, receive, then what is due."""
+        self._link.queue(self._hardware.run(start, end))
+        self._link.deliver()
+        self._hardware.advance(end)
+        self._link.run_commands()
+        self._link.send_reports()
+
+    def _wait_after(self, end):
+        if not self._hardware.streaming:
+            pending = self._until_event(end, end + _IDLE_TICKS) - end
+            return min(_IDLE_WAIT_S, max(self._wall.seconds_for(pending), 0.0))
+        ahead = self._hardware.longest_step - self._wall.allowance(end)
+        return max(self._wall.seconds_for(ahead), 0.0)

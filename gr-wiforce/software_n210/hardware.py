@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The device without sockets and without a wall clock: registers, chains and the air."""
+
+from .clock import DeviceClock
+from .control import Control
+from .eeprom import (
+    DAUGHTERBOARD_RX,
+    DAUGHTERBOARD_TX,
+    MOTHERBOARD,
+    I2cBus,
+    daughterboard_image,
+    motherboard_image,
+)
+from .fifo import Fifo
+from .frontend import DAUGHTERBOARDS, FrontEnd
+from .receive import ReceiveChain
+from .registers import Registers
+from .transmit import TransmitChain
+from .tuning import Tuning
+from .wire import (
+    RX_PORTS,
+    SR_GPIO,
+    SR_RX_CONTROL,
+    SR_RX_DSP,
+    SR_SPI,
+    SR_TX_CONTROL,
+    SR_TX_DSP,
+    TICK_RATE,
+)
+
+# A step of streaming fits a receive buffer of the usual size several times over.
+_STEP_SAMPLES = 32_000
+_IDLE_STEP_TICKS = 10_000_000
+
+
+class Hardware:
+    """Registers, streams and air of one device.
+
+    Parameters
+    ----------
+    air : Cable or a class derived from it
+        What connects the connectors.
+    address : str
+        IPv4 address, which the EEPROM states and the serial number is made of.
+    board : str
+        Name of the daughterboard, of :data:`frontend.DAUGHTERBOARDS`.
+    tx_socket_bytes : int or None
+        Capacity of the transmit socket; None when it is unlimited.
+    on_close : callable
+        Called when the host closes the device.
+
+    Attributes
+    ----------
+    clock : DeviceClock
+    transmit : TransmitChain
+    receive : list of ReceiveChain
+    tuning : Tuning
+    fifo : Fifo
+    control : Control
+    origin : int or None
+        Tick of the first sample received in this session.
+    """
+
+    def __init__(self, air, address, board, tx_socket_bytes=None, on_close=lambda: None):
+        self.air = air
+        self.clock = air.clock = DeviceClock()
+        self.front_end = FrontEnd(DAUGHTERBOARDS[board])
+        self.transmit = TransmitChain(self.clock, air, tx_socket_bytes)
+        self.receive = [ReceiveChain(self.clock, air, 3 + k) for k in range(len(RX_PORTS))]
+        self.tuning = air.tuning = Tuning(self.front_end, self.transmit.dsp)
+        self.origin = None
+        self._on_close = on_close
+        registers = self._registers()
+        self.fifo = Fifo(registers, self.clock)
+        self.control = Control(registers, _i2c_bus(address, board), self._end_session)
+
+    @property
+    def streaming(self):
+        """Whether a stream runs or is queued in either direction."""
+        return self.transmit.busy or any(chain.waiting for chain in self.receive)
+
+    @property
+    def longest_step(self):
+        """Ticks that one step may take, so that its packets fit the host's socket."""
+        spacings = [chain.dsp.ticks_per_sample for chain in self.receive if chain.waiting]
+        if self.transmit.busy:
+            spacings.append(self.transmit.dsp.ticks_per_sample)
+        return min((_STEP_SAMPLES * spacing for spacing in spacings), default=_IDLE_STEP_TICKS)
+
+    def next_event(self, start, end):
+        """First tick up to `end` at which a command acts or a reception is complete."""
+        ticks = [end]
+        command = self.fifo.next_tick()
+        if command is not None:
+            ticks.append(max(command, start))
+        finished = (chain.finish_tick() for chain in self.receive)
+        ticks += [tick for tick in finished if tick is not None and tick > start]
+        return min(ticks)
+
+    def run(self, start, end):
+        """Let both directions run from tick `start` up to `end`.
+
+        Returns
+        -------
+        list of (int, bytes, int)
+            Index of the receive chain, packets to send and the size of each packet.
+        """
+        self.transmit.run(start, end)
+        packets = []
+        for index, chain in enumerate(self.receive):
+            if not chain.waiting:
+                continue
+            packets += [(index, data, size) for data, size in chain.run(start, end)]
+            if self.origin is None:
+                self.origin = chain.stream_start
+        return packets
+
+    def advance(self, tick):
+        """Move the clock to `tick`, up to which everything has run."""
+        self.clock.advance(tick)
+        self.air.forget(tick)
+
+    def status(self):
+        """State and counters as a dict of plain values."""
+        return {
+            "device_time_s": self.clock.time / TICK_RATE,
+            "streaming_s": 0.0
+            if self.origin is None
+            else (self.clock.ticks - self.origin) / TICK_RATE,
+            "rx_streaming": any(chain.active for chain in self.receive),
+            "tx_streaming": self.transmit.in_burst,
+            "tx_carrier_hz": self.tuning.tx_carrier_hz,
+            "rx_carrier_hz": self.tuning.rx_carrier_hz(self.receive[0].dsp),
+            "tx_gain_db": self.tuning.tx_gain_db,
+            "rx_gain_db": self.tuning.rx_gain_db,
+            "rx_dropped_samples": sum(chain.dropped_samples for chain in self.receive),
+            "rx_dropped_packets": sum(chain.packets.dropped_packets for chain in self.receive),
+            "tx_underflows": self.transmit.underflows,
+            "tx_late_packets": self.transmit.late_packets,
+            "tx_sequence_errors": self.transmit.sequence_errors,
+            **self.air.status(),
+        }
+
+    def _registers(self):
+        registers = Registers(self.clock)
+        registers.attach(SR_SPI, 3, self.front_end.poke_spi)
+        registers.attach(SR_GPIO, 5, self.front_end.poke_gpio)
+        registers.attach(SR_TX_CONTROL, 6, self.transmit.poke)
+        registers.attach(SR_TX_DSP, 3, self.transmit.dsp.poke)
+        for chain, control, dsp in zip(self.receive, SR_RX_CONTROL, SR_RX_DSP, strict=True):
+            registers.attach(control, 9, chain.poke)
+            registers.attach(dsp, 3, chain.dsp.poke)
+        return registers
+
+    def _end_session(self):
+        """Return to the state after power-on, for the next host."""
+        for chain in self.receive:
+            chain.stop()
+            chain.stream_start = None
+        self.origin = None
+        self.air.restart()
+        self._on_close()
+
+
+def _i2c_bus(address, board):
+    boards = DAUGHTERBOARDS[board]
+    serial = "".join(f"{int(part):02x}" for part in address.split("."))
+    return I2cBus(
+        {
+            MOTHERBOARD: motherboard_image(address, serial),
+            DAUGHTERBOARD_RX: daughterboard_image(boards.rx_id),
+            DAUGHTERBOARD_TX: daughterboard_image(boards.tx_id),
+        }
+    )

@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Scenes, live readers and their outputs for the tests of the live tools."""
+
+import csv
+import json
+import socket
+import subprocess
+import sys
+import threading
+import time
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import zmq
+
+FRAMES = "recv_frame_size=8000,send_frame_size=8000"
+GAINS = ["--tx-gain", "15", "--rx-gain", "15"]
+
+# A fifth of the usual rate costs a fifth of the time, where the rate is not what is tested.
+SLOW = {
+    "radio": {"sample_rate_hz": 2.5e6},
+    "sounding": {"frame_length": 400},
+    "phase_group": {"snapshots": 200},
+}
+SLOW_GROUP_S = 200 * 400 / 2.5e6
+
+
+def scene_of(presses, clock_hz=1000, reference_s=0.5, **sections):
+    return {
+        "sensors": [{"name": "arm", "model": "line-900mhz-calibrated", "clock_hz": clock_hz}],
+        "reference_s": reference_s,
+        "simulation": {
+            "truth_model": "line-900mhz",
+            "duration_s": max((start for start, *_ in presses), default=0) + 5,
+            "snr_db": 10,
+            "static_clutter_db": 60,
+            "clock_offset_ppm": 40,
+            "presses": [
+                {
+                    "start_s": start,
+                    "rise_s": 0.1,
+                    "hold_s": 0.8,
+                    "force_n": force,
+                    "end_force_n": last,
+                    "location_mm": place,
+                }
+                for start, force, last, place in presses
+            ],
+        },
+        **sections,
+    }
+
+
+def scene_file(folder, *arguments, **options):
+    path = folder / "scene.yaml"
+    path.write_text(json.dumps(scene_of(*arguments, **options)))
+    return path
+
+
+def live_command(args, scene, *options):
+    command = [sys.executable, "-m", "wiforce_app.main", "live", "--scene", str(scene)]
+    return [*command, "--args", args, *map(str, options)]
+
+
+@contextmanager
+def live(args, scene, *options, limit=100, before=None):
+    """A running live reader; ended if the test doesn't. ``before`` is called in it first."""
+    process = subprocess.Popen(
+        live_command(f"{args},{FRAMES}", scene, *options),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=before,
+    )
+    timer = threading.Timer(limit, process.kill)
+    timer.start()
+    try:
+        yield process
+    finally:
+        timer.cancel()
+        process.kill()
+        print(*process.communicate())  # shown when the test fails
+
+
+def rows_of(path):
+    with open(path, newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def streaming_s(device):
+    return device.command("status")["streaming_s"]
+
+
+def wait_until(condition, limit=90):
+    end = time.monotonic() + limit
+    while not condition():
+        assert time.monotonic() < end, "not in time"
+        time.sleep(0.05)
+
+
+def run_session(*arguments):
+    """The last line that a run of session_runs.py prints, and what it says besides."""
+    script = Path(__file__).with_name("session_runs.py")
+    command = [sys.executable, str(script), *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=100)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout.splitlines()[-1]), done.stderr
+
+
+def free_ports(count):
+    """Ports that nobody listens at, now at least."""
+    with ExitStack() as held:
+        servers = [held.enter_context(socket.create_server(("127.0.0.1", 0))) for _ in range(count)]
+        return [server.getsockname()[1] for server in servers]
+
+
+@contextmanager
+def connected(kind, port):
+    """A ZMQ socket of this kind, connected to a reader's port."""
+    with zmq.Context() as context, context.socket(kind) as client:
+        client.setsockopt(zmq.LINGER, 0)
+        client.setsockopt(zmq.RCVTIMEO, 60_000)
+        client.connect(f"tcp://127.0.0.1:{port}")
+        yield client
+
+
+def ask(client, word):
+    client.send_string(word)
+    return json.loads(client.recv_string())
+
+
+def command(*words):
+    """Exit status, output and messages of a command."""
+    done = subprocess.run(
+        [sys.executable, "-m", "wiforce_app.main", *map(str, words)],
+        capture_output=True,
+        text=True,
+        timeout=100,
+    )
+    return done.returncode, done.stdout, done.stderr

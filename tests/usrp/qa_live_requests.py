@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Readings and requests of a live reader over ZMQ."""
+
+import csv
+import json
+import signal
+import socket
+
+import numpy as np
+import pytest
+import zmq
+from fuzzing import LIMIT_BYTES, peak_memory
+from gnuradio.wiforce.estimation.frame import MARGIN
+from live_runs import GAINS, SLOW_GROUP_S, ask, connected, free_ports, live, rows_of
+from mutations import mutated
+
+REQUESTS, LONG_REQUESTS = 200, 10_000
+FUZZED, LONG_FUZZED = 1, 100  # processes
+
+
+def test_live_zmq_publishes_readings_answers_requests_and_warns_of_saturation(
+    slow_scene, slow_device, tmp_path
+):
+    readings_port, control_port = free_ports(2)
+    output = tmp_path / "out.csv"
+    options = ["--zmq", readings_port, "--control", f"tcp://127.0.0.1:{control_port}", "-o", output]
+    options += ["--tx-gain", 15, "--rx-gain", 20]
+    with (
+        live(slow_device.args, slow_scene, *options) as process,
+        connected(zmq.SUB, readings_port) as subscriber,
+        connected(zmq.REQ, control_port) as client,
+    ):
+        subscriber.subscribe("")
+
+        def receive_until(last):
+            rows = []
+            while not (rows and last(rows[-1])):
+                rows.append(json.loads(subscriber.recv_string()))
+            return rows
+
+        (first,) = receive_until(lambda row: True)
+        assert first["sensor"] == "arm" and "saturated" in first["flags"].split()
+        # Sample 0 of the stream lies some samples behind the common start of both directions.
+        assert first["device_time_s"] - first["time_s"] > 0
+        status = ask(client, "status")
+        delay = (status["frame_offset"] + MARGIN) % 400
+        assert status["ok"] and delay == pytest.approx(5.12 * 2.5 + 2, abs=2)
+        assert status["clock_offset_ppm"][0] == pytest.approx(40, abs=4)
+        assert ask(client, "tare") == {"ok": True}
+        assert ask(client, "dance")["ok"] is False
+        # The first reference ends at 0.3 s. The new one, then a touch against it.
+        tared_s = ask(client, "status")["time_s"]
+        later = receive_until(lambda row: row["time_s"] > tared_s + 0.6)
+        assert any("reference" in row["flags"] for row in later if row["time_s"] > 0.35)
+        assert "reference" not in later[-1]["flags"]
+        slow_device.command("press arm 4.0 45.0")
+        receive_until(lambda row: row["touch"] == 1)
+        assert ask(client, "stop") == {"ok": True}
+        _, said = process.communicate(timeout=60)
+        assert process.returncode == 0
+    assert "the receiver is saturated" in said
+    assert rows_of(output)[-1]["touch"] == "1"
+
+
+def send_broken_requests(port, count, seed):
+    """Sends so many, some in several parts, some too long; and a few from what speaks no ZMQ."""
+    rng = np.random.default_rng(seed)
+    for _ in range(5):
+        with socket.create_connection(("127.0.0.1", port)) as stranger:
+            stranger.sendall(rng.bytes(200))
+    with connected(zmq.DEALER, port) as client, connected(zmq.DEALER, port) as cut_off:
+        while count > 0:
+            burst = min(count, 500)  # below what a socket keeps
+            answers = 0
+            for number in range(burst):
+                request = mutated(b"status tare", rng)
+                if len(request) > 4096:
+                    cut_off.send_multipart([b"", request])
+                    continue
+                client.send_multipart([b"", request, *[b"status"] * (number % 3)])
+                answers += 1
+            for _ in range(answers):
+                answer = json.loads(client.recv_multipart()[-1])
+                assert answer["ok"] or "must be one of" in answer["error"], answer
+            count -= burst
+
+
+@pytest.mark.timeout(3000)
+def test_live_fuzzed_requests_leave_readings_complete(slow_scene, slow_device, long_run):
+    """Many requests to the first process, then some to each of the others."""
+    for process in range(LONG_FUZZED if long_run else FUZZED):
+        count = LONG_REQUESTS if long_run and process == 0 else REQUESTS
+        fuzz_with_requests(slow_scene, slow_device, count, seed=3 + process)
+
+
+def fuzz_with_requests(scene, device, count, seed):
+    (port,) = free_ports(1)
+    with (
+        live(device.args, scene, *GAINS, "--control", port, limit=900) as process,
+        connected(zmq.REQ, port) as client,
+    ):
+        ask(client, "status")  # it listens
+        send_broken_requests(port, count, seed)
+        fuzzed_s = ask(client, "status")["time_s"]
+        while ask(client, "status")["time_s"] < max(fuzzed_s, 0.5) + 0.3:
+            pass
+        peak = peak_memory(process.pid)
+        process.send_signal(signal.SIGINT)
+        output, said = process.communicate(timeout=60)
+    assert process.returncode == 0 and said.startswith("gr-wiforce: read ")
+    assert peak < LIMIT_BYTES
+    read_s = float(said.split()[2])
+    rows = list(csv.DictReader(output.splitlines()))
+    assert abs(len(rows) - read_s / SLOW_GROUP_S) <= 2
+    assert f"{len(rows)} groups: {sum(not row['flags'] for row in rows)} clear" in said
