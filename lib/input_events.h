@@ -32,10 +32,10 @@ public:
     const std::optional<event>& next(std::uint64_t before);
     void drop() { d_next.reset(); }
 
-    // Samples lost after the items looked at, known otherwise: a time will tell of them.
-    void foretell(std::uint64_t lost, std::uint64_t frame_length)
+    // See timeline::expect_loss.
+    void expect_loss(std::uint64_t lost, std::uint64_t frame_length)
     {
-        d_timeline.foretell(lost, frame_length);
+        d_timeline.expect_loss(lost, frame_length);
     }
 
     // Values of rx_time that were no time, or one that cannot be.
