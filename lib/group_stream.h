@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include "counter.h"
+#include "kernel/counter.h"
 #include "doppler_transform.h"
 #include <gnuradio/wiforce/names.h>
 
@@ -70,8 +70,8 @@ private:
     std::uint64_t d_index = 0;     // of the group at hand
     std::uint64_t d_saturated = 0; // snapshots of it
     bool d_retuned = false;
-    counter d_groups;
-    counter d_incomplete_groups;
+    kernel::counter d_groups;
+    kernel::counter d_incomplete_groups;
 };
 
 // A block whose output is that of a group_stream; Base derives from gr::block.

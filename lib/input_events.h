@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include "counter.h"
+#include "kernel/counter.h"
 #include "kernel/timing/timeline.h"
 #include <gnuradio/logger.h>
 #include <gnuradio/tags.h>
@@ -55,7 +55,7 @@ private:
     bool d_carrier_is_ours = true;
     std::optional<double> d_carrier; // the first one told
     std::optional<event> d_next;
-    counter d_times_ignored;
+    kernel::counter d_times_ignored;
 };
 
 } // namespace gr::wiforce

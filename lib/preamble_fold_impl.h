@@ -60,11 +60,11 @@ private:
     bool d_usable = true; // the next sample
     kernel::frame_walk d_walk;
 
-    counter d_snapshots;
-    counter d_samples_lost;
-    counter d_gaps;
-    counter d_frames_moved;
-    counter d_samples_moved;
+    kernel::counter d_snapshots;
+    kernel::counter d_samples_lost;
+    kernel::counter d_gaps;
+    kernel::counter d_frames_moved;
+    kernel::counter d_samples_moved;
 };
 
 // A folded vector per frame; its index is tagged when the one before it is not its

@@ -157,12 +157,13 @@ static void bind_phase_group_doppler(py::module& m)
 static void bind_recording_source(py::module& m)
 {
     py::class_<recording_source,
+               gr::sync_block,
                gr::block,
                gr::basic_block,
                std::shared_ptr<recording_source>>(
         m,
         "recording_source",
-        "Reads a recording straight from the file's memory, as folded vectors.\n\n"
+        "Reads the folded preambles of a recording.\n\n"
         "Segments are tuples (file sample, index in the stream, length) of unbroken "
         "runs.\n"
         "Output: a vector of 64 complex per frame, as of preamble_fold.")
@@ -175,44 +176,10 @@ static void bind_recording_source(py::module& m)
              "repetitions"_a = 4,
              "frame_offset"_a = 0,
              "header_bytes"_a = 0)
-        .def_static(
-            "tones",
-            [](const std::string& path,
-               const std::string& datatype,
-               const std::vector<recording_source::segment>& segments,
-               const complex_array& weights,
-               int group_length,
-               int frame_length,
-               int first_averaged,
-               int repetitions,
-               std::uint64_t frame_offset,
-               std::uint64_t header_bytes) {
-                return recording_source::tones(path,
-                                               datatype,
-                                               segments,
-                                               rows_of(weights, group_length),
-                                               group_length,
-                                               frame_length,
-                                               first_averaged,
-                                               repetitions,
-                                               frame_offset,
-                                               header_bytes);
-            },
-            "path"_a,
-            "datatype"_a,
-            "segments"_a,
-            "weights"_a,
-            "group_length"_a,
-            "frame_length"_a,
-            "first_averaged"_a = 64,
-            "repetitions"_a = 4,
-            "frame_offset"_a = 0,
-            "header_bytes"_a = 0,
-            "The tones of phase groups, as of phase_group_doppler.")
         .def("snapshots", &recording_source::snapshots, "Frames folded so far.")
         .def("frames_moved",
              &recording_source::frames_moved,
-             "Times that frames came elsewhere, of which no segment told.")
+             "Times that frame timing slipped without a gap between segments.")
         .def("samples_missing",
              &recording_source::samples_missing,
              "Samples that the segments promise and the file does not hold.");
