@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "preamble_fold_impl.h"
 
+#include "kernel/doppler/tone_accumulator.h"
 #include "kernel/require.h"
 #include <gnuradio/io_signature.h>
 #include <gnuradio/wiforce/names.h>
@@ -13,6 +14,7 @@ namespace gr::wiforce {
 namespace {
 
 constexpr int INPUT_BUFFER_BYTES = 1 << 20;
+constexpr std::size_t VECTOR_BYTES = kernel::FFT_LENGTH * sizeof(kernel::fc32);
 
 const pmt::pmt_t snapshot_key = pmt::mp(names::SNAPSHOT);
 const pmt::pmt_t saturated_key = pmt::mp(names::SATURATED);
@@ -68,12 +70,13 @@ preamble_fold::sptr preamble_fold::tones(const std::vector<std::complex<double>>
 {
     const kernel::preamble_folder folder(frame_length, first_averaged, repetitions);
     check(sample_rate, item_type);
-    return for_items<tone_fold>(item_type,
-                                folder,
-                                sample_rate,
-                                frame_offset,
-                                std::make_unique<doppler_tones>(weights, group_length),
-                                group_length);
+    return for_items<tone_fold>(
+        item_type,
+        folder,
+        sample_rate,
+        frame_offset,
+        std::make_unique<kernel::tone_accumulator>(weights, group_length),
+        group_length);
 }
 
 template <class Sample>
@@ -124,9 +127,8 @@ bool preamble_fold_impl<Sample>::take_whole_frames(const Sample* samples,
         const std::uint64_t whole = d_walk.whole_frames(end - consumed);
         if (whole == 0)
             return true;
-        const int taken = d_produced < d_room
-                              ? take(samples + consumed, whole, d_walk.frame())
-                              : 0;
+        const int taken =
+            d_produced < d_room ? take(samples + consumed, whole, d_walk.frame()) : 0;
         if (taken == 0)
             return false;
         const std::uint64_t count = d_walk.span(taken);
@@ -208,7 +210,7 @@ vector_fold<Sample>::vector_fold(const kernel::preamble_folder& folder,
                                  std::uint64_t frame_offset)
     : gr::block("preamble_fold",
                 gr::io_signature::make(1, 1, sizeof(Sample)),
-                gr::io_signature::make(1, 1, FOLDED_BYTES)),
+                gr::io_signature::make(1, 1, VECTOR_BYTES)),
       preamble_fold_impl<Sample>(folder, sample_rate, frame_offset)
 {
 }
@@ -245,11 +247,11 @@ template <class Sample>
 tone_fold<Sample>::tone_fold(const kernel::preamble_folder& folder,
                              double sample_rate,
                              std::uint64_t frame_offset,
-                             std::unique_ptr<doppler_transform> transform,
+                             std::unique_ptr<kernel::doppler_transform> transform,
                              int group_length)
     : gr::block("preamble_fold",
                 gr::io_signature::make(1, 1, sizeof(Sample)),
-                gr::io_signature::make(1, 1, transform->rows() * FOLDED_BYTES)),
+                gr::io_signature::make(1, 1, transform->rows() * VECTOR_BYTES)),
       group_block<preamble_fold_impl<Sample>>(
           std::move(transform), group_length, folder, sample_rate, frame_offset)
 {
@@ -258,19 +260,20 @@ tone_fold<Sample>::tone_fold(const kernel::preamble_folder& folder,
 template <class Sample>
 int tone_fold<Sample>::take(const Sample* averaged, int frames, std::uint64_t snapshot)
 {
-    auto& stream = this->d_stream;
-    if (stream.must_close_before(snapshot)) {
-        this->d_produced += this->close_group(this->d_out, this->d_produced);
+    auto& collector = this->d_collector;
+    if (collector.must_end_before(snapshot)) {
+        this->d_produced += this->end_group(this->d_out, this->d_produced);
         if (this->d_produced == this->d_room)
             return 0;
     }
-    const int count = std::min({ frames, BATCH, stream.room(snapshot) });
-    this->d_folder.fold(averaged, count, stream.reserve(snapshot));
-    stream.accept(count);
+    const int count = collector.add(
+        snapshot, std::min(frames, collector.BATCH), [&](int n, kernel::fc32* folded) {
+            this->d_folder.fold(averaged, n, folded);
+        });
     this->d_folder.saturated(averaged, count, this->d_saturated);
-    stream.note_saturated(this->d_saturated.size());
-    if (stream.is_full())
-        this->d_produced += this->close_group(this->d_out, this->d_produced);
+    collector.note_saturated(this->d_saturated.size());
+    if (collector.is_full())
+        this->d_produced += this->end_group(this->d_out, this->d_produced);
     return count;
 }
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include "group_stream.h"
+#include "group_block.h"
 #include "input_events.h"
 #include "kernel/fold/frame_walk.h"
 #include <gnuradio/wiforce/preamble_fold.h>
@@ -49,9 +49,8 @@ protected:
 
 private:
     void collect_tags(int available);
-    bool take_whole_frames(const Sample* samples,
-                           std::uint64_t& consumed,
-                           std::uint64_t end);
+    bool
+    take_whole_frames(const Sample* samples, std::uint64_t& consumed, std::uint64_t end);
     void take_event(const input_events::event& event);
     void follow_frames();
 
@@ -94,12 +93,12 @@ public:
     tone_fold(const kernel::preamble_folder& folder,
               double sample_rate,
               std::uint64_t frame_offset,
-              std::unique_ptr<doppler_transform> transform,
+              std::unique_ptr<kernel::doppler_transform> transform,
               int group_length);
 
 protected:
     int take(const Sample* averaged, int frames, std::uint64_t snapshot) override;
-    void mark_retuned() override { this->d_stream.mark_retuned(); }
+    void mark_retuned() override { this->mark_group_retuned(); }
 };
 
 } // namespace gr::wiforce

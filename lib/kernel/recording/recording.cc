@@ -15,7 +15,7 @@ namespace gr::wiforce::kernel {
 
 namespace {
 
-constexpr const char* WHERE = "recording_source";
+constexpr const char* WHERE = "recording";
 // A read of half a megabyte costs little more than its copy, and leaves the samples in
 // the second cache. Guards are read as well: leaving them out takes a call per frame,
 // which is three times slower than their copy (720 samples, page cache).

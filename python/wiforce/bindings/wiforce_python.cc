@@ -9,6 +9,8 @@
 #include <gnuradio/wiforce/preamble_fold.h>
 #include <gnuradio/wiforce/recording_source.h>
 
+#include "refusal.h"
+
 #include "bench/arrival_sink.h"
 #include "bench/paced_source.h"
 
@@ -212,19 +214,6 @@ static void bind_latency_blocks(py::module& m)
         .def("times",
              &arrival_sink::times,
              "Seconds of time.monotonic() at which each item came.");
-}
-
-// A refused parameter is bad input, as the Python blocks raise it: errors.InputError.
-static void translate_refusal(std::exception_ptr thrown)
-{
-    try {
-        std::rethrow_exception(thrown);
-    } catch (const std::invalid_argument& refusal) {
-        const auto type =
-            py::module::import("gnuradio.wiforce.errors").attr("InputError");
-        const py::object error = type.attr("__new__")(type, refusal.what());
-        PyErr_SetObject(type.ptr(), error.ptr());
-    }
 }
 
 PYBIND11_MODULE(wiforce_python, m)
