@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include "counter.h"
+#include "kernel/counter.h"
 #include "kernel/timing/timeline.h"
 #include <gnuradio/logger.h>
 #include <gnuradio/tags.h>
@@ -32,10 +32,10 @@ public:
     const std::optional<event>& next(std::uint64_t before);
     void drop() { d_next.reset(); }
 
-    // Samples lost after the items looked at, known otherwise: a time will tell of them.
-    void foretell(std::uint64_t lost, std::uint64_t frame_length)
+    // See timeline::expect_loss.
+    void expect_loss(std::uint64_t lost, std::uint64_t frame_length)
     {
-        d_timeline.foretell(lost, frame_length);
+        d_timeline.expect_loss(lost, frame_length);
     }
 
     // Values of rx_time that were no time, or one that cannot be.
@@ -55,7 +55,7 @@ private:
     bool d_carrier_is_ours = true;
     std::optional<double> d_carrier; // the first one told
     std::optional<event> d_next;
-    counter d_times_ignored;
+    kernel::counter d_times_ignored;
 };
 
 } // namespace gr::wiforce

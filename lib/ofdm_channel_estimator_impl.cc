@@ -11,7 +11,7 @@ ofdm_channel_estimator::make(const std::vector<std::complex<double>>& factors,
                              const std::vector<std::complex<double>>& rotation)
 {
     return gnuradio::make_block_sptr<ofdm_channel_estimator_impl>(
-        kernel::channel_equalizer(factors, rows, rotation));
+        std::make_unique<kernel::channel_equalizer>(factors, rows, rotation));
 }
 
 static gr::io_signature::sptr vector_signature(int rows)
@@ -20,12 +20,11 @@ static gr::io_signature::sptr vector_signature(int rows)
 }
 
 ofdm_channel_estimator_impl::ofdm_channel_estimator_impl(
-    const kernel::channel_equalizer& equalizer)
+    std::unique_ptr<kernel::channel_equalizer> equalizer)
     : gr::sync_block("ofdm_channel_estimator",
-                     vector_signature(equalizer.rows()),
-                     vector_signature(equalizer.rows())),
-      d_equalizer(equalizer),
-      d_fft(kernel::FFT_LENGTH)
+                     vector_signature(equalizer->rows()),
+                     vector_signature(equalizer->rows())),
+      d_equalizer(std::move(equalizer))
 {
 }
 
@@ -35,12 +34,10 @@ int ofdm_channel_estimator_impl::work(int noutput_items,
 {
     const auto* in = static_cast<const kernel::fc32*>(input_items[0]);
     auto* out = static_cast<kernel::fc32*>(output_items[0]);
-    const int rows = d_equalizer.rows();
+    const int rows = d_equalizer->rows();
     for (int row = 0; row < noutput_items * rows; row++) {
         const int at = row * kernel::FFT_LENGTH;
-        d_equalizer.rotate(row % rows, in + at, d_fft.get_inbuf());
-        d_fft.execute();
-        d_equalizer.equalize(d_fft.get_outbuf(), out + at);
+        d_equalizer->equalize(row % rows, in + at, out + at);
     }
     return noutput_items;
 }

@@ -2,23 +2,24 @@
 #pragma once
 
 #include "kernel/doppler/channel_equalizer.h"
-#include <gnuradio/fft/fft.h>
 #include <gnuradio/wiforce/ofdm_channel_estimator.h>
+
+#include <memory>
 
 namespace gr::wiforce {
 
 class ofdm_channel_estimator_impl : public ofdm_channel_estimator
 {
 public:
-    explicit ofdm_channel_estimator_impl(const kernel::channel_equalizer& equalizer);
+    explicit ofdm_channel_estimator_impl(
+        std::unique_ptr<kernel::channel_equalizer> equalizer);
 
     int work(int noutput_items,
              gr_vector_const_void_star& input_items,
              gr_vector_void_star& output_items) override;
 
 private:
-    const kernel::channel_equalizer d_equalizer;
-    gr::fft::fft_complex_fwd d_fft;
+    const std::unique_ptr<kernel::channel_equalizer> d_equalizer;
 };
 
 } // namespace gr::wiforce

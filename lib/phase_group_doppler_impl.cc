@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "phase_group_doppler_impl.h"
 
+#include "kernel/doppler/doppler_spectrum.h"
+#include "kernel/doppler/tone_accumulator.h"
 #include <gnuradio/io_signature.h>
 #include <gnuradio/wiforce/names.h>
 
@@ -9,6 +11,7 @@
 namespace gr::wiforce {
 
 namespace {
+constexpr std::size_t VECTOR_BYTES = kernel::FFT_LENGTH * sizeof(kernel::fc32);
 constexpr int INPUT_BUFFER_SNAPSHOTS = 256; // 128 kB
 const pmt::pmt_t saturated_key = pmt::mp(names::SATURATED);
 const pmt::pmt_t retuned_key = pmt::mp(names::RETUNED);
@@ -20,20 +23,20 @@ phase_group_doppler::make(const std::vector<std::complex<double>>& weights,
                           int group_length)
 {
     return gnuradio::make_block_sptr<phase_group_doppler_impl>(
-        std::make_unique<doppler_tones>(weights, group_length), group_length);
+        std::make_unique<kernel::tone_accumulator>(weights, group_length), group_length);
 }
 
 phase_group_doppler::sptr phase_group_doppler::spectrum(int group_length)
 {
     return gnuradio::make_block_sptr<phase_group_doppler_impl>(
-        std::make_unique<doppler_spectrum>(group_length), group_length);
+        std::make_unique<kernel::doppler_spectrum>(group_length), group_length);
 }
 
 phase_group_doppler_impl::phase_group_doppler_impl(
-    std::unique_ptr<doppler_transform> transform, int group_length)
+    std::unique_ptr<kernel::doppler_transform> transform, int group_length)
     : gr::block("phase_group_doppler",
-                gr::io_signature::make(1, 1, FOLDED_BYTES),
-                gr::io_signature::make(1, 1, transform->rows() * FOLDED_BYTES)),
+                gr::io_signature::make(1, 1, VECTOR_BYTES),
+                gr::io_signature::make(1, 1, transform->rows() * VECTOR_BYTES)),
       group_block(std::move(transform), group_length)
 {
     // By this rate the scheduler chooses the input buffer, as in preamble_fold. It is to
@@ -77,24 +80,26 @@ int phase_group_doppler_impl::general_work(int noutput_items,
         const std::uint64_t here = nitems_read(0) + consumed;
         for (; tag != tags.end() && tag->offset == here; ++tag)
             d_snapshot = pmt::to_uint64(tag->value);
-        if (d_stream.must_close_before(d_snapshot)) {
-            produced += close_group(out, produced);
+        if (d_collector.must_end_before(d_snapshot)) {
+            produced += end_group(out, produced);
             continue;
         }
-        int count = std::min(available - consumed, d_stream.room(d_snapshot));
+        std::uint64_t untagged = available - consumed;
         if (tag != tags.end())
-            count = std::min<std::uint64_t>(count, tag->offset - here);
-        std::copy_n(in + static_cast<std::size_t>(consumed) * kernel::FFT_LENGTH,
-                    static_cast<std::size_t>(count) * kernel::FFT_LENGTH,
-                    d_stream.reserve(d_snapshot));
-        d_stream.accept(count);
-        d_stream.note_saturated(tagged_among(count, here, saturated_key));
+            untagged = std::min(untagged, tag->offset - here);
+        const auto* snapshots =
+            in + static_cast<std::size_t>(consumed) * kernel::FFT_LENGTH;
+        const int count =
+            d_collector.add(d_snapshot, untagged, [&](int n, kernel::fc32* slots) {
+                std::copy_n(snapshots, n * kernel::FFT_LENGTH, slots);
+            });
+        d_collector.note_saturated(tagged_among(count, here, saturated_key));
         if (tagged_among(count, here, retuned_key) > 0)
-            d_stream.mark_retuned();
+            mark_group_retuned();
         consumed += count;
         d_snapshot += count;
-        if (d_stream.is_full())
-            produced += close_group(out, produced);
+        if (d_collector.is_full())
+            produced += end_group(out, produced);
     }
     consume_each(consumed);
     return produced;

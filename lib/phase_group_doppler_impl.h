@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include "group_stream.h"
+#include "group_block.h"
 #include <gnuradio/wiforce/phase_group_doppler.h>
 
 namespace gr::wiforce {
@@ -9,7 +9,7 @@ namespace gr::wiforce {
 class phase_group_doppler_impl : public group_block<phase_group_doppler>
 {
 public:
-    phase_group_doppler_impl(std::unique_ptr<doppler_transform> transform,
+    phase_group_doppler_impl(std::unique_ptr<kernel::doppler_transform> transform,
                              int group_length);
 
     void forecast(int noutput_items, gr_vector_int& ninput_items_required) override;
@@ -18,12 +18,9 @@ public:
                      gr_vector_const_void_star& input_items,
                      gr_vector_void_star& output_items) override;
 
-    int rows() const override { return d_stream.rows(); }
-    std::uint64_t groups() const override { return d_stream.groups(); }
-    std::uint64_t incomplete_groups() const override
-    {
-        return d_stream.incomplete_groups();
-    }
+    int rows() const override { return d_collector.rows(); }
+    std::uint64_t groups() const override { return d_groups; }
+    std::uint64_t incomplete_groups() const override { return d_incomplete_groups; }
 
 private:
     // Input items that carry a tag.

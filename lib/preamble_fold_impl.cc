@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "preamble_fold_impl.h"
 
+#include "kernel/doppler/tone_accumulator.h"
 #include "kernel/require.h"
 #include <gnuradio/io_signature.h>
 #include <gnuradio/wiforce/names.h>
@@ -13,6 +14,7 @@ namespace gr::wiforce {
 namespace {
 
 constexpr int INPUT_BUFFER_BYTES = 1 << 20;
+constexpr std::size_t VECTOR_BYTES = kernel::FFT_LENGTH * sizeof(kernel::fc32);
 
 const pmt::pmt_t snapshot_key = pmt::mp(names::SNAPSHOT);
 const pmt::pmt_t saturated_key = pmt::mp(names::SATURATED);
@@ -68,12 +70,13 @@ preamble_fold::sptr preamble_fold::tones(const std::vector<std::complex<double>>
 {
     const kernel::preamble_folder folder(frame_length, first_averaged, repetitions);
     check(sample_rate, item_type);
-    return for_items<tone_fold>(item_type,
-                                folder,
-                                sample_rate,
-                                frame_offset,
-                                std::make_unique<doppler_tones>(weights, group_length),
-                                group_length);
+    return for_items<tone_fold>(
+        item_type,
+        folder,
+        sample_rate,
+        frame_offset,
+        std::make_unique<kernel::tone_accumulator>(weights, group_length),
+        group_length);
 }
 
 template <class Sample>
@@ -81,9 +84,8 @@ preamble_fold_impl<Sample>::preamble_fold_impl(const kernel::preamble_folder& fo
                                                double sample_rate,
                                                std::uint64_t frame_offset)
     : d_folder(folder),
-      d_first_window(frame_offset + folder.first_averaged()),
       d_events(sample_rate, this->d_logger),
-      d_watch(folder.frame_length(), frame_offset)
+      d_walk(folder, frame_offset)
 {
     // The scheduler gives the block before this one a buffer of twice what relative_rate
     // says is needed for one output. With its default of 8192 samples it would spend its
@@ -102,12 +104,6 @@ void preamble_fold_impl<Sample>::forecast(int, gr_vector_int& ninput_items_requi
 }
 
 template <class Sample>
-std::uint64_t preamble_fold_impl<Sample>::window_start() const
-{
-    return d_first_window + d_frame * d_folder.frame_length();
-}
-
-template <class Sample>
 void preamble_fold_impl<Sample>::collect_tags(int available)
 {
     const std::uint64_t begin = std::max(d_tags_read_to, this->nitems_read(0));
@@ -120,6 +116,28 @@ void preamble_fold_impl<Sample>::collect_tags(int available)
     d_events.add(std::move(tags));
 }
 
+// False when the output is full.
+template <class Sample>
+bool preamble_fold_impl<Sample>::take_whole_frames(const Sample* samples,
+                                                   std::uint64_t& consumed,
+                                                   std::uint64_t end)
+{
+    while (true) {
+        consumed += d_walk.pass_lead(samples + consumed, end - consumed);
+        const std::uint64_t whole = d_walk.whole_frames(end - consumed);
+        if (whole == 0)
+            return true;
+        const int taken =
+            d_produced < d_room ? take(samples + consumed, whole, d_walk.frame()) : 0;
+        if (taken == 0)
+            return false;
+        const std::uint64_t count = d_walk.span(taken);
+        d_walk.pass(samples + consumed, count);
+        consumed += count;
+        d_snapshots += taken;
+    }
+}
+
 template <class Sample>
 void preamble_fold_impl<Sample>::take_event(const input_events::event& event)
 {
@@ -128,42 +146,20 @@ void preamble_fold_impl<Sample>::take_event(const input_events::event& event)
     d_usable = event.usable;
     d_samples_lost += event.lost;
     d_gaps += event.lost > 0;
-    skip(event.lost);
+    d_walk.skip(event.lost);
 }
 
-// Samples were lost or repeated of which no tag told, or a tag told wrong: how many is
-// known but for whole frames.
 template <class Sample>
 void preamble_fold_impl<Sample>::follow_frames()
 {
-    const int shift = d_watch.decide();
-    if (shift == 0)
+    const std::uint64_t lost = d_walk.decide();
+    if (lost == 0)
         return;
-    d_logger->warn("frames come {:d} samples late: followed", shift);
-    const std::uint64_t lost = d_folder.frame_length() - shift;
-    d_events.foretell(lost, d_folder.frame_length());
+    d_logger->warn("frame timing slipped by {:d} samples; resynchronised", lost);
+    // The next rx_time counts them as well, and says how many whole frames they exceed.
+    d_events.expect_loss(lost, d_folder.frame_length());
     d_frames_moved += 1;
     d_samples_moved += lost;
-    skip(lost);
-}
-
-// The stream goes on so many samples later.
-template <class Sample>
-void preamble_fold_impl<Sample>::skip(std::uint64_t lost)
-{
-    d_position += lost;
-    catch_up();
-    d_watch.restart(d_position);
-}
-
-// Moves on to the first frame of the grid that is still whole.
-template <class Sample>
-void preamble_fold_impl<Sample>::catch_up()
-{
-    if (d_position > window_start()) {
-        const std::uint64_t stride = d_folder.frame_length();
-        d_frame = (d_position - d_first_window + stride - 1) / stride;
-    }
 }
 
 template <class Sample>
@@ -177,56 +173,31 @@ int preamble_fold_impl<Sample>::general_work(int noutput_items,
     d_room = noutput_items;
     d_produced = 0;
     const std::uint64_t available = ninput_items[0];
-    const std::uint64_t stride = d_folder.frame_length();
-    const std::uint64_t window = d_folder.averaged_length();
     const std::uint64_t first = this->nitems_read(0);
     collect_tags(ninput_items[0]);
 
     std::uint64_t consumed = 0;
-    const auto advance = [&](std::uint64_t samples) {
-        if (d_usable)
-            d_watch.take(in + consumed, samples, d_position);
-        consumed += samples;
-        d_position += samples;
-    };
     while (true) {
+        // Tags behind a decision are read after it: what it finds changes their meaning.
         std::uint64_t end = available;
-        const bool decides =
-            d_usable && d_watch.decision() - d_position <= end - consumed;
-        if (decides)
-            end = consumed + (d_watch.decision() - d_position);
+        if (d_usable)
+            end = std::min(end - consumed, d_walk.until_decision()) + consumed;
         const auto& event = d_events.next(first + end);
-        const bool changes = event.has_value();
-        if (changes)
+        if (event)
             end = event->item - first;
-
-        if (!d_usable) {
-            advance(end - consumed);
-            catch_up();
-        }
-        advance(std::min(end - consumed, window_start() - d_position));
-        const bool at_window = d_position == window_start();
-        const std::uint64_t whole = at_window && end - consumed >= window
-                                        ? 1 + (end - consumed - window) / stride
-                                        : 0;
-        if (whole > 0) {
-            const int frames =
-                d_produced < d_room ? this->take(in + consumed, whole, d_frame) : 0;
-            if (frames == 0) // output is full
-                break;
-            advance((frames - 1) * stride + window);
-            d_frame += frames;
-            d_snapshots += frames;
-            continue;
-        }
-        if (!changes && !decides)
+        if (d_usable && !take_whole_frames(in, consumed, end))
             break;
-        advance(end - consumed); // what is left of a frame that it cuts
-        if (changes) {
+        if (event || !d_usable) {
+            d_walk.skip(end - consumed);
+            consumed = end;
+        }
+        if (event) {
             take_event(*event);
             d_events.drop();
-        } else {
+        } else if (d_usable && d_walk.decision_is_due()) {
             follow_frames();
+        } else {
+            break;
         }
     }
     this->consume_each(consumed);
@@ -239,7 +210,7 @@ vector_fold<Sample>::vector_fold(const kernel::preamble_folder& folder,
                                  std::uint64_t frame_offset)
     : gr::block("preamble_fold",
                 gr::io_signature::make(1, 1, sizeof(Sample)),
-                gr::io_signature::make(1, 1, FOLDED_BYTES)),
+                gr::io_signature::make(1, 1, VECTOR_BYTES)),
       preamble_fold_impl<Sample>(folder, sample_rate, frame_offset)
 {
 }
@@ -276,11 +247,11 @@ template <class Sample>
 tone_fold<Sample>::tone_fold(const kernel::preamble_folder& folder,
                              double sample_rate,
                              std::uint64_t frame_offset,
-                             std::unique_ptr<doppler_transform> transform,
+                             std::unique_ptr<kernel::doppler_transform> transform,
                              int group_length)
     : gr::block("preamble_fold",
                 gr::io_signature::make(1, 1, sizeof(Sample)),
-                gr::io_signature::make(1, 1, transform->rows() * FOLDED_BYTES)),
+                gr::io_signature::make(1, 1, transform->rows() * VECTOR_BYTES)),
       group_block<preamble_fold_impl<Sample>>(
           std::move(transform), group_length, folder, sample_rate, frame_offset)
 {
@@ -289,19 +260,20 @@ tone_fold<Sample>::tone_fold(const kernel::preamble_folder& folder,
 template <class Sample>
 int tone_fold<Sample>::take(const Sample* averaged, int frames, std::uint64_t snapshot)
 {
-    auto& stream = this->d_stream;
-    if (stream.must_close_before(snapshot)) {
-        this->d_produced += this->close_group(this->d_out, this->d_produced);
+    auto& collector = this->d_collector;
+    if (collector.must_end_before(snapshot)) {
+        this->d_produced += this->end_group(this->d_out, this->d_produced);
         if (this->d_produced == this->d_room)
             return 0;
     }
-    const int count = std::min({ frames, BATCH, stream.room(snapshot) });
-    this->d_folder.fold(averaged, count, stream.reserve(snapshot));
-    stream.accept(count);
+    const int count = collector.add(
+        snapshot, std::min(frames, collector.BATCH), [&](int n, kernel::fc32* folded) {
+            this->d_folder.fold(averaged, n, folded);
+        });
     this->d_folder.saturated(averaged, count, this->d_saturated);
-    stream.note_saturated(this->d_saturated.size());
-    if (stream.is_full())
-        this->d_produced += this->close_group(this->d_out, this->d_produced);
+    collector.note_saturated(this->d_saturated.size());
+    if (collector.is_full())
+        this->d_produced += this->end_group(this->d_out, this->d_produced);
     return count;
 }
 

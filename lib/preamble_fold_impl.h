@@ -1,19 +1,17 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include "group_stream.h"
+#include "group_block.h"
 #include "input_events.h"
-#include "kernel/fold/preamble_folder.h"
-#include "kernel/timing/frame_watch.h"
+#include "kernel/fold/frame_walk.h"
 #include <gnuradio/wiforce/preamble_fold.h>
 
 #include <optional>
 
 namespace gr::wiforce {
 
-// Walks the frame grid over gaps, told by rx_time or found by the frames' place. What
-// becomes of its frames is the derived block's part. Sample is kernel::fc32 or
-// kernel::sc16.
+// Walks over the frames between the gaps that rx_time reports or the frames' place shows.
+// Derived classes process the frames. Sample is kernel::fc32 or kernel::sc16.
 template <class Sample>
 class preamble_fold_impl : public preamble_fold
 {
@@ -36,9 +34,9 @@ public:
     std::uint64_t samples_moved() const override { return d_samples_moved; }
 
 protected:
-    // Folds some of the frames whose windows lie one frame length apart, the first at
-    // `averaged` with index `snapshot`; returns how many. Adds what it completed to
-    // `produced`, which is below `room`.
+    // Folds some of the whole frames, the first one's averaged samples at `averaged`, its
+    // index `snapshot`; returns how many, at least one unless the output is full. Adds
+    // the items it completed to `produced`, which is below `room`.
     virtual int take(const Sample* averaged, int frames, std::uint64_t snapshot) = 0;
     // The samples that follow were received with settings that were changed meanwhile.
     virtual void mark_retuned() = 0;
@@ -51,29 +49,21 @@ protected:
 
 private:
     void collect_tags(int available);
+    bool
+    take_whole_frames(const Sample* samples, std::uint64_t& consumed, std::uint64_t end);
     void take_event(const input_events::event& event);
     void follow_frames();
-    void skip(std::uint64_t lost);
-    void catch_up();
-    std::uint64_t window_start() const; // of the next frame, on the grid
-
-    const std::uint64_t
-        d_first_window; // grid position of frame 0's first averaged sample
-
-    std::uint64_t d_position = 0; // of the next input item, lost samples included
-    std::uint64_t d_frame =
-        0; // next frame to fold; its window starts at or after d_position
 
     std::uint64_t d_tags_read_to = 0; // input offset up to which tags were read
     input_events d_events;
-    bool d_usable = true; // samples at d_position
-    kernel::frame_watch d_watch;
+    bool d_usable = true; // the next sample
+    kernel::frame_walk d_walk;
 
-    counter d_snapshots;
-    counter d_samples_lost;
-    counter d_gaps;
-    counter d_frames_moved;
-    counter d_samples_moved;
+    kernel::counter d_snapshots;
+    kernel::counter d_samples_lost;
+    kernel::counter d_gaps;
+    kernel::counter d_frames_moved;
+    kernel::counter d_samples_moved;
 };
 
 // A folded vector per frame; its index is tagged when the one before it is not its
@@ -103,12 +93,12 @@ public:
     tone_fold(const kernel::preamble_folder& folder,
               double sample_rate,
               std::uint64_t frame_offset,
-              std::unique_ptr<doppler_transform> transform,
+              std::unique_ptr<kernel::doppler_transform> transform,
               int group_length);
 
 protected:
     int take(const Sample* averaged, int frames, std::uint64_t snapshot) override;
-    void mark_retuned() override { this->d_stream.mark_retuned(); }
+    void mark_retuned() override { this->mark_group_retuned(); }
 };
 
 } // namespace gr::wiforce

@@ -159,5 +159,7 @@ BOOST_AUTO_TEST_CASE(a_recording_may_be_cut_and_asked_while_it_is_read)
     flowgraph->wait();
     asking.join();
     unlink(path);
-    BOOST_TEST(FRAME * source->snapshots() + source->samples_missing() == samples);
+    const std::uint64_t held = samples - source->samples_missing();
+    // The last frame needs its averaged samples, not its guard.
+    BOOST_TEST(source->snapshots() == (held + FRAME - 64 - 256) / FRAME);
 }

@@ -72,7 +72,7 @@ BOOST_AUTO_TEST_CASE(a_clock_set_anew_is_believed_by_times_that_come_with_losses
     timeline times(RATE);
     times.note(0, device_time(0));
     double lost = 5000;
-    times.foretell(5000 % 720, 720); // the frames tell of the first loss
+    times.expect_loss(5000 % 720, 720); // the frames tell of the first loss
     expect(times.note(10'000, device_time(10'000 + lost - BACK)),
            verdict::ignored,
            lost - 5000 % 720 - BACK);
@@ -106,7 +106,7 @@ BOOST_AUTO_TEST_CASE(a_loss_that_was_found_already_is_not_counted_twice)
 {
     timeline times(RATE);
     times.note(0, device_time(0));
-    times.foretell(500, 720);
+    times.expect_loss(500, 720);
     expect(times.note(5000, device_time(6940)), verdict::gap, 1440);
     expect(times.note(6000, device_time(7940)), verdict::agrees, 0);
 }
@@ -115,10 +115,10 @@ BOOST_AUTO_TEST_CASE(a_true_time_is_believed_after_samples_that_came_twice)
 {
     timeline times(RATE);
     times.note(0, device_time(0));
-    times.foretell(720 - 100, 720);
+    times.expect_loss(720 - 100, 720);
     expect(times.note(5000, device_time(4900)), verdict::agrees, 0);
     expect(times.note(6000, device_time(5950)), verdict::gap, 50);
-    times.foretell(720 - 100, 720);
+    times.expect_loss(720 - 100, 720);
     expect(times.note(7000, device_time(6843)), verdict::ignored, -727);
 }
 

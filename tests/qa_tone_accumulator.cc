@@ -139,8 +139,7 @@ tones(const table& t, const std::vector<fc32>& h, const std::set<int>& absent, i
             n += std::max(count, 1);
         }
         group.finish();
-        accumulator.advance(group);
-        accumulator.tones_of(group, result.data());
+        accumulator.finish(group, result.data());
     }
     return result;
 }
@@ -212,13 +211,15 @@ BOOST_AUTO_TEST_CASE(a_group_gives_zeros_and_a_mask_for_what_is_absent)
     group.finish();
     BOOST_TEST((group.mask() == std::vector<std::uint8_t>{ 0, 1, 1, 0 }));
     BOOST_TEST(group.missing() == 2);
-    std::vector<fc32> copy(4 * FFT_LENGTH, fc32(7));
-    group.copy_with_zeros(copy.data());
+    const auto copy = group.with_zeros();
     for (int k = 0; k < FFT_LENGTH; k++) {
         BOOST_TEST(copy[k] == fc32(0));
         BOOST_TEST(copy[FFT_LENGTH + k] == h[k]);
         BOOST_TEST(copy[3 * FFT_LENGTH + k] == fc32(0));
     }
+    const auto present = group.present_snapshots();
+    BOOST_TEST(present.size() == 2 * FFT_LENGTH);
+    BOOST_TEST(std::equal(present.begin(), present.end(), h.begin()));
 }
 
 BOOST_AUTO_TEST_CASE(bad_tables_are_refused)

@@ -130,4 +130,5 @@ def test_a_recording_cut_short_while_it_is_read_ends_there(tmp_path, seed):
     other.start()
     flowgraph.run()
     other.join()
-    assert 720 * source.snapshots() + source.samples_missing() == samples
+    # The last frame needs its averaged samples, not its guard.
+    assert source.snapshots() == (samples - source.samples_missing() + 720 - 64 - 256) // 720

@@ -178,10 +178,10 @@ def _flowgraph(path, item_type, samples, settings, indices):
     if path == "file-fc32":
         segments = _segments(indices, settings.group_length * frame)
         chain = [
-            wiforce.recording_source.tones(str(samples), "cf32_le", segments, **group,
-                                           frame_length=frame),
+            wiforce.recording_source(str(samples), "cf32_le", segments, frame),
+            wiforce.phase_group_doppler(**group),
             wiforce.ofdm_channel_estimator(factors, rows),
-        ]  # fmt: skip
+        ]
     else:
         size = 4 if item_type == "sc16" else 8
         source = blocks.file_source(size, str(samples), False)

@@ -310,8 +310,8 @@ def _flowgraph(setting, recordings):
         flowgraph.top.connect(folded[1], (chain[1], 1))
     elif kind == "file":
         ((path, _, datatype),) = files
-        segments = [(0, 0, samples)]
-        chain = [wiforce.recording_source.tones(path, datatype, segments, **group, **frame)]
+        source = wiforce.recording_source(path, datatype, [(0, 0, samples)], **frame)
+        chain = [source, wiforce.phase_group_doppler(**group)]
     else:
         ((path, size, _),) = files
         source = blocks.file_source(size, path, False, 0, samples)

@@ -8,31 +8,37 @@
 
 namespace gr::wiforce::kernel {
 
-static const char* where = "ofdm_channel_estimator";
+namespace {
 
-static std::vector<fc32> checked(const char* parameter,
-                                 const std::vector<std::complex<double>>& values,
-                                 size_t length)
+using table = std::vector<std::complex<double>>;
+
+constexpr const char* WHERE = "ofdm_channel_estimator";
+
+int checked_rows(int rows)
+{
+    require(rows >= 1, WHERE, "rows", "must be >= 1", rows);
+    return rows;
+}
+
+std::vector<fc32>
+checked_table(const char* parameter, const table& values, std::size_t length)
 {
     require(values.size() == length,
-            where,
+            WHERE,
             parameter,
             "must hold " + std::to_string(length) + " values",
             std::to_string(values.size()) + " values");
-    std::vector<fc32> result;
-    for (const auto& value : values) {
+    for (const auto& value : values)
         require(std::isfinite(value.real()) && std::isfinite(value.imag()),
-                where,
+                WHERE,
                 parameter,
                 "must be finite",
                 value);
-        result.emplace_back(value);
-    }
-    return result;
+    return { values.begin(), values.end() };
 }
 
 // Written out: the operator of std::complex tests for NaN and infinity.
-static void multiply(const fc32* x, const fc32* y, fc32* product)
+void multiply(const fc32* x, const fc32* y, fc32* product)
 {
     for (int k = 0; k < FFT_LENGTH; k++) {
         const float a = x[k].real(), b = x[k].imag();
@@ -41,29 +47,28 @@ static void multiply(const fc32* x, const fc32* y, fc32* product)
     }
 }
 
-channel_equalizer::channel_equalizer(const std::vector<std::complex<double>>& factors,
+} // namespace
+
+channel_equalizer::channel_equalizer(const table& factors,
                                      int rows,
-                                     const std::vector<std::complex<double>>& rotation)
-    : d_rows(rows), d_factors(checked("factors", factors, FFT_LENGTH))
+                                     const table& rotation)
+    : d_rows(checked_rows(rows)),
+      d_factors(checked_table("factors", factors, FFT_LENGTH)),
+      d_rotation(
+          rotation.empty()
+              ? std::vector<fc32>()
+              : checked_table("rotation", rotation, std::size_t(rows) * FFT_LENGTH)),
+      d_fft(FFT_LENGTH)
 {
-    require(rows >= 1, where, "rows", "must be >= 1", rows);
-    if (!rotation.empty()) {
-        d_rotation = checked("rotation", rotation, size_t(rows) * FFT_LENGTH);
-    }
 }
 
-void channel_equalizer::rotate(int row, const fc32* samples, fc32* rotated) const
+void channel_equalizer::equalize(int row, const fc32* samples, fc32* channel)
 {
-    if (d_rotation.empty()) {
-        std::copy_n(samples, FFT_LENGTH, rotated);
-    } else {
-        multiply(samples, &d_rotation[row * FFT_LENGTH], rotated);
-    }
-}
-
-void channel_equalizer::equalize(const fc32* spectrum, fc32* channel) const
-{
-    multiply(spectrum, d_factors.data(), channel);
+    if (d_rotation.empty())
+        std::copy_n(samples, FFT_LENGTH, d_fft.input());
+    else
+        multiply(samples, &d_rotation[row * FFT_LENGTH], d_fft.input());
+    multiply(d_fft.execute(), d_factors.data(), channel);
 }
 
 } // namespace gr::wiforce::kernel

@@ -1,17 +1,16 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include "../types.h"
+#include "fourier_transform.h"
 
 #include <vector>
 
 namespace gr::wiforce::kernel {
 
 /*
- * What stands before and after the transform of folded vectors: each row's samples are
- * turned by its rotation, and its spectrum becomes the channel, H[k] = factors[k]
- * spectrum[k], bins in natural FFT order. Zero factors leave unoccupied subcarriers at
- * zero. The transform itself is its caller's part.
+ * The channel of folded vectors: each row's samples are multiplied by its rotation,
+ * transformed, and divided by what was sent, H[k] = factors[k] X[k], bins in natural FFT
+ * order. Zero factors leave unoccupied subcarriers at zero.
  */
 class channel_equalizer
 {
@@ -23,13 +22,13 @@ public:
                                const std::vector<std::complex<double>>& rotation = {});
 
     int rows() const { return d_rows; }
-    void rotate(int row, const fc32* samples, fc32* rotated) const;
-    void equalize(const fc32* spectrum, fc32* channel) const;
+    void equalize(int row, const fc32* samples, fc32* channel);
 
 private:
-    int d_rows;
-    std::vector<fc32> d_factors;
-    std::vector<fc32> d_rotation;
+    const int d_rows;
+    const std::vector<fc32> d_factors;
+    const std::vector<fc32> d_rotation; // rows x 64, or none
+    fourier_transform d_fft;
 };
 
 } // namespace gr::wiforce::kernel

@@ -60,12 +60,23 @@ void phase_group::accept(int count)
 
 void phase_group::finish() { skip_to(d_length); }
 
-void phase_group::copy_with_zeros(fc32* snapshots) const
+std::vector<fc32> phase_group::with_zeros() const
 {
-    std::copy(d_snapshots.begin(), d_snapshots.end(), snapshots);
+    std::vector<fc32> snapshots(d_snapshots.size());
     for (int n = 0; n < d_length; n++)
-        if (!d_mask[n])
-            std::fill_n(snapshots + n * FFT_LENGTH, FFT_LENGTH, fc32(0));
+        if (d_mask[n])
+            std::copy_n(slot(n), FFT_LENGTH, snapshots.data() + n * FFT_LENGTH);
+    return snapshots;
+}
+
+std::vector<fc32> phase_group::present_snapshots() const
+{
+    std::vector<fc32> snapshots;
+    snapshots.reserve(static_cast<std::size_t>(d_present) * FFT_LENGTH);
+    for (int n = 0; n < d_length; n++)
+        if (d_mask[n])
+            snapshots.insert(snapshots.end(), slot(n), slot(n) + FFT_LENGTH);
+    return snapshots;
 }
 
 } // namespace gr::wiforce::kernel

@@ -28,14 +28,12 @@ public:
     fc32* reserve(int first_slot);
     void accept(int count);
 
-    // Declares the slots that are left absent.
+    // Declares the remaining slots absent.
     void finish();
 
     int length() const { return d_length; }
-    int decided() const
-    {
-        return d_decided;
-    } // slots that are known to be there or absent
+    // Slots that are known to be present or absent.
+    int decided() const { return d_decided; }
     int present() const { return d_present; }
     int missing() const { return d_decided - d_present; }
     const std::vector<std::uint8_t>& mask() const { return d_mask; } // 1 = present
@@ -44,8 +42,10 @@ public:
     const fc32* reference() const { return slot(d_reference); }
     const fc32* slot(int n) const { return d_snapshots.data() + n * FFT_LENGTH; }
 
-    // All slots with absent ones as zeros, 64 * length values.
-    void copy_with_zeros(fc32* snapshots) const;
+    // All slots, absent ones as zeros: 64 * length values.
+    std::vector<fc32> with_zeros() const;
+    // The present ones only.
+    std::vector<fc32> present_snapshots() const;
 
 private:
     void skip_to(int slot);

@@ -115,6 +115,7 @@ void tone_accumulator::clear()
     d_taken = 0;
 }
 
+// Takes the blocks of slots that are decided and were not taken yet.
 void tone_accumulator::advance(const phase_group& group)
 {
     while (d_taken < d_length) {
@@ -146,11 +147,12 @@ std::complex<double> tone_accumulator::sum_of_weights(int m,
     return sum;
 }
 
-void tone_accumulator::tones_of(const phase_group& group, fc32* tones) const
+void tone_accumulator::finish(const phase_group& group, fc32* tones)
 {
+    advance(group);
     // Real arithmetic: the complex product of the library looks for infinities.
     const std::vector<float> none(WIDTH, 0.0f);
-    for (int m = 0; m < this->tones(); m++) {
+    for (int m = 0; m < rows(); m++) {
         const tone& t = d_tones[m];
         const std::complex<double> weight = sum_of_weights(m, group);
         const fc32* h0 = group.reference();

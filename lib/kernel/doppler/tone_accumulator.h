@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include "../types.h"
-#include "phase_group.h"
+#include "doppler_transform.h"
 
 #include <vector>
 
@@ -25,23 +24,19 @@ namespace gr::wiforce::kernel {
  * Sums are taken over blocks of slots that are fixed in the group: how the snapshots
  * arrive does not change a bit of the result.
  */
-class tone_accumulator
+class tone_accumulator : public doppler_transform
 {
 public:
     // weights: rows x group_length, row by row. Throws std::invalid_argument unless
     // group_length >= 1 and the table is finite and holds at least one whole row.
     tone_accumulator(const std::vector<std::complex<double>>& weights, int group_length);
 
-    int tones() const { return static_cast<int>(d_tones.size()); }
+    int rows() const override { return static_cast<int>(d_tones.size()); }
     int real_rows() const { return d_real_rows; } // sums taken over the snapshots
 
-    void clear();
-
-    // Takes up all blocks of slots that are decided and were not taken yet.
-    void advance(const phase_group& group);
-
-    // The tones of a finished group with at least one snapshot: tones() x 64 values.
-    void tones_of(const phase_group& group, fc32* tones) const;
+    void clear() override;
+    void advance(const phase_group& group) override;
+    void finish(const phase_group& group, fc32* tones) override;
 
 private:
     static constexpr int BLOCK = 32; // snapshots: 16 kB, stays in the first cache

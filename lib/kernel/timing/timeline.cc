@@ -38,18 +38,18 @@ bool timeline::is_loss(double lead, double longest_s) const
     return lead >= 0 && lead <= longest_s * d_sample_rate;
 }
 
-void timeline::foretell(std::uint64_t lost, std::uint64_t frame_length)
+void timeline::expect_loss(std::uint64_t lost, std::uint64_t frame_length)
 {
-    d_foretold += lost;
-    d_foretold_most += frame_length;
+    d_expected += lost;
+    d_expected_most += frame_length;
     d_frame_length = frame_length;
 }
 
 // Samples lost before an item beside those foretold; below 0 for a time that goes back.
 double timeline::lost_before(const mark& now) const
 {
-    const double lost = lead(now, *d_last) - d_foretold;
-    const bool foretold = lost < 0 && lost >= -static_cast<double>(d_foretold_most) &&
+    const double lost = lead(now, *d_last) - d_expected;
+    const bool foretold = lost < 0 && lost >= -static_cast<double>(d_expected_most) &&
                           std::fmod(lost, d_frame_length) == 0;
     return foretold ? 0 : lost;
 }
@@ -72,7 +72,7 @@ timeline::judgement timeline::note(std::uint64_t item, time time)
     }
     d_last = now;
     d_doubtful.reset();
-    d_foretold = d_foretold_most = 0;
+    d_expected = d_expected_most = 0;
     return judgement;
 }
 

@@ -46,7 +46,7 @@ public:
 
     // Frames show that samples were lost since the last time, or came twice: `lost`, but
     // for whole frames. The next time tells how many.
-    void foretell(std::uint64_t lost, std::uint64_t frame_length);
+    void expect_loss(std::uint64_t lost, std::uint64_t frame_length);
 
     // Time of an item at or after the last that had one; empty before any.
     std::optional<time> time_at(std::uint64_t item) const;
@@ -64,8 +64,8 @@ private:
     const double d_sample_rate;
     std::optional<mark> d_last;
     std::optional<mark> d_doubtful;    // the next decides
-    std::uint64_t d_foretold = 0;      // samples lost since d_last, ...
-    std::uint64_t d_foretold_most = 0; // or fewer by whole frames up to this
+    std::uint64_t d_expected = 0;      // samples lost since d_last, ...
+    std::uint64_t d_expected_most = 0; // or fewer by whole frames up to this
     std::uint64_t d_frame_length = 1;
 };
 

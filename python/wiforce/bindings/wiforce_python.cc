@@ -9,6 +9,8 @@
 #include <gnuradio/wiforce/preamble_fold.h>
 #include <gnuradio/wiforce/recording_source.h>
 
+#include "refusal.h"
+
 #include "bench/arrival_sink.h"
 #include "bench/paced_source.h"
 
@@ -157,12 +159,13 @@ static void bind_phase_group_doppler(py::module& m)
 static void bind_recording_source(py::module& m)
 {
     py::class_<recording_source,
+               gr::sync_block,
                gr::block,
                gr::basic_block,
                std::shared_ptr<recording_source>>(
         m,
         "recording_source",
-        "Reads a recording straight from the file's memory, as folded vectors.\n\n"
+        "Reads the folded preambles of a recording.\n\n"
         "Segments are tuples (file sample, index in the stream, length) of unbroken "
         "runs.\n"
         "Output: a vector of 64 complex per frame, as of preamble_fold.")
@@ -175,44 +178,10 @@ static void bind_recording_source(py::module& m)
              "repetitions"_a = 4,
              "frame_offset"_a = 0,
              "header_bytes"_a = 0)
-        .def_static(
-            "tones",
-            [](const std::string& path,
-               const std::string& datatype,
-               const std::vector<recording_source::segment>& segments,
-               const complex_array& weights,
-               int group_length,
-               int frame_length,
-               int first_averaged,
-               int repetitions,
-               std::uint64_t frame_offset,
-               std::uint64_t header_bytes) {
-                return recording_source::tones(path,
-                                               datatype,
-                                               segments,
-                                               rows_of(weights, group_length),
-                                               group_length,
-                                               frame_length,
-                                               first_averaged,
-                                               repetitions,
-                                               frame_offset,
-                                               header_bytes);
-            },
-            "path"_a,
-            "datatype"_a,
-            "segments"_a,
-            "weights"_a,
-            "group_length"_a,
-            "frame_length"_a,
-            "first_averaged"_a = 64,
-            "repetitions"_a = 4,
-            "frame_offset"_a = 0,
-            "header_bytes"_a = 0,
-            "The tones of phase groups, as of phase_group_doppler.")
         .def("snapshots", &recording_source::snapshots, "Frames folded so far.")
         .def("frames_moved",
              &recording_source::frames_moved,
-             "Times that frames came elsewhere, of which no segment told.")
+             "Times that frame timing slipped without a gap between segments.")
         .def("samples_missing",
              &recording_source::samples_missing,
              "Samples that the segments promise and the file does not hold.");
@@ -245,19 +214,6 @@ static void bind_latency_blocks(py::module& m)
         .def("times",
              &arrival_sink::times,
              "Seconds of time.monotonic() at which each item came.");
-}
-
-// A refused parameter is bad input, as the Python blocks raise it: errors.InputError.
-static void translate_refusal(std::exception_ptr thrown)
-{
-    try {
-        std::rethrow_exception(thrown);
-    } catch (const std::invalid_argument& refusal) {
-        const auto type =
-            py::module::import("gnuradio.wiforce.errors").attr("InputError");
-        const py::object error = type.attr("__new__")(type, refusal.what());
-        PyErr_SetObject(type.ptr(), error.ptr());
-    }
 }
 
 PYBIND11_MODULE(wiforce_python, m)

@@ -3,7 +3,7 @@
 
 import pmt
 
-from ..wiforce_numerics import timeline
+from ..wiforce_kernels import timeline
 
 
 def time_value(seconds, fraction):

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from ..errors import InputError
-from ..wiforce_numerics import HIDDEN_N, HIDDEN_RATIO, calibrated_span, phase_inverter
+from ..wiforce_kernels import HIDDEN_N, HIDDEN_RATIO, calibrated_span, phase_inverter
 from .forward import ForwardMap
 from .inversetable import InverseTable
 from .profile import tabulate

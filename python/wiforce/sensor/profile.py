@@ -14,7 +14,7 @@ and the location at each node. Where a turn of phase brings another location nea
 import numpy as np
 
 from ..signal.carrier import wrap_deg
-from ..wiforce_numerics import likelihood_profile
+from ..wiforce_kernels import likelihood_profile
 
 _FORCES = 24
 _CELL_DEG = 2.0

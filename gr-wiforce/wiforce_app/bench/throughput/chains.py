@@ -95,21 +95,16 @@ def separate_blocks(recording, weights):
 @chain("file-fc32", item_type="fc32")
 @chain("file-sc16", item_type="sc16")
 @chain("file-sc16-two", item_type="sc16", captures=2)
-def mapped_file(recording, weights, item_type, captures=1):
-    """The recording source, which maps the file; several captures side by side."""
+def recorded(recording, weights, item_type, captures=1):
+    """The recording source; several captures side by side."""
     path, _, datatype = sample_type(recording, item_type)
+    segments = [(0, 0, recording.samples)]
     flowgraph = Flowgraph()
     for _ in range(captures):
-        source = wiforce.recording_source.tones(
-            path,
-            datatype,
-            [(0, 0, recording.samples)],
-            weights,
-            GROUP_LENGTH,
-            WAVEFORM.frame_length,
-        )
+        source = wiforce.recording_source(path, datatype, segments, WAVEFORM.frame_length)
+        doppler = wiforce.phase_group_doppler(weights, GROUP_LENGTH)
         estimator = wiforce.ofdm_channel_estimator(WAVEFORM.equalizer(), len(weights))
-        flowgraph.top.connect(source, estimator)
+        flowgraph.top.connect(source, doppler, estimator)
         flowgraph.end(estimator)
     return flowgraph
 

@@ -1,12 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Kernels for the numpy rooms: nothing here needs GNU Radio's runtime.
-#include <pybind11/numpy.h>
-#include <pybind11/pybind11.h>
+#include "kernels.h"
+
 #include <pybind11/stl.h>
 
 #include <kernel/inversion/hidden_force.h>
 #include <kernel/inversion/phase_inverter.h>
-#include <kernel/timing/timeline.h>
 
 #include <algorithm>
 #include <cmath>
@@ -17,29 +15,6 @@
 namespace py = pybind11;
 using namespace py::literals;
 using namespace gr::wiforce::kernel;
-
-template <class T>
-using array = py::array_t<T, py::array::c_style | py::array::forcecast>;
-
-template <class T>
-static std::vector<T> flat(const array<T>& values)
-{
-    return { values.data(), values.data() + values.size() };
-}
-
-// Rows of numbers as structures of the same size.
-template <class Row, class T>
-static std::vector<Row> structures(const array<T>& values)
-{
-    static_assert(std::is_trivially_copyable_v<Row> && sizeof(Row) % sizeof(T) == 0);
-    std::vector<Row> rows(values.size() * sizeof(T) / sizeof(Row));
-    if (rows.size() * sizeof(Row) != values.size() * sizeof(T))
-        throw std::invalid_argument("rows must have " +
-                                    std::to_string(sizeof(Row) / sizeof(T)) + " columns");
-    if (!rows.empty())
-        std::memcpy(rows.data(), values.data(), rows.size() * sizeof(Row));
-    return rows;
-}
 
 static py::ssize_t pairs_in(const array<double>& phases_deg, const array<double>& noise)
 {
@@ -98,21 +73,7 @@ static py::tuple invert(const phase_inverter& inverter,
     return py::make_tuple(values, flags, unknown);
 }
 
-// Samples lost just before an item, 0 unless its time tells of any.
-static std::uint64_t
-note(timeline& times, std::uint64_t item, std::uint64_t seconds, double fraction)
-{
-    const auto [verdict, off] = times.note(item, { seconds, fraction });
-    return verdict == timeline::verdict::ignored ? 0 : static_cast<std::uint64_t>(off);
-}
-
-static py::object time_at(const timeline& times, std::uint64_t item)
-{
-    const auto time = times.time_at(item);
-    return time ? py::make_tuple(time->seconds, time->fraction) : py::object(py::none());
-}
-
-PYBIND11_MODULE(wiforce_numerics, m)
+void bind_inversion(py::module& m)
 {
     m.attr("HIDDEN_N") = hidden_n;
     m.attr("HIDDEN_RATIO") = hidden_ratio;
@@ -180,9 +141,4 @@ PYBIND11_MODULE(wiforce_numerics, m)
              "location_mm"_a,
              "misfit"_a)
         .def("invert", &invert, "phases_deg"_a, "std_deg"_a);
-
-    py::class_<timeline>(m, "timeline", "Times on a stream of samples; see Timeline.")
-        .def(py::init<double>(), "sample_rate"_a)
-        .def("note", &note, "item"_a, "seconds"_a, "fraction"_a)
-        .def("time_at", &time_at, "item"_a);
 }

@@ -4,9 +4,9 @@
 #include <atomic>
 #include <cstdint>
 
-namespace gr::wiforce {
+namespace gr::wiforce::kernel {
 
-// Counts in its block's thread, and may be asked by any.
+// Counts in one thread; any thread may read it.
 class counter
 {
 public:
@@ -14,14 +14,13 @@ public:
     counter(const counter& other) : d_value(other) {}
 
     operator std::uint64_t() const { return d_value.load(std::memory_order_relaxed); }
-    void operator=(std::uint64_t value)
+    void operator+=(std::uint64_t more)
     {
-        d_value.store(value, std::memory_order_relaxed);
+        d_value.store(*this + more, std::memory_order_relaxed);
     }
-    void operator+=(std::uint64_t more) { *this = *this + more; }
 
 private:
     std::atomic<std::uint64_t> d_value{ 0 };
 };
 
-} // namespace gr::wiforce
+} // namespace gr::wiforce::kernel

@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include "kernel/counter.h"
+#include "kernel/doppler/group_collector.h"
+#include <gnuradio/wiforce/names.h>
+
+#include <cstdint>
+#include <memory>
+#include <pmt/pmt.h>
+
+namespace gr::wiforce {
+
+// A block whose output items are the transforms of phase groups, with the tags of each
+// and the PDU of an incomplete one before it. Base derives from gr::block.
+template <class Base>
+class group_block : public Base
+{
+protected:
+    template <class... Arguments>
+    group_block(std::unique_ptr<kernel::doppler_transform> transform,
+                int group_length,
+                Arguments&&... arguments)
+        : Base(std::forward<Arguments>(arguments)...),
+          d_collector(std::move(transform), group_length)
+    {
+        this->message_port_register_out(d_incomplete_port);
+    }
+
+    // The receiver's settings changed before the group at hand, or inside it.
+    void mark_group_retuned() { d_retuned = true; }
+
+    // Ends the group at hand; returns the items written after the `produced` first ones.
+    int end_group(kernel::fc32* out, int produced)
+    {
+        const bool emitted = d_collector.end();
+        if (emitted) {
+            const int missing = d_collector.group().missing();
+            const int saturated = d_collector.saturated();
+            if (missing > 0) {
+                this->message_port_pub(d_incomplete_port, incomplete_pdu());
+                d_incomplete_groups += 1;
+                tag(produced, names::MISSING, missing);
+            }
+            if (saturated > 0)
+                tag(produced, names::SATURATED, saturated);
+            if (d_retuned)
+                tag(produced, names::RETUNED, 1);
+            d_retuned = false;
+            tag(produced, names::GROUP, d_collector.index());
+            d_collector.transform(out + static_cast<std::size_t>(produced) *
+                                            d_collector.rows() * kernel::FFT_LENGTH);
+            d_groups += 1;
+        }
+        d_collector.clear();
+        return emitted;
+    }
+
+    kernel::group_collector d_collector;
+    kernel::counter d_groups;
+    kernel::counter d_incomplete_groups;
+
+private:
+    void tag(int item, const char* key, std::uint64_t value)
+    {
+        this->add_item_tag(
+            0, this->nitems_written(0) + item, pmt::mp(key), pmt::from_uint64(value));
+    }
+
+    pmt::pmt_t incomplete_pdu() const
+    {
+        const kernel::phase_group& group = d_collector.group();
+        const auto snapshots = group.with_zeros();
+        pmt::pmt_t meta = pmt::make_dict();
+        meta = pmt::dict_add(
+            meta, pmt::mp(names::GROUP), pmt::from_uint64(d_collector.index()));
+        meta = pmt::dict_add(
+            meta, pmt::mp(names::MASK), pmt::init_u8vector(group.length(), group.mask()));
+        return pmt::cons(meta, pmt::init_c32vector(snapshots.size(), snapshots));
+    }
+
+    const pmt::pmt_t d_incomplete_port = pmt::mp(names::INCOMPLETE);
+    bool d_retuned = false;
+};
+
+} // namespace gr::wiforce

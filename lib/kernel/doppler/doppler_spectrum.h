@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include "doppler_transform.h"
+#include "fourier_transform.h"
+
+namespace gr::wiforce::kernel {
+
+// The whole Doppler spectrum of a phase group, scaled by 1/N_g: N_g rows in natural FFT
+// order.
+class doppler_spectrum : public doppler_transform
+{
+public:
+    // Throws std::invalid_argument unless group_length >= 1.
+    explicit doppler_spectrum(int group_length);
+    int rows() const override { return d_fft.length(); }
+    void clear() override {}
+    void advance(const phase_group&) override {}
+    void finish(const phase_group& group, fc32* out) override;
+
+private:
+    fourier_transform d_fft;
+};
+
+} // namespace gr::wiforce::kernel

@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include "phase_group.h"
+
+namespace gr::wiforce::kernel {
+
+// A linear transform over the snapshots of a phase group: rows() x 64 values.
+class doppler_transform
+{
+public:
+    virtual ~doppler_transform() = default;
+    virtual int rows() const = 0;
+    // Starts with an empty group.
+    virtual void clear() = 0;
+    // Works ahead on the slots decided so far.
+    virtual void advance(const phase_group& group) = 0;
+    // Of a finished group with at least one snapshot.
+    virtual void finish(const phase_group& group, fc32* out) = 0;
+};
+
+} // namespace gr::wiforce::kernel

@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "fourier_transform.h"
+
+#include <fftw3.h>
+
+namespace gr::wiforce::kernel {
+
+namespace {
+
+fc32* allocate(int length)
+{
+    return reinterpret_cast<fc32*>(fftwf_alloc_complex(length));
+}
+
+fftwf_plan_s* make_plan(int length, fc32* input, fc32* output)
+{
+    // FFTW's planner is the process's: GNU Radio and NumPy programs may use it as well.
+    static const bool locked = (fftwf_make_planner_thread_safe(), true);
+    static_cast<void>(locked);
+    return fftwf_plan_dft_1d(length,
+                             reinterpret_cast<fftwf_complex*>(input),
+                             reinterpret_cast<fftwf_complex*>(output),
+                             FFTW_FORWARD,
+                             FFTW_ESTIMATE);
+}
+
+} // namespace
+
+fourier_transform::fourier_transform(int length)
+    : d_length(length),
+      d_input(allocate(length)),
+      d_output(allocate(length)),
+      d_plan(make_plan(length, d_input, d_output))
+{
+}
+
+fourier_transform::~fourier_transform()
+{
+    fftwf_destroy_plan(d_plan);
+    fftwf_free(d_input);
+    fftwf_free(d_output);
+}
+
+const fc32* fourier_transform::execute()
+{
+    fftwf_execute(d_plan);
+    return d_output;
+}
+
+} // namespace gr::wiforce::kernel

@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "group_collector.h"
+
+namespace gr::wiforce::kernel {
+
+group_collector::group_collector(std::unique_ptr<doppler_transform> transform,
+                                 int group_length)
+    : d_transform(std::move(transform)), d_group(group_length)
+{
+}
+
+bool group_collector::must_end_before(std::uint64_t snapshot) const
+{
+    const std::uint64_t length = d_group.length();
+    return d_group.decided() > 0 &&
+           (snapshot / length != d_index ||
+            snapshot % length < static_cast<std::uint64_t>(d_group.decided()));
+}
+
+bool group_collector::end()
+{
+    d_group.finish();
+    return d_group.present() > 0;
+}
+
+void group_collector::clear()
+{
+    d_group.clear();
+    d_transform->clear();
+    d_saturated = 0;
+}
+
+} // namespace gr::wiforce::kernel

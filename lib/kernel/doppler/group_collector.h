@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include "doppler_transform.h"
+
+#include <algorithm>
+#include <cstdint>
+#include <memory>
+
+namespace gr::wiforce::kernel {
+
+/*
+ * Collects snapshots by their index on the frame grid into phase groups, one at a time,
+ * and transforms each. Group g holds the snapshots g N_g .. (g + 1) N_g - 1.
+ *
+ * In turns: add() while the next snapshot belongs to the group, and when it is full or
+ * the next one does not belong to it, end() and, after the results are taken, clear().
+ */
+class group_collector
+{
+public:
+    // Frames to fold before their vectors are transformed, which stay in the first cache
+    // until then.
+    static constexpr int BATCH = 32;
+
+    group_collector(std::unique_ptr<doppler_transform> transform, int group_length);
+
+    int rows() const { return d_transform->rows(); }
+
+    // Whether the group must end before this snapshot can be added.
+    bool must_end_before(std::uint64_t snapshot) const;
+    // Whether every slot of the group is known to be present or missing.
+    bool is_full() const { return d_group.decided() == d_group.length(); }
+
+    // Adds some of `available` snapshots from this index on, which write(count, folded)
+    // writes; returns how many.
+    template <class Write>
+    int add(std::uint64_t snapshot, std::uint64_t available, const Write& write)
+    {
+        d_index = snapshot / d_group.length();
+        const int slot = snapshot % d_group.length();
+        const int count = std::min<std::uint64_t>(available, d_group.length() - slot);
+        write(count, d_group.reserve(slot));
+        d_group.accept(count);
+        d_transform->advance(d_group);
+        return count;
+    }
+    void note_saturated(int snapshots) { d_saturated += snapshots; }
+
+    // Ends the group; returns whether it has any snapshot.
+    bool end();
+    // Of the group that ended:
+    std::uint64_t index() const { return d_index; }
+    const phase_group& group() const { return d_group; }
+    int saturated() const { return d_saturated; } // snapshots
+    void transform(fc32* out) { d_transform->finish(d_group, out); }
+
+    void clear();
+
+private:
+    const std::unique_ptr<doppler_transform> d_transform;
+    phase_group d_group;
+    std::uint64_t d_index = 0;
+    int d_saturated = 0;
+};
+
+} // namespace gr::wiforce::kernel

@@ -1,0 +1,76 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include "../timing/frame_watch.h"
+#include "preamble_folder.h"
+
+#include <algorithm>
+#include <cstdint>
+
+namespace gr::wiforce::kernel {
+
+/*
+ * Walks over the frames of a stream of samples: which are whole, where the next one lies,
+ * and whether they still come at their place on the grid.
+ *
+ * A position counts the samples of the stream, lost ones included. The averaged samples
+ * of frame n begin at position frame_offset + first_averaged + n frame_length, and the
+ * frame is whole when none of them is missing. The position is all that is kept: a frame
+ * whose averaged samples began before it is either done or cut.
+ *
+ * The caller owns the samples. It passes those that follow each other without a gap, none
+ * beyond until_decision(), and skips those that were lost or are not to be used.
+ */
+class frame_walk
+{
+public:
+    frame_walk(const preamble_folder& folder, std::uint64_t frame_offset);
+
+    // Of the next sample.
+    std::uint64_t position() const { return d_position; }
+    // Index of the next frame whose averaged samples all lie ahead.
+    std::uint64_t frame() const;
+    // Samples before the first of them.
+    std::uint64_t lead() const;
+    // Frames from frame() on that are whole when `available` samples follow.
+    std::uint64_t whole_frames(std::uint64_t available) const;
+    // Samples from the next one to the last averaged one of so many frames.
+    std::uint64_t span(std::uint64_t frames) const;
+
+    // Samples that may be passed until decide() is due.
+    std::uint64_t until_decision() const { return d_watch.decision() - d_position; }
+    bool decision_is_due() const { return until_decision() == 0; }
+
+    template <class Sample>
+    void pass(const Sample* samples, std::uint64_t count)
+    {
+        d_watch.take(samples, count, d_position);
+        d_position += count;
+    }
+
+    // Passes those of `available` samples that lie before the next frame's averaged ones;
+    // returns how many.
+    template <class Sample>
+    std::uint64_t pass_lead(const Sample* samples, std::uint64_t available)
+    {
+        const std::uint64_t count = std::min(available, lead());
+        pass(samples, count);
+        return count;
+    }
+
+    void skip(std::uint64_t samples);
+
+    // Compares the frames passed lately with those before. When they come elsewhere,
+    // samples were lost or repeated that nobody reported: their number, known modulo the
+    // frame length, is skipped and returned. 0 when the frames stayed in place.
+    std::uint64_t decide();
+
+private:
+    const std::uint64_t d_frame_length;
+    const std::uint64_t d_averaged_length;
+    const std::uint64_t d_first_averaged; // position in the stream, of frame 0
+    std::uint64_t d_position = 0;
+    frame_watch d_watch;
+};
+
+} // namespace gr::wiforce::kernel

@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "tone_reader.h"
+
+#include "../doppler/tone_accumulator.h"
+#include "../require.h"
+
+namespace gr::wiforce::kernel {
+
+namespace {
+
+const std::vector<int>& checked_bins(const std::vector<int>& bins)
+{
+    for (const int bin : bins)
+        require(
+            bin >= 0 && bin < FFT_LENGTH, "tone_reader", "bins", "must be 0 to 63", bin);
+    return bins;
+}
+
+} // namespace
+
+tone_reader::tone_reader(std::unique_ptr<recorded_frames> frames,
+                         const std::vector<std::complex<double>>& weights,
+                         int group_length,
+                         const std::vector<std::complex<double>>& factors,
+                         const std::vector<std::complex<double>>& rotation,
+                         const std::vector<int>& bins)
+    : d_frames(std::move(frames)),
+      d_collector(std::make_unique<tone_accumulator>(weights, group_length),
+                  group_length),
+      d_equalizer(factors, d_collector.rows(), rotation),
+      d_bins(checked_bins(bins)),
+      d_transform(static_cast<std::size_t>(rows()) * FFT_LENGTH)
+{
+}
+
+tone_reader::batch tone_reader::read(std::size_t max_groups)
+{
+    const std::lock_guard<std::mutex> one_at_a_time(d_mutex);
+    batch groups;
+    while (groups.index.size() < max_groups) {
+        const std::uint64_t ready = d_frames->ready();
+        if (ready == 0)
+            break;
+        if (d_collector.must_end_before(d_frames->frame())) {
+            end_group(groups);
+            continue;
+        }
+        d_collector.add(d_frames->frame(),
+                        std::min<std::uint64_t>(ready, d_collector.BATCH),
+                        [&](int count, fc32* folded) { d_frames->fold(count, folded); });
+        d_collector.note_saturated(d_frames->saturated().size());
+        if (d_collector.is_full())
+            end_group(groups);
+    }
+    return groups;
+}
+
+void tone_reader::end_group(batch& groups)
+{
+    if (d_collector.end()) {
+        const phase_group& group = d_collector.group();
+        if (group.missing() > 0)
+            groups.incomplete.push_back(
+                { groups.index.size(), group.mask(), group.present_snapshots() });
+        groups.index.push_back(d_collector.index());
+        groups.missing.push_back(group.missing());
+        groups.saturated.push_back(d_collector.saturated());
+        d_collector.transform(d_transform.data());
+        for (int row = 0; row < rows(); row++) {
+            fc32* const channel = &d_transform[std::size_t(row) * FFT_LENGTH];
+            d_equalizer.equalize(row, channel, channel);
+            for (const int bin : d_bins)
+                groups.tones.push_back(channel[bin]);
+        }
+    }
+    d_collector.clear();
+}
+
+} // namespace gr::wiforce::kernel

@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include "../doppler/channel_equalizer.h"
+#include "../doppler/group_collector.h"
+#include "recorded_frames.h"
+
+#include <memory>
+#include <mutex>
+
+namespace gr::wiforce::kernel {
+
+/*
+ * The phase groups of a recording as the channel of each Doppler tone on the occupied
+ * subcarriers: what recording_source, phase_group_doppler and ofdm_channel_estimator
+ * give, without a flowgraph.
+ *
+ * Groups without any snapshot are left out, and so is the unfinished last one.
+ */
+class tone_reader
+{
+public:
+    struct incomplete_group {
+        std::size_t row;                // in the batch
+        std::vector<std::uint8_t> mask; // of its snapshots, 1 = present
+        std::vector<fc32> folded;       // present snapshots x 64
+    };
+    struct batch {
+        std::vector<std::int64_t> index; // snapshot index / N_g
+        std::vector<fc32> tones;         // groups x rows x bins
+        std::vector<std::int64_t> missing;
+        std::vector<std::int64_t> saturated; // snapshots
+        std::vector<incomplete_group> incomplete;
+    };
+
+    // `weights` holds rows x group_length values, `bins` the FFT bins to keep, in order.
+    // Throws std::invalid_argument as tone_accumulator and channel_equalizer do, and when
+    // a bin is not in 0..63.
+    tone_reader(std::unique_ptr<recorded_frames> frames,
+                const std::vector<std::complex<double>>& weights,
+                int group_length,
+                const std::vector<std::complex<double>>& factors,
+                const std::vector<std::complex<double>>& rotation,
+                const std::vector<int>& bins);
+
+    int rows() const { return d_collector.rows(); }
+    const std::vector<int>& bins() const { return d_bins; }
+
+    // The next groups, fewer than `max_groups` at the end only. Any thread may call it,
+    // and ask the counters meanwhile.
+    batch read(std::size_t max_groups);
+    const recorded_frames& frames() const { return *d_frames; }
+
+private:
+    void end_group(batch& groups);
+
+    const std::unique_ptr<recorded_frames> d_frames;
+    group_collector d_collector;
+    channel_equalizer d_equalizer;
+    const std::vector<int> d_bins;
+    std::vector<fc32> d_transform; // rows x 64, of one group
+    std::mutex d_mutex;
+};
+
+} // namespace gr::wiforce::kernel

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The parts of the module wiforce_kernels, and how they exchange arrays.
+#pragma once
+
+#include <pybind11/complex.h>
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+
+#include <cstring>
+#include <stdexcept>
+#include <string>
+#include <type_traits>
+#include <vector>
+
+void bind_inversion(pybind11::module& m);
+void bind_recordings(pybind11::module& m);
+void bind_timing(pybind11::module& m);
+
+// Any array of numbers, row by row.
+template <class T>
+using array = pybind11::array_t<T, pybind11::array::c_style | pybind11::array::forcecast>;
+
+template <class T>
+std::vector<T> flat(const array<T>& values)
+{
+    return { values.data(), values.data() + values.size() };
+}
+
+// Rows of numbers as structures of the same size.
+template <class Row, class T>
+std::vector<Row> structures(const array<T>& values)
+{
+    static_assert(std::is_trivially_copyable_v<Row> && sizeof(Row) % sizeof(T) == 0);
+    std::vector<Row> rows(values.size() * sizeof(T) / sizeof(Row));
+    if (rows.size() * sizeof(Row) != values.size() * sizeof(T))
+        throw std::invalid_argument("rows must have " +
+                                    std::to_string(sizeof(Row) / sizeof(T)) + " columns");
+    if (!rows.empty())
+        std::memcpy(rows.data(), values.data(), rows.size() * sizeof(Row));
+    return rows;
+}

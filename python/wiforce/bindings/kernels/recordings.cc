@@ -1,0 +1,227 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "kernels.h"
+
+#include <kernel/recording/folded_reader.h>
+#include <kernel/recording/tone_reader.h>
+
+#include <pybind11/stl.h>
+
+#include <array>
+
+namespace py = pybind11;
+using namespace py::literals;
+using namespace gr::wiforce::kernel;
+
+using complex_array = array<std::complex<double>>;
+using segment_list = std::vector<std::array<std::uint64_t, 3>>;
+
+// An array that takes over the memory of its values.
+template <class T>
+static py::array_t<T> owned(std::vector<T>&& values, std::vector<py::ssize_t> shape)
+{
+    auto* const memory = new std::vector<T>(std::move(values));
+    const py::capsule owner(memory,
+                            [](void* m) { delete static_cast<std::vector<T>*>(m); });
+    return py::array_t<T>(std::move(shape), memory->data(), owner);
+}
+
+template <class T>
+static py::array_t<T> owned(std::vector<T>&& values)
+{
+    const py::ssize_t count = values.size();
+    return owned(std::move(values), { count });
+}
+
+static py::object as_flags(std::vector<std::uint8_t>&& values)
+{
+    return owned(std::move(values)).attr("view")("bool");
+}
+
+static std::unique_ptr<recorded_frames> open_frames(const std::string& path,
+                                                    const std::string& datatype,
+                                                    const segment_list& segments,
+                                                    int frame_length,
+                                                    int first_averaged,
+                                                    int repetitions,
+                                                    std::uint64_t frame_offset,
+                                                    std::uint64_t header_bytes)
+{
+    std::vector<recording::segment> runs;
+    for (const auto& [file_sample, global_index, length] : segments)
+        runs.push_back({ file_sample, global_index, length });
+    return std::make_unique<recorded_frames>(
+        path,
+        datatype,
+        runs,
+        preamble_folder(frame_length, first_averaged, repetitions),
+        frame_offset,
+        header_bytes);
+}
+
+static std::unique_ptr<folded_reader> make_folded_reader(const std::string& path,
+                                                         const std::string& datatype,
+                                                         const segment_list& segments,
+                                                         int frame_length,
+                                                         int first_averaged,
+                                                         int repetitions,
+                                                         std::uint64_t frame_offset,
+                                                         std::uint64_t header_bytes)
+{
+    return std::make_unique<folded_reader>(open_frames(path,
+                                                       datatype,
+                                                       segments,
+                                                       frame_length,
+                                                       first_averaged,
+                                                       repetitions,
+                                                       frame_offset,
+                                                       header_bytes));
+}
+
+static py::dict read_folded(folded_reader& reader, std::size_t max_frames)
+{
+    folded_reader::batch frames;
+    {
+        py::gil_scoped_release others_may_run;
+        frames = reader.read(max_frames);
+    }
+    const py::ssize_t count = frames.snapshot.size();
+    return py::dict("snapshot"_a = owned(std::move(frames.snapshot)),
+                    "folded"_a = owned(std::move(frames.folded), { count, FFT_LENGTH }),
+                    "saturated"_a = as_flags(std::move(frames.saturated)));
+}
+
+static std::unique_ptr<tone_reader> make_tone_reader(const std::string& path,
+                                                     const std::string& datatype,
+                                                     const segment_list& segments,
+                                                     int frame_length,
+                                                     int first_averaged,
+                                                     int repetitions,
+                                                     std::uint64_t frame_offset,
+                                                     std::uint64_t header_bytes,
+                                                     const complex_array& weights,
+                                                     const complex_array& factors,
+                                                     const complex_array& rotation,
+                                                     const std::vector<int>& bins)
+{
+    if (weights.ndim() != 2)
+        throw std::invalid_argument(
+            "tone_reader: weights must have 2 dimensions, tones x snapshots, got " +
+            std::to_string(weights.ndim()));
+    return std::make_unique<tone_reader>(open_frames(path,
+                                                     datatype,
+                                                     segments,
+                                                     frame_length,
+                                                     first_averaged,
+                                                     repetitions,
+                                                     frame_offset,
+                                                     header_bytes),
+                                         flat(weights),
+                                         weights.shape(1),
+                                         flat(factors),
+                                         flat(rotation),
+                                         bins);
+}
+
+static py::dict read_tones(tone_reader& reader, std::size_t max_groups)
+{
+    tone_reader::batch groups;
+    {
+        py::gil_scoped_release others_may_run;
+        groups = reader.read(max_groups);
+    }
+    py::list incomplete;
+    for (auto& group : groups.incomplete) {
+        const py::ssize_t present = group.folded.size() / FFT_LENGTH;
+        incomplete.append(
+            py::make_tuple(group.row,
+                           as_flags(std::move(group.mask)),
+                           owned(std::move(group.folded), { present, FFT_LENGTH })));
+    }
+    const py::ssize_t count = groups.index.size(), rows = reader.rows(),
+                      bins = reader.bins().size();
+    return py::dict("index"_a = owned(std::move(groups.index)),
+                    "tones"_a = owned(std::move(groups.tones), { count, rows, bins }),
+                    "missing"_a = owned(std::move(groups.missing)),
+                    "saturated"_a = owned(std::move(groups.saturated)),
+                    "incomplete"_a = incomplete);
+}
+
+template <class Reader>
+static void bind_counters(py::class_<Reader>& reader)
+{
+    reader
+        .def(
+            "snapshots",
+            [](const Reader& r) { return r.frames().folded(); },
+            "Frames folded so far.")
+        .def(
+            "samples_missing",
+            [](const Reader& r) { return r.frames().samples_missing(); },
+            "Samples that the segments promise and the file does not hold.")
+        .def(
+            "frames_moved",
+            [](const Reader& r) { return r.frames().frames_moved(); },
+            "Times that frame timing slipped without a gap between segments.");
+}
+
+void bind_recordings(py::module& m)
+{
+    py::class_<folded_reader> folded(
+        m,
+        "folded_reader",
+        "Reads the folded preambles of a recording, as recording_source does.");
+    folded
+        .def(py::init(&make_folded_reader),
+             "path"_a,
+             "datatype"_a,
+             "segments"_a,
+             "frame_length"_a,
+             "first_averaged"_a = 64,
+             "repetitions"_a = 4,
+             "frame_offset"_a = 0,
+             "header_bytes"_a = 0)
+        .def("read",
+             &read_folded,
+             "max_frames"_a,
+             "The next n <= max_frames snapshots, n = 0 at the end: dict of `snapshot` "
+             "(n,)\n"
+             "int64, `folded` (n, 64) complex64 and `saturated` (n,) bool. Releases the "
+             "GIL.");
+    bind_counters(folded);
+
+    py::class_<tone_reader> tones(
+        m,
+        "tone_reader",
+        "Reads the phase groups of a recording as Doppler tones, equal to "
+        "recording_source,\n"
+        "phase_group_doppler and ofdm_channel_estimator in a flowgraph.\n\n"
+        "weights: (M, N) tones x snapshots of a group. factors: (64,), 1 / (X_k 64 / "
+        "sqrt K).\n"
+        "rotation: (M, 64), or empty for none. bins: (K,) FFT bins to keep.");
+    tones
+        .def(py::init(&make_tone_reader),
+             "path"_a,
+             "datatype"_a,
+             "segments"_a,
+             "frame_length"_a,
+             "first_averaged"_a,
+             "repetitions"_a,
+             "frame_offset"_a,
+             "header_bytes"_a,
+             "weights"_a,
+             "factors"_a,
+             "rotation"_a,
+             "bins"_a)
+        .def("read",
+             &read_tones,
+             "max_groups"_a,
+             "The next G <= max_groups groups, G = 0 at the end: dict of `index` (G,) "
+             "int64,\n"
+             "`tones` (G, M, K) complex64, `missing` (G,) and `saturated` (G,) int64 "
+             "snapshots,\n"
+             "and `incomplete`, a list of (row in this batch, mask (N,) bool, folded\n"
+             "(n_present, 64) complex64). Groups without a snapshot are left out. "
+             "Releases\n"
+             "the GIL.");
+    bind_counters(tones);
+}

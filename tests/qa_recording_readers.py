@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""tone_reader and folded_reader against the blocks that they stand for."""
+
+import subprocess
+import threading
+
+import numpy as np
+import pmt
+import pytest
+from gnuradio import blocks, gr, wiforce
+from gnuradio.wiforce import wiforce_kernels
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.signal.waveform import sounding_waveform
+from gnuradio.wiforce.wiforce_kernels import folded_reader, tone_reader
+
+FRAME, GROUP, TONES = 720, 6, 5
+WAVEFORM = sounding_waveform()
+
+KEPT = {
+    "whole": [(0, 100 * FRAME)],
+    "gaps in groups": [(0, 5 * FRAME + 100), (5 * FRAME + 110, 61 * FRAME + 250)],
+    "lost groups": [(3, 20_000), (40_000, 41_000), (45_000, 70_000)],
+}
+
+
+@pytest.fixture(params=[(d, k) for d in ("ci16_le", "cf32_le") for k in KEPT], ids=str)
+def capture(request, tmp_path):
+    """(path, datatype, segments, frame length) of a file with gaps, some samples not finite."""
+    datatype, kept = request.param
+    rng = np.random.default_rng(1)
+    samples = rng.integers(-32768, 32768, size=(100 * FRAME, 2)).astype("<i2")
+    if datatype == "cf32_le":
+        samples = samples.astype("<f4") / 32768
+        samples[30 * FRAME + 70] = np.nan
+    parts = [samples[first:last] for first, last in KEPT[kept]]
+    starts = np.cumsum([0, *map(len, parts)])
+    segments = [
+        (int(at), 10**6 + first, last - first)
+        for at, (first, last) in zip(starts, KEPT[kept], strict=False)
+    ]
+    path = tmp_path / "x.bin"
+    path.write_bytes(np.concatenate(parts).tobytes())
+    return str(path), datatype, segments, FRAME
+
+
+@pytest.fixture(scope="module")
+def settings():
+    """Weights, factors, rotation and bins."""
+    rng = np.random.default_rng(3)
+    weights = rng.normal(size=(TONES, GROUP)) + 1j * rng.normal(size=(TONES, GROUP))
+    rotation = np.exp(2j * np.pi * rng.random((TONES, 64)))
+    return weights, WAVEFORM.equalizer(), rotation, WAVEFORM.bins
+
+
+def batches(read, size):
+    """Everything a reader gives, in batches of at most ``size``."""
+    found = [read(size)]
+    while len(found[-1]["saturated"]):
+        found.append(read(size))
+    return found
+
+
+@pytest.mark.parametrize("batch_size", [1, 4, 1000])
+def test_tone_reader_over_gaps_gives_what_the_flowgraph_gives(capture, settings, batch_size):
+    weights, factors, rotation, bins = settings
+    reader = tone_reader(*capture, 64, 4, 0, 0, *settings)
+    found = batches(reader.read, batch_size)
+    index, missing, saturated, tones = (
+        np.concatenate([batch[key] for batch in found])
+        for key in ("index", "missing", "saturated", "tones")
+    )
+    source = wiforce.recording_source(*capture)
+    doppler = wiforce.phase_group_doppler(weights, GROUP)
+    estimator = wiforce.ofdm_channel_estimator(factors, TONES, rotation)
+    sink, messages = blocks.vector_sink_c(64 * TONES), blocks.message_debug()
+    flowgraph = gr.top_block()
+    flowgraph.connect(source, doppler, estimator, sink)
+    flowgraph.msg_connect((doppler, "incomplete"), (messages, "store"))
+    flowgraph.run()
+    want = np.array(sink.data()).reshape(-1, TONES, 64)[:, :, bins]
+    assert tones.dtype == np.complex64 and tones.shape == want.shape
+    np.testing.assert_array_equal(tones, want)
+    for key, values in (("group", index), ("missing", missing), ("saturated", saturated)):
+        tagged = {t.offset: pmt.to_uint64(t.value) for t in sink.tags() if str(t.key) == key}
+        assert values.tolist() == [tagged.get(n, 0) for n in range(len(want))], key
+    assert len(index) > 5
+    assert reader.snapshots() == source.snapshots()
+    assert reader.samples_missing() == reader.frames_moved() == 0
+
+    incomplete = [
+        (batch["index"][row], *rest) for batch in found for row, *rest in batch["incomplete"]
+    ]
+    assert len(incomplete) == messages.num_messages()
+    for n, (group, mask, folded) in enumerate(incomplete):
+        meta, vectors = (part(messages.get_message(n)) for part in (pmt.car, pmt.cdr))
+        assert group == pmt.to_uint64(pmt.dict_ref(meta, pmt.intern("group"), pmt.PMT_NIL))
+        want_mask = pmt.u8vector_elements(pmt.dict_ref(meta, pmt.intern("mask"), pmt.PMT_NIL))
+        assert mask.dtype == bool and mask.tolist() == [bool(m) for m in want_mask]
+        snapshots = np.array(pmt.c32vector_elements(vectors)).reshape(GROUP, 64)
+        np.testing.assert_array_equal(folded, snapshots[mask])
+
+
+@pytest.mark.parametrize("batch_size", [1, 7, 1000])
+def test_folded_reader_over_gaps_gives_what_the_block_gives(capture, batch_size):
+    reader = folded_reader(*capture)
+    found = batches(reader.read, batch_size)
+    snapshot, folded, saturated = (
+        np.concatenate([batch[key] for batch in found])
+        for key in ("snapshot", "folded", "saturated")
+    )
+    source, sink = wiforce.recording_source(*capture), blocks.vector_sink_c(64)
+    flowgraph = gr.top_block()
+    flowgraph.connect(source, sink)
+    flowgraph.run()
+    np.testing.assert_array_equal(folded, np.array(sink.data()).reshape(-1, 64))
+    index, indices = None, []
+    tagged = {t.offset: pmt.to_uint64(t.value) for t in sink.tags() if str(t.key) == "snapshot"}
+    for n in range(len(folded)):
+        index = tagged.get(n, None if index is None else index + 1)
+        indices.append(index)
+    assert snapshot.tolist() == indices
+    full_scale = {t.offset for t in sink.tags() if str(t.key) == "saturated"}
+    assert saturated.dtype == bool
+    assert set(np.flatnonzero(saturated)) == full_scale
+
+
+def test_tone_reader_of_a_known_channel_gives_it_on_the_bins_asked_for(tmp_path):
+    rng = np.random.default_rng(5)
+    taps = rng.normal(size=4) + 1j * rng.normal(size=4)
+    frames = np.convolve(np.tile(WAVEFORM.frame(), 2 * GROUP), taps)[: 2 * GROUP * FRAME]
+    (tmp_path / "x").write_bytes(frames.astype("<c8").tobytes())
+    weights, bins = np.full((1, GROUP), 1 / GROUP), [3, 60, 1]
+    reader = tone_reader(
+        str(tmp_path / "x"), "cf32_le", [(0, 0, len(frames))], FRAME, 64, 4, 0, 0,
+        weights, WAVEFORM.equalizer(), [], bins,
+    )  # fmt: skip
+    tones = reader.read(10)["tones"]
+    want = np.broadcast_to(np.fft.fft(taps, 64)[bins], (2, 1, 3))
+    np.testing.assert_allclose(tones, want, atol=5e-6)
+
+
+def test_readers_of_frames_that_slip_count_it(tmp_path):
+    rng = np.random.default_rng(5)
+    frame = np.where(np.arange(96) < 70, rng.normal(size=96) + 1j * rng.normal(size=96), 0)
+    sent = np.delete(np.tile(frame, 3000), slice(70_000, 70_030)).astype("<c8")
+    (tmp_path / "x").write_bytes(sent.tobytes())
+    reader = folded_reader(str(tmp_path / "x"), "cf32_le", [(0, 0, len(sent))], 96, 0, 1)
+    found = reader.read(10_000)
+    assert reader.frames_moved() == 1
+    np.testing.assert_allclose(found["folded"][[0, -1]], np.array([frame[:64]] * 2), atol=1e-6)
+
+
+def test_tone_reader_releases_the_interpreter_while_it_reads(tmp_path, settings):
+    count = 60_000 * FRAME
+    with open(tmp_path / "x", "wb") as file:
+        file.truncate(4 * count)
+    reader = tone_reader(
+        str(tmp_path / "x"), "ci16_le", [(0, 0, count)], FRAME, 64, 4, 0, 0, *settings
+    )
+    found = []
+    threads = [
+        threading.Thread(target=lambda: found.append(reader.read(6000)["index"])) for _ in range(2)
+    ]
+    for thread in threads:
+        thread.start()
+    seen = 0
+    while any(thread.is_alive() for thread in threads):
+        assert reader.snapshots() >= seen
+        seen = reader.snapshots()
+    assert sorted(np.concatenate(found)) == list(range(10_000))
+
+
+def test_kernels_do_not_load_gnu_radio():
+    linked = subprocess.run(
+        ["ldd", wiforce_kernels.__file__], capture_output=True, text=True, check=True
+    ).stdout
+    assert "fftw3f" in linked
+    assert "gnuradio" not in linked
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"path": "/nowhere/x"}, "/nowhere/x cannot be opened"),
+        ({"datatype": "cf64_le"}, "datatype must be 'ci16_le' or 'cf32_le'"),
+        ({"segments": []}, "segments must hold one or more"),
+        ({"frame_length": 300}, "frame_length must be >="),
+        ({"weights": np.ones(6)}, "weights must have 2 dimensions"),
+        ({"weights": np.full((1, 6), np.nan)}, "weights must be finite"),
+        ({"factors": np.ones(63)}, "factors must hold 64 values"),
+        ({"rotation": np.ones((2, 64))}, "rotation must hold 64 values"),
+        ({"bins": [1, 64]}, "bins must be 0 to 63, got 64"),
+    ],
+)
+def test_tone_reader_with_a_bad_parameter_names_it(tmp_path, change, message):
+    (tmp_path / "x").write_bytes(bytes(8000))
+    good = {
+        "path": str(tmp_path / "x"), "datatype": "cf32_le", "segments": [(0, 0, 1000)],
+        "frame_length": 720, "first_averaged": 64, "repetitions": 4, "frame_offset": 0,
+        "header_bytes": 0, "weights": np.ones((1, 6)), "factors": np.ones(64), "rotation": [],
+        "bins": [0],
+    }  # fmt: skip
+    with pytest.raises(InputError, match=message):
+        tone_reader(**{**good, **change})
