@@ -7,7 +7,6 @@ import click
 import numpy as np
 import yaml
 from gnuradio.wiforce._config import DATA_DIR
-from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.writers import open_writer
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.sensor import load_sensor, write_sensor
@@ -18,7 +17,6 @@ from gnuradio.wiforce.simulation.simulator import frame_count, simulate
 
 from .plots import plot_readings
 from .progress import progress
-from .read import read_capture
 
 _LOCATIONS_MM = (20.0, 30.0, 40.0, 50.0, 60.0)
 _FORCES_N = np.arange(1.0, 8.1, 0.25)
@@ -99,8 +97,20 @@ def _read(scene, folder):
             readings.append(reading)
             writer.write(reading)
 
-        read_capture(open_capture(folder / "demo"), scene, on_reading)
+        _run_flowgraph(folder / "demo", scene, on_reading)
     return readings
+
+
+def _run_flowgraph(capture, scene, on_reading):
+    from gnuradio import gr, wiforce
+
+    flowgraph = gr.top_block("gr-wiforce demo", catch_exceptions=False)
+    source = wiforce.capture_source(capture, scene)
+    reader = wiforce.reader(scene, input_type="folded", on_reading=on_reading)
+    flowgraph.connect(source, reader)
+    flowgraph.run()
+    if reader.failure is not None:
+        raise reader.failure
 
 
 def _show(readings, truth):

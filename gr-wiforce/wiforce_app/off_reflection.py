@@ -6,11 +6,10 @@ import numpy as np
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.off_state import estimate_off_reflection
 from gnuradio.wiforce.io.capture import open_capture
-from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import load_scene
 
 from .progress import progress
-from .read import find_offset, read_capture, warn_of_leftover
+from .read import read_capture
 
 # Flags of groups in which the reflection is not constant.
 _UNSTEADY = {"gap", "transition", "moved"}
@@ -35,20 +34,15 @@ def off_reflection(capture, scene_path, datatype):
     """
     scene = load_scene(scene_path)
     recording = open_capture(capture, datatype)
-    recording.check_against(scene)
-    settings = plan(scene)
-    frame_offset = find_offset(recording, settings.waveform)
-    warn_of_leftover(recording, scene, settings, frame_offset)
     found, readings = {}, []
-    rows = int(recording.span / scene.group_samples)
-    with progress("reading", rows) as step:
 
-        def on_groups(groups):
-            for row, index in enumerate(groups.index.tolist()):
-                found[index] = groups.phase_std_deg[row], groups.ratios[row]
-            step(len(groups))
+    def on_groups(groups):
+        for row, index in enumerate(groups.index.tolist()):
+            found[index] = groups.phase_std_deg[row], groups.ratios[row]
+        step(len(groups))
 
-        read_capture(recording, scene, readings.append, frame_offset, on_groups=on_groups)
+    with progress("reading", int(recording.span / scene.group_samples)) as step:
+        read_capture(recording, scene, readings.append, frame_offset=None, on_groups=on_groups)
     for i, sensor in enumerate(scene.sensors):
         groups = [
             int(reading.time_s / scene.group_period_s)

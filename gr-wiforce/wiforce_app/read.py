@@ -1,21 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``gr-wiforce read``: readings of a capture, through the GNU Radio chain."""
-
-import signal
-import time
+"""``gr-wiforce read``: force and location from a capture."""
 
 import click
-from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.estimation.frame import find_frame_offset, keeps_alignment
-from gnuradio.wiforce.io.capture import open_capture, second_antenna
+from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.writers import open_writer
 from gnuradio.wiforce.planning.plan import plan
-from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.recording import RecordingReader
+from gnuradio.wiforce.scene import load_capture_scene, load_scene
 
 from .progress import progress
 from .stream_events import describe_events
-
-_SEARCHED_FRAMES = 2000
 
 
 @click.command()
@@ -23,9 +17,8 @@ _SEARCHED_FRAMES = 2000
 @click.option(
     "--scene",
     "scene_path",
-    required=True,
     type=click.Path(),
-    help="Scene file, or name of a shipped scene.",
+    help="Scene file, or name of a shipped scene. Default: the scene in the capture's metadata.",
 )
 @click.option(
     "-o",
@@ -53,41 +46,40 @@ _SEARCHED_FRAMES = 2000
 @click.option("--follow", is_flag=True, help="Keep reading while the capture grows, until ^C.")
 def read(capture, scene_path, output, plot_path, datatype, frame_offset, tracked, follow):
     """Read force and location from a CAPTURE (SigMF pair, or raw samples with --datatype)."""
-    scene = load_scene(scene_path)
     recording = open_capture(capture, datatype)
-    recording.check_against(scene)
+    scene = load_capture_scene(recording) if scene_path is None else load_scene(scene_path)
     settings = plan(scene)
-    if follow:
-        recording = wait_for_frames(recording, capture, datatype, settings.waveform)
-    if frame_offset is None:
-        frame_offset = find_offset(recording, settings.waveform)
-    if not follow:
-        warn_of_leftover(recording, scene, settings, frame_offset)
     if plot_path is not None:
         from .plots import check_picture
 
         check_picture(plot_path)
+    if follow:
+        from .follow import GrowingCapture
+
+        reader = GrowingCapture(capture, datatype, settings, frame_offset, tracked)
+    else:
+        reader = RecordingReader(recording, settings, frame_offset, tracked)
+        warn_of_leftover(recording, reader)
+    if frame_offset is None and reader.frame_offset:
+        first = f"the first frame begins at sample {reader.frame_offset}"
+        click.echo(f"gr-wiforce: {recording.path}: {first}", err=True)
     kept = []
-    rows = 0 if follow else int(recording.span / scene.group_samples) * len(scene.sensors)
+    rows = 0 if follow else reader.groups * len(scene.sensors)
     with open_writer(output) as writer, progress("reading", rows) as step:
-
-        def on_reading(reading):
-            writer.write(reading)
+        for batch in reader:
+            for reading in batch:
+                writer.write(reading)
             if plot_path is not None:
-                kept.append(reading)
-            step(1)
-
-        if follow:
-            source = (capture, datatype)
-            counts = follow_capture(source, scene, on_reading, frame_offset, tracked)
-        else:
-            counts = read_capture(recording, scene, on_reading, frame_offset, tracked)
+                kept += batch
+            step(len(batch))
+    warn_of_events(reader)
+    counts = reader.counts
     click.echo(f"gr-wiforce: read {counts}", err=True)
     if counts.groups and not counts.clear:
         rule = (
             "every reading is flagged; check the datatype, clock_hz and frame_length of the scene"
         )
-        _warn(capture, f"{rule}, and the signal level")
+        warn(capture, f"{rule}, and the signal level")
     if plot_path is not None:
         from .plots import plot_readings
 
@@ -95,7 +87,7 @@ def read(capture, scene_path, output, plot_path, datatype, frame_offset, tracked
 
 
 def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False, on_groups=None):
-    """Runs the flowgraph over a whole recording.
+    """Read a whole recording for another command, and warn of what was wrong with it.
 
     Parameters
     ----------
@@ -103,129 +95,42 @@ def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False, on
     scene : Scene
     on_reading : callable
         Called with every Reading, in order.
-    frame_offset : int
-        Samples before the first frame.
+    frame_offset : int or None
+        Samples before the first frame; searched when None.
     tracked : bool
     on_groups : callable, optional
-        Takes every batch of Groups, with the ratios R.
+        Called with every batch of Groups that has been read, with the ratios R.
 
     Returns
     -------
     GroupCounts
     """
-    from gnuradio import wiforce
+    reader = RecordingReader(recording, plan(scene), frame_offset, tracked, on_groups)
+    warn_of_leftover(recording, reader)
+    for batch in reader:
+        for reading in batch:
+            on_reading(reading)
+    warn_of_events(reader)
+    return reader.counts
 
-    _silence_gnuradio()
-    source = wiforce.capture_source(recording, scene, frame_offset)
-    reader = wiforce.reader(scene, input_type="folded", tracked=tracked, on_reading=on_reading)
-    reader.receiver.readout.on_groups = on_groups
-    sources = {recording.path: source}
-    if scene.environment.receive_antennas == 2:
-        beside = second_antenna(recording.path.with_suffix(""))
-        sources[beside] = second = wiforce.capture_source(beside, scene, frame_offset)
-        settings = scene.sounding.waveform, scene.sounding.frame_length
-        ratio = wiforce.antenna_ratio(*settings, scene.radio.sample_rate_hz)
-        _run(reader, source, ratio, second=second)
-    else:
-        _run(reader, source)
-    for path, source in sources.items():
-        missing = source.samples_missing()
+
+def warn(path, text):
+    """Print a warning about a file."""
+    click.echo(f"gr-wiforce: warning: {path}: {text}", err=True)
+
+
+def warn_of_events(reader):
+    """Warn of samples that a file lacked, and of frames that moved."""
+    for path, missing in reader.samples_missing().items():
         if missing:
-            _warn(path, f"was truncated while it was read; {missing} samples are missing")
-        for event in describe_events(source.frames_moved()):
-            _warn(path, event)
-    return reader.counts
+            warn(path, f"was truncated while it was read; {missing} samples are missing")
+    for path, moved in reader.frames_moved().items():
+        for event in describe_events(moved, reader.times_ignored):
+            warn(path, event)
 
 
-def follow_capture(capture, scene, on_reading, frame_offset, tracked):
-    """Read a growing capture until interrupted; see `read_capture`.
-
-    Parameters
-    ----------
-    capture : tuple
-        Arguments of ``open_capture``.
-    """
-    from gnuradio import wiforce
-    from gnuradio.wiforce.blocks.capture_stream import capture_stream
-
-    _silence_gnuradio()
-    source = capture_stream(*capture, scene.radio.sample_rate_hz)
-    reader = wiforce.reader(
-        scene, source.item_type, frame_offset, tracked=tracked, on_reading=on_reading
-    )
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: source.ended.set())
-    _run(reader, source)
-    if source.failure is not None:
-        raise source.failure
-    for event in describe_events(reader.fold.frames_moved(), reader.fold.times_ignored()):
-        _warn(capture[0], event)
-    return reader.counts
-
-
-def _warn(capture, said):
-    click.echo(f"gr-wiforce: warning: {capture}: {said}", err=True)
-
-
-def _silence_gnuradio():
-    """Stop its log, which would mix with readings on standard output."""
-    from gnuradio import gr
-
-    gr.logging().set_default_level(gr.log_levels.off)
-
-
-def _run(reader, *chain, second=None):
-    """Run a chain into the reader; ``second`` feeds the other input of its last block."""
-    from gnuradio import gr
-
-    flowgraph = gr.top_block("gr-wiforce read", catch_exceptions=False)
-    flowgraph.connect(*chain, reader)
-    if second is not None:
-        flowgraph.connect(second, (chain[-1], 1))
-    flowgraph.run()
-    reader.finish()
-    if reader.failure is not None:
-        raise reader.failure
-
-
-def wait_for_frames(recording, capture, datatype, waveform):
-    """Wait until a recording holds enough frames to search for their offset; return it."""
-    while recording.segments[0].length < _SEARCHED_FRAMES * waveform.frame_length:
-        if len(recording.segments) > 1:
-            break
-        time.sleep(0.1)
-        recording = open_capture(capture, datatype)
-    return recording
-
-
-def find_offset(recording, waveform):
-    """Number of samples before the first frame; 0 where frames from there hold their preambles."""
-    samples = recording.read(_SEARCHED_FRAMES * waveform.frame_length)
-    offset = find_frame_offset(samples[: recording.segments[0].length], waveform)
-    if offset is None or keeps_alignment(offset, waveform):
-        return 0
-    click.echo(f"gr-wiforce: {recording.path}: the first frame begins at sample {offset}", err=True)
-    return offset
-
-
-def warn_of_leftover(recording, scene, settings, frame_offset):
-    """Warn of an incomplete last frame; refuse a capture that is too short for any reading.
-
-    Raises
-    ------
-    InputError
-        When the capture is shorter than the untouched reference and one more group.
-    """
-    groups = (recording.span - frame_offset) // scene.group_samples
-    needed = settings.reference_groups + 1
-    if groups < needed:
-        shortest_s = needed * scene.group_period_s
-        rule = (
-            f"must hold {needed} phase groups after its first frame, the untouched reference and "
-            f"one more ({shortest_s:.3g} s)"
-        )
-        raise InputError(recording.path, rule, max(0, groups))
-    left = (recording.span - frame_offset) % scene.sounding.frame_length
-    if left:
+def warn_of_leftover(recording, reader):
+    """Warn of samples behind the last whole frame."""
+    if reader.leftover:
         rule = "after the last whole frame); only whole phase groups are read"
-        _warn(recording.path, f"ends inside a frame ({left} samples {rule}")
+        warn(recording.path, f"ends inside a frame ({reader.leftover} samples {rule}")

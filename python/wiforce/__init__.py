@@ -38,6 +38,10 @@ _MODULES = {
     "load_sensor": "sensor",
     "open_writer": "io.writers",
     "plan": "planning.plan",
+    "read": "recording",
+    "simulate": "simulation.simulator",
+    "calibrate": "sensor",
+    "phase_bound_deg": "signal.bound",
     "sounding_waveform": "signal.waveform",
     # what the blocks' parameters are made with, and checked by
     "is_scene": "blocks.rules",

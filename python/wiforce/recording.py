@@ -21,7 +21,7 @@ from .io.readings import COLUMNS, GroupCounts, Reading
 from .planning.plan import Plan
 from .planning.plan import plan as plan_of
 from .receiver import Receiver
-from .scene import Scene, load_scene
+from .scene import Scene, load_capture_scene, load_scene
 from .wiforce_kernels import folded_reader, tone_reader
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def read(
     >>> import tempfile
     >>> from gnuradio import wiforce
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     samples = wiforce.simulate("tabletop", f"{folder}/press")
+    ...     files = wiforce.simulate(wiforce.load_scene("tabletop"), f"{folder}/press")
     ...     readings = wiforce.read(f"{folder}/press")
     >>> list(readings.columns[:4])
     ['time_s', 'sensor', 'touch', 'force_n']
@@ -84,7 +84,8 @@ def read(
     import pandas
 
     recording = capture if isinstance(capture, Capture) else open_capture(capture, datatype)
-    reader = RecordingReader(recording, _plan_for(recording, scene), frame_offset, tracked)
+    found = load_capture_scene(recording) if scene is None else load_scene(scene)
+    reader = RecordingReader(recording, plan_of(found), frame_offset, tracked)
     rows = [
         (*(getattr(reading, name) for name in COLUMNS[:-1]), " ".join(reading.flags))
         for batch in reader
@@ -93,15 +94,6 @@ def read(
     frame = pandas.DataFrame(rows, columns=list(COLUMNS))
     numbers = [name for name in COLUMNS if name not in ("sensor", "flags")]
     return frame.astype(dict.fromkeys(numbers, float))
-
-
-def _plan_for(recording: Capture, scene: str | Path | dict[str, Any] | Scene | None) -> Plan:
-    if scene is None:
-        scene = recording.scene
-        if scene is None:
-            rule = "holds no scene: give one"
-            raise InputError(recording.path, rule)
-    return plan_of(load_scene(scene))
 
 
 class RecordingReader:
@@ -122,12 +114,16 @@ class RecordingReader:
     ----------
     frame_offset : int
     receiver : Receiver
+    times_ignored : int
+        Of a stream; a recording has none.
 
     Raises
     ------
     InputError
         When the capture disagrees with the scene, or holds no reading at all.
     """
+
+    times_ignored = 0
 
     def __init__(
         self,
@@ -157,7 +153,10 @@ class RecordingReader:
         groups = self.groups
         needed = self._plan.reference_groups + 1
         if groups < needed:
-            rule = f"must hold {needed} phase groups (reference_s and one more)"
+            rule = (
+                f"must hold {needed} phase groups after its first frame, the untouched reference "
+                f"and one more ({needed * self._plan.group_period_s:.3g} s)"
+            )
             raise InputError(self._recording.path, rule, max(0, groups))
 
     @property

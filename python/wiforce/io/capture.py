@@ -2,7 +2,7 @@
 """Recordings on disk: SigMF pairs and raw sample files, checked before anything is read."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -58,6 +58,8 @@ class Capture:
         None when the file does not state it.
     segments : tuple of Segment
         In order of time; a gap lies between two of them.
+    scene : object
+        The scene that the metadata hold (``wiforce:scene``), unchecked; None without one.
 
     Examples
     --------
@@ -72,6 +74,7 @@ class Capture:
     sample_rate_hz: float | None
     center_frequency_hz: float | None
     segments: tuple[Segment, ...]
+    scene: Any = field(default=None, repr=False, compare=False)
 
     @property
     def samples(self) -> int:
@@ -200,7 +203,8 @@ def _open_sigmf(meta: Path, data: Path) -> Capture:
     carrier = _positive(meta, "core:frequency", carriers[0]) if carriers else None
     if any(other != carriers[0] for other in carriers):
         raise InputError(meta, "core:frequency must be the same in all captures", carriers[1])
-    return Capture(data, datatype, rate, carrier, _segments(meta, captures, total))
+    segments = _segments(meta, captures, total)
+    return Capture(data, datatype, rate, carrier, segments, fields.get("wiforce:scene"))
 
 
 def _metadata(meta: Path) -> tuple[Mapping[str, Any], Sequence[Mapping[str, Any]]]:

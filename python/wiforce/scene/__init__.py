@@ -1,8 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Scenes: what is measured, with what, and, for simulations, what happens."""
 
-from .load import load_scene, shipped_scenes
+from .load import load_capture_scene, load_scene, shipped_scenes
 from .schema import Scene, scene_json_schema
 from .simulated import Press
 
-__all__ = ["Press", "Scene", "load_scene", "scene_json_schema", "shipped_scenes"]
+__all__ = [
+    "Press",
+    "Scene",
+    "load_capture_scene",
+    "load_scene",
+    "scene_json_schema",
+    "shipped_scenes",
+]

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
+from ..io.capture import Capture
 from ..io.schema import read
 from ..io.values import KeyPath
 from ..io.yamlfile import read_yaml
@@ -50,6 +51,29 @@ at most 1e+06 Hz, got 0
         return _checked(scene, KeyPath("scene"), None)
     path = _scene_path(scene)
     return _checked(read_yaml(path), KeyPath(str(scene)), path)
+
+
+def load_capture_scene(capture: Capture) -> Scene:
+    """Read and check the scene that a capture's metadata hold.
+
+    Sensor files are searched relative to the capture.
+
+    Parameters
+    ----------
+    capture : Capture
+
+    Returns
+    -------
+    Scene
+
+    Raises
+    ------
+    InputError
+        When there is none, or for a mistake in it (see :func:`load_scene`).
+    """
+    if not isinstance(capture.scene, dict):
+        raise InputError(capture.path, "has no scene in its metadata: give one")
+    return _checked(capture.scene, KeyPath(f"{capture.path}: wiforce:scene"), capture.path)
 
 
 def _checked(values: dict[str, Any], where: KeyPath, path: Path | None) -> Scene:

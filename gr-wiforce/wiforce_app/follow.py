@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``gr-wiforce read --follow``: a capture that is still being written, through GNU Radio."""
+
+import queue
+import signal
+import threading
+import time
+
+from gnuradio import gr, wiforce
+from gnuradio.wiforce.blocks.capture_stream import capture_stream
+from gnuradio.wiforce.estimation.frame import SEARCHED_FRAMES, frame_offset_in
+from gnuradio.wiforce.io.capture import open_capture
+
+# Its log would mix with readings on standard output; failures are raised all the same.
+gr.logging().set_default_level(gr.log_levels.off)
+
+_WAIT_S = 0.1
+_END = None
+
+
+class GrowingCapture:
+    """Reads a capture while it grows, until interrupted; iterating gives readings as they come.
+
+    Parameters
+    ----------
+    capture : str
+    datatype : str or None
+        See ``open_capture``.
+    plan : Plan
+    frame_offset : int or None
+        Samples before the first frame; searched when None.
+    tracked : bool
+    """
+
+    def __init__(self, capture, datatype, plan, frame_offset, tracked):
+        recording = _with_frames(capture, datatype, plan.waveform)
+        recording.check_against(plan.scene)
+        if frame_offset is None:
+            samples = recording.read(SEARCHED_FRAMES * plan.waveform.frame_length)
+            frame_offset = frame_offset_in(samples[: recording.segments[0].length], plan.waveform)
+        self.frame_offset = frame_offset
+        self._path = recording.path
+        self._readings = queue.SimpleQueue()
+        self._source = capture_stream(capture, datatype, plan.waveform.sample_rate_hz)
+        self._reader = wiforce.reader(
+            plan, self._source.item_type, frame_offset, tracked, on_reading=self._readings.put
+        )
+
+    def __iter__(self):
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: self._source.ended.set())
+        flowgraph = gr.top_block("gr-wiforce read", catch_exceptions=False)
+        flowgraph.connect(self._source, self._reader)
+        runner = threading.Thread(target=self._run, args=(flowgraph,))
+        runner.start()
+        try:
+            while (reading := self._readings.get()) is not _END:
+                yield [reading]
+        finally:
+            self._source.ended.set()
+            runner.join()
+        for failure in (self._reader.failure, self._source.failure):
+            if failure is not None:
+                raise failure
+
+    def _run(self, flowgraph):
+        try:
+            flowgraph.run()
+        finally:
+            self._readings.put(_END)
+
+    @property
+    def counts(self):
+        """Group counts by outcome, so far."""
+        return self._reader.counts
+
+    @property
+    def times_ignored(self):
+        """Implausible ``rx_time`` tags."""
+        return self._reader.fold.times_ignored()
+
+    def samples_missing(self):
+        """None is missing: a capture that is cut short ends the run with an error."""
+        return {}
+
+    def frames_moved(self):
+        """How often the frames were found at another place than before, by file."""
+        return {self._path: self._reader.fold.frames_moved()}
+
+
+def _with_frames(capture, datatype, waveform):
+    """The recording as soon as it holds the frames in which their offset is searched."""
+    recording = open_capture(capture, datatype)
+    while recording.segments[0].length < SEARCHED_FRAMES * waveform.frame_length:
+        if len(recording.segments) > 1:
+            break
+        time.sleep(_WAIT_S)
+        recording = open_capture(capture, datatype)
+    return recording
