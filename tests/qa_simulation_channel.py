@@ -7,7 +7,8 @@ from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from gnuradio.wiforce.simulation.adc import Adc
 from gnuradio.wiforce.simulation.channel import PEAK, AirChannel
-from gnuradio.wiforce.simulation.paths import Fir, MovingPath, delay_taps, response, tag_taps
+from gnuradio.wiforce.simulation.paths import MovingPath, delay_taps, response, tag_taps
+from gnuradio.wiforce.simulation.streams import Fir
 from gnuradio.wiforce.simulation.switching import SWITCHES, SwitchingClock, switch_states
 
 TA = 256 / 12.5e6
@@ -269,7 +270,7 @@ def test_samples_out_of_order_are_refused_and_restart_forgets_the_past():
     one = scene(static_clutter_db=60)
     channel = AirChannel(one)
     channel.process(np.ones(100), 0)
-    with pytest.raises(ValueError, match="must go on at 100, got 99"):
+    with pytest.raises(ValueError, match="must continue at 100, got 99"):
         channel.process(np.ones(100), 99)
     channel.restart(1000)
     assert np.abs(channel.process(np.zeros(10), 1000)).max() < 1e-4
