@@ -81,7 +81,7 @@ def test_bound_equals_inverse_fisher_information(clocks, lost):
 
 
 @pytest.mark.parametrize("gamma_db, stated_deg", [(-20, 5.1), (0, 0.51), (10, 0.16), (20, 0.051)])
-def test_bound_of_one_group_equals_published_figure(gamma_db, stated_deg):
+def test_bound_of_one_group_equals_stated_figure(gamma_db, stated_deg):
     ends = np.ones((2, 62), complex)
     noise = np.full(62, 10 ** (-gamma_db / 10))
     bound = phase_bound_deg(ends, noise, [(1000.0, 1.0)], np.arange(625) * T, TA)
