@@ -36,8 +36,8 @@ def received(parameters, ends, clocks, times, static):
         waves = counted_waves(clock_hz, phase + clock_phase[tag], clock_rate[tag], len(times))
         for i in (0, 1):
             end = 2 * tag + i
-            turned = ends[end] * np.exp(amplitudes[end] + 1j * phases[end])
-            total += waves[:, i : i + 1] * turned
+            rotated = ends[end] * np.exp(amplitudes[end] + 1j * phases[end])
+            total += waves[:, i : i + 1] * rotated
     return np.concatenate([total.real.ravel(), total.imag.ravel()])
 
 

@@ -216,8 +216,8 @@ def test_channel_free_receiver_rotates_by_carrier_offset():
         AirChannel(one).process(np.tile(one.waveform().frame(), 60), 0) for one in (shared, free)
     )
     loud = np.abs(a) > 0.1
-    turned = b[loud] / a[loud] * np.exp(-2j * np.pi * 1234.5 * np.flatnonzero(loud) / 12.5e6)
-    assert np.abs(turned - 1).max() < 1e-4
+    rotated = b[loud] / a[loud] * np.exp(-2j * np.pi * 1234.5 * np.flatnonzero(loud) / 12.5e6)
+    assert np.abs(rotated - 1).max() < 1e-4
 
 
 def test_channel_phase_noise_has_stated_linewidth():

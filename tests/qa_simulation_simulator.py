@@ -275,7 +275,7 @@ def test_plain_trace_gives_location_and_flags_force():
     _, places, found = pressed_in("plain_trace")
     assert np.abs(found.location_mm - places).max() < 0.1
     assert found.force_std_n.min() > 1.5  # the reading is flagged weak
-    # Farther from the middle the two ends part enough to tell that it is the force that is hidden.
+    # Away from the middle the two phases differ enough to show that the force is unobservable.
     assert sum("force-unobservable" in flags for flags in found.flags) >= len(found.flags) / 2
 
 
