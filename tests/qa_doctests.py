@@ -2,30 +2,34 @@
 """Examples in docstrings: all of them run, and documented folders have one for each public name."""
 
 import doctest
+import enum
 import importlib
 import inspect
 import pkgutil
+import re
 
 import pytest
 from gnuradio import wiforce
 
-# These load GNU Radio's runtime or Qt: an example of theirs is a flowgraph or a window.
+# Blocks load GNU Radio's runtime, where an example is a flowgraph; the widgets' examples need a
+# QApplication and run with the tests of the display.
 WITHOUT_EXAMPLES = ("blocks", "gui", "bindings")
 # Not yet complete: what examples they have are run, but none is demanded.
 INCOMPLETE = ("estimation", "scene", "sensor", "io.yamlfile")
 
 
 def module_names():
-    """Names of the package's modules that need NumPy only, relative to it."""
-    prefix = f"{wiforce.__name__}."
-    for module in pkgutil.walk_packages(wiforce.__path__, prefix):
-        name = module.name.removeprefix(prefix)
-        compiled = module.name.rpartition(".")[2].startswith(("wiforce_", "_"))
-        if not compiled and not name.startswith(WITHOUT_EXAMPLES):
-            yield name
+    """Names of the package's modules that need NumPy only, relative to it; none is imported."""
+    for top in pkgutil.iter_modules(wiforce.__path__):
+        if top.ispkg and top.name not in WITHOUT_EXAMPLES:
+            folders = [f"{folder}/{top.name}" for folder in wiforce.__path__]
+            yield from (f"{top.name}.{module.name}" for module in pkgutil.iter_modules(folders))
+        elif not top.ispkg and not top.name.startswith(("wiforce_", "_")):
+            yield top.name
 
 
 MODULES = tuple(module_names())
+DOCUMENTED = tuple(name for name in MODULES if not name.startswith(INCOMPLETE))
 
 
 def loaded(name):
@@ -33,15 +37,14 @@ def loaded(name):
 
 
 def public_objects(module):
-    """Functions and classes that a module defines for others."""
-    for name, value in vars(module).items():
-        is_own = getattr(value, "__module__", None) == module.__name__
-        if (
-            is_own
-            and not name.startswith("_")
-            and (inspect.isfunction(value) or inspect.isclass(value))
-        ):
-            yield name, value
+    """Functions and classes that a module defines for others, by name."""
+    return {
+        name: value
+        for name, value in vars(module).items()
+        if not name.startswith("_")
+        and (inspect.isfunction(value) or inspect.isclass(value))
+        and value.__module__ == module.__name__
+    }
 
 
 @pytest.mark.parametrize("name", MODULES)
@@ -52,12 +55,25 @@ def test_examples_executed_give_output_shown(name, tmp_path, monkeypatch):
     assert result.failed == 0, f"{result.failed} of {result.attempted} examples, shown above"
 
 
-@pytest.mark.parametrize("name", [name for name in MODULES if not name.startswith(INCOMPLETE)])
+@pytest.mark.parametrize("name", DOCUMENTED)
 def test_public_objects_documented_have_example(name):
     """A signature alone does not show how to call a function."""
     missing = [
         public
-        for public, value in public_objects(loaded(name))
+        for public, value in public_objects(loaded(name)).items()
         if ">>> " not in (inspect.getdoc(value) or "")
+    ]
+    assert missing == []
+
+
+@pytest.mark.parametrize("name", DOCUMENTED)
+def test_public_objects_documented_list_every_parameter(name):
+    """A parameter without unit and shape has to be looked up in the source."""
+    missing = [
+        f"{public}: {parameter}"
+        for public, value in public_objects(loaded(name)).items()
+        if not (inspect.isclass(value) and issubclass(value, enum.Enum))
+        for parameter in inspect.signature(value).parameters
+        if not re.search(rf"^(\w+, )*{parameter}(, \w+)*( :|$)", inspect.getdoc(value) or "", re.M)
     ]
     assert missing == []

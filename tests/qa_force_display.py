@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The force display, offscreen: readings must be seen, and none of them may end it."""
 
+import doctest
 import math
 import sys
 import threading
@@ -10,7 +11,7 @@ import pmt
 import pytest
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.gui import Trend, track, widget, words
+from gnuradio.wiforce.gui import Trend, track, trend, widget, words
 from gnuradio.wiforce.io.readings import Flag, Reading
 from PyQt5 import QtCore, QtWidgets
 from PyQt5.QtGui import QColor
@@ -264,3 +265,8 @@ def test_trend_block_shows_all_items_of_all_streams(qt):
         times, values = block.widget.series(n)
         np.testing.assert_array_equal(values, np.arange(first, first + 500.0))
         np.testing.assert_allclose(times, np.arange(500) / 1000.0)
+
+
+@pytest.mark.parametrize("module", [trend, widget])
+def test_examples_executed_give_output_shown(qt, module):
+    assert doctest.testmod(module).failed == 0

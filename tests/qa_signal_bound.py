@@ -36,8 +36,8 @@ def received(parameters, ends, clocks, times, static):
         waves = counted_waves(clock_hz, phase + clock_phase[tag], clock_rate[tag], len(times))
         for i in (0, 1):
             end = 2 * tag + i
-            turned = ends[end] * np.exp(amplitudes[end] + 1j * phases[end])
-            total += waves[:, i : i + 1] * turned
+            rotated = ends[end] * np.exp(amplitudes[end] + 1j * phases[end])
+            total += waves[:, i : i + 1] * rotated
     return np.concatenate([total.real.ravel(), total.imag.ravel()])
 
 
@@ -69,7 +69,7 @@ def channels(rng, count):
 
 @pytest.mark.parametrize("clocks", [[(1000.07, 0.4)], [(999.93, 2.0), (1400.1, 5.1)]])
 @pytest.mark.parametrize("lost", [0.0, 0.2])
-def test_bound_is_the_inverse_fisher_information(clocks, lost):
+def test_bound_equals_inverse_fisher_information(clocks, lost):
     rng = np.random.default_rng(4)
     times = np.arange(150) * T
     ends, noise = channels(rng, 2 * len(clocks)), rng.uniform(0.01, 0.1, SUBCARRIERS)
@@ -81,14 +81,14 @@ def test_bound_is_the_inverse_fisher_information(clocks, lost):
 
 
 @pytest.mark.parametrize("gamma_db, stated_deg", [(-20, 5.1), (0, 0.51), (10, 0.16), (20, 0.051)])
-def test_one_group_of_625_reaches_its_bound(gamma_db, stated_deg):
+def test_bound_of_one_group_equals_stated_figure(gamma_db, stated_deg):
     ends = np.ones((2, 62), complex)
     noise = np.full(62, 10 ** (-gamma_db / 10))
     bound = phase_bound_deg(ends, noise, [(1000.0, 1.0)], np.arange(625) * T, TA)
     assert bound == pytest.approx([stated_deg] * 2, rel=0.05)
 
 
-def test_the_reference_adds_its_noise():
+def test_bound_noisy_reference_adds_its_variance():
     ends, noise, times = np.ones((2, 4), complex), np.ones(4), np.arange(625) * T
     alone, twelve, one = (
         phase_bound_deg(ends, noise, [(1000.0, 0.2)], times, TA, reference_groups=r)
@@ -98,7 +98,7 @@ def test_the_reference_adds_its_noise():
     assert one == pytest.approx(alone * np.sqrt(2))
 
 
-def test_what_is_lost_or_may_move_costs():
+def test_bound_gaps_and_clutter_raise_it():
     ends, noise, times = np.ones((2, 4), complex), np.ones(4), np.arange(625) * T
     arguments = (ends, noise, [(1000.0, 0.2)], times, TA)
     whole = phase_bound_deg(*arguments)
@@ -108,7 +108,7 @@ def test_what_is_lost_or_may_move_costs():
     assert np.all(moving > whole) and np.all(moving < 1.05 * whole)
 
 
-def test_a_second_tag_costs_little_as_long_as_their_lines_differ():
+def test_bound_second_tag_raises_it_by_little():
     rng = np.random.default_rng(6)
     ends, noise, times = channels(rng, 4), np.full(SUBCARRIERS, 0.01), np.arange(625) * T
     alone = phase_bound_deg(ends[:2], noise, [(1000.0, 0.3)], times, TA)

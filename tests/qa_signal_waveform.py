@@ -24,7 +24,7 @@ def test_repeated_preamble_is_five_chirps_of_unit_power():
     "name, first, repetitions, noise, subcarriers",
     [("repeated", 64, 4, 62 / 256, 62), ("wifi", 192, 2, 52 / 128, 52)],
 )
-def test_times_and_noise_are_those_of_the_averaged_samples(
+def test_waveform_times_and_noise_follow_averaged_samples(
     name, first, repetitions, noise, subcarriers
 ):
     waveform = sounding_waveform(name)
@@ -36,7 +36,7 @@ def test_times_and_noise_are_those_of_the_averaged_samples(
 
 
 @pytest.mark.parametrize("name", ["repeated", "wifi"])
-def test_equalized_fold_is_the_channel(name):
+def test_equalizer_folded_frame_gives_channel(name):
     waveform = sounding_waveform(name)
     rng = np.random.default_rng(3)
     # Echoes up to 31 samples late lie inside the part of the preamble that is dropped.
@@ -51,7 +51,7 @@ def test_equalized_fold_is_the_channel(name):
     np.testing.assert_allclose(estimate, expected, atol=1e-10)
 
 
-def test_wifi_preamble_has_the_standards_structure():
+def test_wifi_preamble_has_structure_of_standard():
     preamble = sounding_waveform("wifi").preamble
     np.testing.assert_allclose(preamble[:144], preamble[16:160], atol=1e-12)
     np.testing.assert_allclose(preamble[160:192], preamble[224:256], atol=1e-12)
@@ -63,7 +63,7 @@ def test_wifi_preamble_has_the_standards_structure():
 
 
 @pytest.mark.parametrize(
-    "arguments, told",
+    "arguments, message",
     [
         (("repeated", 319), "frame_length: must be an integer >= 320, got 319"),
         (("repeated", 720.5), "frame_length"),
@@ -72,6 +72,6 @@ def test_wifi_preamble_has_the_standards_structure():
         (("chirp",), "waveform: must be 'repeated' or 'wifi', got 'chirp'"),
     ],
 )
-def test_bad_parameters_name_rule_and_value(arguments, told):
-    with pytest.raises(InputError, match=told):
+def test_sounding_waveform_bad_parameter_names_rule_and_value(arguments, message):
+    with pytest.raises(InputError, match=message):
         sounding_waveform(*arguments)

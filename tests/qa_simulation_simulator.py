@@ -53,7 +53,7 @@ def rows_of(path):
 
 
 @pytest.mark.parametrize("name", ["capture", "odd name.v1.2", "Kräfte und 力", "-dash"])
-def test_capture_is_valid_sigmf_whatever_its_name(tmp_path, name):
+def test_simulate_any_name_gives_valid_sigmf(tmp_path, name):
     simulator.simulate(short(), tmp_path / name)
     assert sorted(p.name for p in tmp_path.iterdir()) == sorted(
         name + suffix for suffix in (".sigmf-data", ".sigmf-meta", ".truth.csv")
@@ -69,7 +69,7 @@ def test_capture_is_valid_sigmf_whatever_its_name(tmp_path, name):
     assert capture.sample_count == int(0.05 * 12.5e6 / 720) * 720  # whole frames
 
 
-def test_truth_has_a_row_per_group_and_sensor_at_the_groups_centre(tmp_path):
+def test_write_truth_has_row_per_group_and_sensor(tmp_path):
     scene = load_scene(
         SHORT
         | {
@@ -103,7 +103,7 @@ def test_truth_has_a_row_per_group_and_sensor_at_the_groups_centre(tmp_path):
     assert {row["touch"] for row in rows[1::2]} == {"0"}
 
 
-def test_same_seed_same_bytes_other_seed_other_bytes(tmp_path):
+def test_simulate_same_seed_gives_same_bytes(tmp_path):
     for name, seed in (("a", 3), ("b", 3), ("c", 4)):
         simulator.simulate(short(seed=seed), tmp_path / name)
     for suffix in (".sigmf-data", ".sigmf-meta", ".truth.csv"):
@@ -113,7 +113,7 @@ def test_same_seed_same_bytes_other_seed_other_bytes(tmp_path):
 
 
 @pytest.mark.parametrize("bits", [8, 14])
-def test_codes_use_the_adcs_bits_in_the_upper_end_and_peak_below_full_scale(tmp_path, bits):
+def test_simulate_codes_are_left_justified_below_full_scale(tmp_path, bits):
     simulator.simulate(short(adc_bits=bits), tmp_path / "x")
     codes = codes_of(tmp_path / "x")
     assert not np.any(codes % 2 ** (16 - bits))
@@ -122,7 +122,7 @@ def test_codes_use_the_adcs_bits_in_the_upper_end_and_peak_below_full_scale(tmp_
     assert peak_db == pytest.approx(-3, abs=0.3)
 
 
-def test_float_capture_holds_the_same_codes_over_32768(tmp_path):
+def test_simulate_float_capture_equals_scaled_codes(tmp_path):
     simulator.simulate(short(), tmp_path / "int")
     simulator.simulate(short(), tmp_path / "float", datatype="cf32_le")
     floats = np.fromfile(tmp_path / "float.sigmf-data", "<f4")
@@ -132,13 +132,13 @@ def test_float_capture_holds_the_same_codes_over_32768(tmp_path):
     assert 0 < np.abs(ideal - floats).max() <= 0.51 / 8192
 
 
-def test_progress_adds_up_to_the_samples_written(tmp_path):
+def test_simulate_progress_sums_to_samples_written(tmp_path):
     steps = []
     simulator.simulate(short(duration_s=0.2), tmp_path / "x", progress=steps.append)
     assert len(steps) > 1 and sum(steps) == codes_of(tmp_path / "x").size // 2
 
 
-def test_a_failure_half_way_leaves_nothing(tmp_path):
+def test_simulate_failing_midway_leaves_no_files(tmp_path):
     def fail(_):
         raise KeyboardInterrupt
 
@@ -147,7 +147,7 @@ def test_a_failure_half_way_leaves_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_captures_of_two_antennas_never_come_from_two_simulations(tmp_path):
+def test_simulate_two_antennas_are_replaced_together(tmp_path):
     environment = {"reader_clock": "free", "receive_antennas": 2}
     first, second = (
         load_scene(
@@ -172,21 +172,21 @@ def test_captures_of_two_antennas_never_come_from_two_simulations(tmp_path):
     assert [path.read_bytes() for path in paths] == before
 
 
-def test_a_folder_that_is_not_there_and_an_unknown_datatype_are_refused(tmp_path):
+def test_simulate_bad_folder_or_datatype_raises(tmp_path):
     with pytest.raises(InputError, match=r"none/x: cannot be written \(No such file"):
         simulator.simulate(short(), tmp_path / "none" / "x")
     with pytest.raises(InputError, match="datatype: must be one of cf32_le, ci16_le, got 'ci8'"):
         simulator.simulate(short(), tmp_path / "x", datatype="ci8")
 
 
-def test_a_carrier_that_a_sensor_does_not_know_is_refused():
+def test_load_scene_carrier_not_in_model_raises():
     with pytest.raises(
         InputError, match=r"radio.center_frequency_hz: model wiforce-900mhz: carrier"
     ):
         load_scene(SHORT | {"radio": {"center_frequency_hz": 2.4e9}})
 
 
-def test_command_writes_capture_and_truth_and_takes_a_seed(tmp_path):
+def test_command_simulate_writes_capture_and_truth(tmp_path):
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump(SHORT))
     command = ["gr-wiforce", "simulate", "scene.yaml", "x", "--seed", "5"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
@@ -196,7 +196,7 @@ def test_command_writes_capture_and_truth_and_takes_a_seed(tmp_path):
     assert json.loads((tmp_path / "x.sigmf-meta").read_text())["global"]["wiforce:seed"] == 5
 
 
-def test_shipped_scenes_are_valid_and_say_what_they_show():
+def test_shipped_scenes_are_valid_and_described():
     from gnuradio.wiforce._config import DATA_DIR
 
     paths = sorted((DATA_DIR / "scenes").glob("*.yaml"))
@@ -223,7 +223,7 @@ def levels_db(frames):
     return 10 * np.log10([static / tag, tag / noise])
 
 
-def test_both_simulators_mean_the_same_by_static_clutter_and_snr(tmp_path):
+def test_bench_simulator_has_same_levels(tmp_path):
     case = second_simulator.Case(10, 50, duration_s=0.5)
     blocks = list(second_simulator.simulate(case, np.random.default_rng(1)))
     second = levels_db(np.concatenate(blocks))
@@ -246,7 +246,7 @@ BEYOND_THEIR_MODEL = {"fingertip", "fingertip_on_points", "plain_trace"}
 
 
 @pytest.mark.parametrize("name", sorted({*shipped_scenes()} - BEYOND_THEIR_MODEL))
-def test_shipped_scenes_can_be_read_with_the_model_that_they_name(name):
+def test_shipped_scenes_are_readable_with_their_model(name):
     """Where the phases are right, force and location are: the model was made of what is pressed."""
     scene = load_scene(name)
     sensors = {sensor.name: sensor for sensor in scene.sensors}
@@ -271,15 +271,15 @@ def pressed_in(name):
     return forces, places, model.invert(truth.phases_deg(forces, places), std_deg=0.1)
 
 
-def test_a_plain_trace_shows_location_and_says_that_force_is_not_observable():
+def test_plain_trace_gives_location_and_flags_force():
     _, places, found = pressed_in("plain_trace")
     assert np.abs(found.location_mm - places).max() < 0.1
     assert found.force_std_n.min() > 1.5  # the reading is flagged weak
-    # Farther from the middle the two ends part enough to tell that it is the force that is hidden.
+    # Away from the middle the two phases differ enough to show that the force is unobservable.
     assert sum("force-unobservable" in flags for flags in found.flags) >= len(found.flags) / 2
 
 
-def test_a_fingertip_shows_location_and_too_much_force_or_a_flag():
+def test_fingertip_gives_location_and_excess_force_or_flag():
     forces, places, found = pressed_in("fingertip")
     assert np.abs(found.location_mm - places).max() < 0.5
     assert np.all(found.force_n >= forces - 0.05) and np.all(found.force_n < 1.35 * forces)
@@ -291,7 +291,7 @@ def test_a_fingertip_shows_location_and_too_much_force_or_a_flag():
 
 
 @pytest.mark.parametrize("mhz", [900, 2400])
-def test_calibrated_lines_are_what_a_calibration_makes_of_them(mhz):
+def test_calibrated_lines_equal_calibration_of_line(mhz):
     line = load_sensor(f"line-{mhz}mhz")
     forces = np.arange(1, 8.1, 0.25)
     table = measure_vna(line, (20.0, 30.0, 40.0, 50.0, 60.0), forces, 0.2, seed=mhz)

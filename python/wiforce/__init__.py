@@ -5,6 +5,7 @@ Names are imported when they are first used: only the blocks load GNU Radio's ru
 """
 
 import importlib
+from typing import Any
 
 _BLOCKS_IN_CPP = (
     "ofdm_channel_estimator",
@@ -54,11 +55,11 @@ _MODULES = {
 __all__ = list(_MODULES)
 
 
-def __getattr__(name):
+def __getattr__(name: str) -> Any:
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(importlib.import_module(f".{_MODULES[name]}", __name__), name)
 
 
-def __dir__():
+def __dir__() -> list[str]:
     return sorted([*globals(), *_MODULES])

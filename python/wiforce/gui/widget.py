@@ -60,6 +60,16 @@ class ForceDisplay(QWidget):
         For a value that is not positive; the message names the parameter.
     RuntimeError
         When there is no QApplication.
+
+    Examples
+    --------
+    >>> from PyQt5.QtWidgets import QApplication
+    >>> application = QApplication.instance() or QApplication([])
+    >>> display = ForceDisplay(length_mm=80.0)
+    >>> display.add(Reading(0.018, "arm", 1, 4.0, 0.05, 45.0, 0.1))
+    >>> display.refresh()
+    >>> display.sensors()
+    ['arm']
     """
 
     tare_requested = pyqtSignal()

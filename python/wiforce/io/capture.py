@@ -166,7 +166,23 @@ def open_capture(path: str | Path, datatype: str | None = None) -> Capture:
 
 
 def second_antenna(name: str | Path) -> str:
-    """Path of the second antenna's capture beside that of the first, both without suffix."""
+    """Path of the second antenna's capture.
+
+    Parameters
+    ----------
+    name : str or Path
+        That of the first antenna's, without suffix.
+
+    Returns
+    -------
+    str
+        Without suffix.
+
+    Examples
+    --------
+    >>> second_antenna("press")
+    'press.antenna2'
+    """
     return f"{name}.antenna2"
 
 

@@ -144,15 +144,15 @@ class ReadingsWriter:
             while written < len(data):
                 written += self._file.write(data[written:])
         except OSError as error:
-            self._remove_partial_row()
+            self._remove_partial_row(self._file)
             rule = f"cannot be written further ({error.strerror}); all rows until then are kept"
             self._failure = OutputError(self._path, rule)
             raise self._failure from error
         self._complete_bytes += len(data)
 
-    def _remove_partial_row(self) -> None:
+    def _remove_partial_row(self, file: FileIO) -> None:
         try:
-            self._file.truncate(self._complete_bytes)
+            file.truncate(self._complete_bytes)
         except OSError:
             pass  # not a regular file
 

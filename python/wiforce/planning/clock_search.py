@@ -9,7 +9,7 @@ from ..signal.waveform import Waveform
 from .clocks import assess_clocks, worst_information
 from .pulses import Pulses, double_rate_pulses
 
-# Frequencies tried for each tag: each takes some 50 ms.
+# Frequencies tried for each tag; each takes about 10 ms.
 _CANDIDATES = 60
 
 

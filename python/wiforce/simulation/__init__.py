@@ -1,2 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is on the air: channel, tags, front end; the reader takes nothing from here."""
+"""Simulated captures: paths, tags and front end at sample level.
+
+The estimator uses nothing from here. The simulator shares with it only the definition of the
+sounding frame.
+"""

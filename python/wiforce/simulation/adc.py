@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The converter behind the receiver."""
+"""The receiver's analogue-to-digital converter."""
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 
 class Adc:
@@ -10,15 +11,31 @@ class Adc:
     Parameters
     ----------
     bits : int or None
-        None rounds to 16 bits.
+        Resolution; None means 16 bits.
+
+    Examples
+    --------
+    >>> Adc(12).codes([0.5 - 1.5j])
+    array([ 16384, -32768], dtype=int16)
     """
 
-    def __init__(self, bits):
+    def __init__(self, bits: int | None) -> None:
         self.bits = bits or 16
         self._half = 2 ** (self.bits - 1)
 
-    def codes(self, samples):
-        """Codes of complex samples (full scale 1 per component); int16, shape (2 n,), I Q I Q."""
+    def codes(self, samples: ArrayLike) -> np.ndarray:
+        """Convert samples.
+
+        Parameters
+        ----------
+        samples : array_like of complex, shape (n,)
+            Full scale is 1 per component.
+
+        Returns
+        -------
+        ndarray of int16, shape (2 n,)
+            I and Q in turn.
+        """
         parts = np.ascontiguousarray(samples, np.complex64).view(np.float32) * self._half
         np.rint(parts, out=parts)
         np.minimum(parts, self._half - 1, out=parts)

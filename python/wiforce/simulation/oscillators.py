@@ -1,43 +1,75 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A reader whose transmitter and receiver have oscillators of their own."""
+"""Transmitter and receiver with separate oscillators: carrier offset and phase noise."""
 
 import numpy as np
 
+from .streams import Ramp
+
 
 class FreeOscillators:
-    """What the receiver's oscillator, against the transmitter's, turns every sample by.
+    """Phase of the transmitter's oscillator relative to the receiver's.
 
-    A constant carrier offset, and a phase that walks at random: its variance grows by
-    2 pi ``linewidth_hz`` per second, the phase noise of an oscillator with a Lorentzian line.
+    A constant carrier offset, and a random walk of the phase.
 
     Parameters
     ----------
     offset_hz, linewidth_hz : float
+        Carrier offset, and width of the oscillator's Lorentzian line, in Hz.
     rng : numpy.random.Generator
     ramp : Ramp
         Knots of the walk.
     sample_rate_hz : float
+
+    Notes
+    -----
+    The variance of a Lorentzian oscillator's phase grows by 2 pi ``linewidth_hz`` per second
+    (A. Demir, A. Mehrotra, J. Roychowdhury, "Phase noise in oscillators", IEEE Trans. Circuits
+    and Systems I 47 (2000)).
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> oscillators = FreeOscillators(0.25, 0.0, rng, Ramp(1.0), sample_rate_hz=1.0)
+    >>> samples = np.ones(4, np.complex64)
+    >>> oscillators.rotate(0, samples)
+    >>> samples.round(3) + 0
+    array([ 1.+0.j,  0.+1.j, -1.+0.j,  0.-1.j], dtype=complex64)
     """
 
-    def __init__(self, offset_hz, linewidth_hz, rng, ramp, sample_rate_hz):
-        self._turns_per_sample = offset_hz / sample_rate_hz
+    def __init__(
+        self,
+        offset_hz: float,
+        linewidth_hz: float,
+        rng: np.random.Generator,
+        ramp: Ramp,
+        sample_rate_hz: float,
+    ) -> None:
+        self._cycles_per_sample = offset_hz / sample_rate_hz
         self._step_std = np.sqrt(2 * np.pi * linewidth_hz)
         self._rng, self._ramp = rng, ramp
-        self._last = None  # time and phase of the last knot drawn
+        # Times and phases of the last knots of the walk.
+        self._last: tuple[np.ndarray, np.ndarray] | None = None
 
-    def turn(self, first_sample, samples):
-        """Turn the samples in place."""
+    def rotate(self, first_sample: int, samples: np.ndarray) -> None:
+        """Rotate samples in place.
+
+        Parameters
+        ----------
+        first_sample : int
+            Index of the first sample.
+        samples : ndarray of complex64, shape (n,)
+        """
         count = len(samples)
-        if self._turns_per_sample:
-            turns = first_sample * self._turns_per_sample % 1
-            turns = turns + np.arange(count) * self._turns_per_sample
-            samples *= np.exp(2j * np.pi * turns).astype(np.complex64)
+        if self._cycles_per_sample:
+            start = first_sample * self._cycles_per_sample % 1
+            cycles = start + np.arange(count) * self._cycles_per_sample
+            samples *= np.exp(2j * np.pi * cycles).astype(np.complex64)
         if self._step_std:
             walk = self._walk(self._ramp.knots(first_sample, count))
-            samples *= self._ramp.draw(np.exp(1j * walk), first_sample, count)
+            samples *= self._ramp.interpolate(np.exp(1j * walk), first_sample, count)
 
-    def _walk(self, times):
-        """Phase at knots, going on from where the last call ended; its last two may come again."""
+    def _walk(self, times: np.ndarray) -> np.ndarray:
+        """Phase at knots, continued from the previous call, whose last two knots may recur."""
         if self._last is None or times[0] > self._last[0][-1]:
             self._last = times[:1], np.zeros(1)
         known_times, known = self._last

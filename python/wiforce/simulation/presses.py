@@ -1,20 +1,28 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What happens to a sensor over time: force, location, and the phases that its ends show."""
+"""A sensor pressed over time: force, location, and the reflections of its ends."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..signal.carrier import SPEED_OF_LIGHT_M_S
 
+if TYPE_CHECKING:
+    from ..scene.schema import Move, Press
+    from ..sensor import SensorModel
+
 # Physiological tremor of a hand lies between 8 and 12 Hz.
 TREMOR_HZ = (8.3, 9.7, 11.4)
-_TIMES_INSIDE = 32
+# Points over which a mean within a phase group is taken.
+_MEAN_POINTS = 32
 
 
 @dataclass(frozen=True)
 class TouchState:
-    """A sensor at some times.
+    """State of a sensor at n times.
 
     Attributes
     ----------
@@ -25,6 +33,14 @@ class TouchState:
         NaN where nothing presses.
     phases_deg : ndarray, shape (n, 2)
         psi_1, psi_2 in (-180, 180].
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.scene import load_scene
+    >>> from gnuradio.wiforce.simulation.channel import AirChannel
+    >>> state = AirChannel(load_scene("demo")).touch_state([0.0, 1.1])["arm"]
+    >>> state.touch, state.location_mm
+    (array([False,  True]), array([nan, 45.]))
     """
 
     touch: np.ndarray
@@ -34,27 +50,77 @@ class TouchState:
 
 
 class PressedSensor:
-    """One sensor of a scene, pressed as the scene says or as it is told while running."""
+    """One sensor of a scene, pressed as the scene states or as set while running.
 
-    def __init__(self, model, presses, moves, center_frequency_hz):
+    Parameters
+    ----------
+    model : SensorModel
+        The sensor that is pressed.
+    presses : sequence of Press
+        Of this sensor.
+    moves : sequence of Move
+        Of this sensor's tag.
+    center_frequency_hz : float
+        Carrier, in Hz.
+
+    Raises
+    ------
+    InputError
+        For a carrier that the model does not hold.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.sensor import load_sensor
+    >>> sensor = PressedSensor(load_sensor("line-900mhz"), [], [], 900e6)
+    >>> sensor.hold(4.0, 30.0)
+    >>> sensor.force([0.0, 1.0])
+    (array([4., 4.]), array([30., 30.]))
+    """
+
+    def __init__(
+        self,
+        model: "SensorModel",
+        presses: Sequence["Press"],
+        moves: Sequence["Move"],
+        center_frequency_hz: float,
+    ) -> None:
         self._model = model
         self._presses = sorted(presses, key=lambda press: press.start_s)
         self._starts = np.array([press.start_s for press in self._presses])
         self._moves = moves
         self._carrier_hz = center_frequency_hz
+        self._held: tuple[float, float] | None = None
+        # Force and location of the latest steady state, and its reflections.
+        self._last: tuple[tuple[float, float], np.ndarray] | None = None
+        model.phases_deg(0.0, 0.0, center_frequency_hz)  # refuses a carrier that it does not hold
+
+    def hold(self, force_n: float | None, location_mm: float | None) -> None:
+        """Press with a constant force from now on, instead of as the scene states.
+
+        Parameters
+        ----------
+        force_n, location_mm : float or None
+            None returns to the scene.
+        """
         self._held = None
-        self._last = None, None
-        model.phases_deg(0.0, 0.0, center_frequency_hz)  # refuses a carrier it does not know
+        if force_n is not None and location_mm is not None:
+            self._held = float(force_n), float(location_mm)
 
-    def hold(self, force_n, location_mm):
-        """Press with this force from now on, whatever the scene says; None lets the scene rule."""
-        self._held = None if force_n is None else (float(force_n), float(location_mm))
+    def force(self, time_s: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+        """Force and location over time.
 
-    def force(self, time_s):
-        """Force and location at the given times; location is NaN where nothing presses."""
+        Parameters
+        ----------
+        time_s : array_like of float, shape (n,)
+
+        Returns
+        -------
+        force_n, location_mm : ndarray of float, shape (n,)
+            Location is NaN where nothing presses.
+        """
         time_s = np.asarray(time_s, float)
         if self._held is not None:
-            return tuple(np.full(time_s.shape, value) for value in self._held)
+            return np.full(time_s.shape, self._held[0]), np.full(time_s.shape, self._held[1])
         force, location = np.zeros(time_s.shape), np.full(time_s.shape, np.nan)
         if not len(self._presses) or not time_s.size:
             return force, location
@@ -65,16 +131,31 @@ class PressedSensor:
             force[during] = _force(press, time_s[during])
         return force, location
 
-    def state(self, time_s):
-        """The :class:`TouchState` at the given times (s), an array."""
+    def state(self, time_s: ArrayLike) -> TouchState:
+        """State over time.
+
+        Parameters
+        ----------
+        time_s : array_like of float, shape (n,)
+
+        Returns
+        -------
+        TouchState
+        """
         force, location = self.force(time_s)
         touch = force >= self._model.onset_force_n
         return TouchState(touch, force, location, self._phases_deg(force, location))
 
-    def reflections(self, time_s):
-        """G_1 / rho and G_2 / rho at the given times; complex, shape (n, 2).
+    def reflections(self, time_s: np.ndarray) -> np.ndarray:
+        """G_1 / rho and G_2 / rho over time.
 
-        One row when nothing changes over these times.
+        Parameters
+        ----------
+        time_s : ndarray of float, shape (n,)
+
+        Returns
+        -------
+        ndarray of complex, shape (n, 2), or (1, 2) when nothing changes over these times
         """
         force, location = self.force(time_s)
         steady = (force == force[0]).all() and (
@@ -83,26 +164,48 @@ class PressedSensor:
         if not steady:
             return np.exp(1j * np.deg2rad(self._phases_deg(force, location)))
         key = (force[0], 0.0 if force[0] == 0 else location[0])
-        last, row = self._last
-        if last != key:
+        if self._last is None or self._last[0] != key:
             row = np.exp(1j * np.deg2rad(self._phases_deg(force[:1], location[:1])))
             self._last = key, row
-        return row
+        return self._last[1]
 
-    def mean_phases_deg(self, time_s, period_s):
-        """Phases of the mean reflection over ``period_s`` about each time; shape (n, 2)."""
-        inside = ((np.arange(_TIMES_INSIDE) + 0.5) / _TIMES_INSIDE - 0.5) * period_s
+    def mean_phases_deg(self, time_s: ArrayLike, period_s: float) -> np.ndarray:
+        """Phases of the mean reflection about each time.
+
+        Parameters
+        ----------
+        time_s : array_like of float, shape (n,)
+        period_s : float
+            Length of the mean, such as that of a phase group.
+
+        Returns
+        -------
+        ndarray of float, shape (n, 2)
+            In degrees.
+        """
+        inside = ((np.arange(_MEAN_POINTS) + 0.5) / _MEAN_POINTS - 0.5) * period_s
         times = np.add.outer(np.asarray(time_s, float), inside)
         reflections = np.broadcast_to(self.reflections(times.ravel()), (times.size, 2))
         mean = reflections.reshape(*times.shape, 2).mean(axis=1)
         return np.degrees(np.angle(mean))
 
-    def through(self, time_s):
-        """By how much both switches on together differ from the sum of the two; complex, (n,).
+    def through(self, time_s: ArrayLike) -> np.ndarray:
+        """Reflection with both switches on, minus the sum of the two ends alone.
 
-        A press shorts the line, so that each end answers for itself. Untouched, both waves run
-        through to the other end, once, instead of to its open end and back: 2 exp(j psi/2) takes
-        the place of G_1 + G_2 (psi/2 leaves the sign open: a line half a wavelength longer).
+        Parameters
+        ----------
+        time_s : array_like of float, shape (n,)
+
+        Returns
+        -------
+        ndarray of complex, shape (n,)
+
+        Notes
+        -----
+        A press shorts the line, so that the ends are independent. Untouched, both waves run
+        through to the other end, once, instead of to its open end and back: 2 exp(j psi/2)
+        replaces G_1 + G_2. Its sign, which psi/2 leaves open, is that of a line half a wavelength
+        longer or not.
         """
         untouched = self._model.phases_deg(0.0, 0.0, self._carrier_hz)
         passing = 2 * np.exp(1j * np.deg2rad(untouched.sum() / 4))
@@ -110,8 +213,17 @@ class PressedSensor:
         touch = self.force(time_s)[0] >= self._model.onset_force_n
         return np.where(touch, 0.0, passing - alone)
 
-    def motion(self, time_s):
-        """Turn of the tag's whole path by its moves, exp(-j 4 pi d / lambda); 1 when it rests."""
+    def motion(self, time_s: ArrayLike) -> np.ndarray | float:
+        """Rotation of the tag's path by its moves, exp(-j 4 pi d / lambda).
+
+        Parameters
+        ----------
+        time_s : array_like of float, shape (n,)
+
+        Returns
+        -------
+        ndarray of complex, shape (n,), or 1.0 for a tag that never moves
+        """
         if not self._moves:
             return 1.0
         distance = sum(
@@ -120,30 +232,31 @@ class PressedSensor:
         )
         return np.exp(-4j * np.pi * distance * self._carrier_hz / SPEED_OF_LIGHT_M_S)
 
-    def _phases_deg(self, force, location):
+    def _phases_deg(self, force: np.ndarray, location: np.ndarray) -> np.ndarray:
         return self._model.phases_deg(
             force, np.where(np.isnan(location), 0.0, location), self._carrier_hz
         )
 
 
-def _profile(press):
+def _profile(press: "Press") -> tuple[np.ndarray, list[float]]:
     """Times and forces between which a press is linear."""
     times = press.start_s + np.cumsum([0, press.rise_s, press.hold_s, press.rise_s])
     return times, [0.0, press.force_n, press.end_force_n, 0.0]
 
 
-def _force(press, time_s):
+def _force(press: "Press", time_s: np.ndarray) -> np.ndarray:
     """Force of a press at times within it, with the tremor of a hand that holds it."""
     force = np.interp(time_s, *_profile(press))
     if press.tremor_n:
-        turns = np.outer(TREMOR_HZ, time_s - press.start_s)
-        tremor = np.sin(2 * np.pi * turns).sum(axis=0) * np.sqrt(2 / len(TREMOR_HZ))
+        cycles = np.outer(TREMOR_HZ, time_s - press.start_s)
+        tremor = np.sin(2 * np.pi * cycles).sum(axis=0) * np.sqrt(2 / len(TREMOR_HZ))
         share = force / max(press.force_n, press.end_force_n)
         force = np.maximum(force + press.tremor_n * share * tremor, 0.0)
     return force
 
 
-def _progress(move, time_s):
+def _progress(move: "Move", time_s: np.ndarray) -> np.ndarray:
+    """Part of a move that is done, 0..1; shape (n,)."""
     if move.duration_s == 0:
         return (time_s >= move.start_s).astype(float)
     return np.clip((time_s - move.start_s) / move.duration_s, 0, 1)

@@ -1,11 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Readings against the truth of a simulated capture."""
+"""Errors of readings against the truth of a simulated capture."""
 
 import csv
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from ..io.readings import Reading
 from ..signal.carrier import wrap_deg
 
 
@@ -13,19 +17,27 @@ from ..signal.carrier import wrap_deg
 class Score:
     """Errors over the steady touched groups of one sensor.
 
-    A group is steady when truth and reading say touched and neither the group nor a neighbour is
-    one in which the true touch changes.
+    A group is steady when the sensor is touched in it and in both neighbouring groups.
 
     Attributes
     ----------
     sensor : str
-    force_error_n, location_error_mm : ndarray, shape (n,)
-        Reading minus truth.
-    phase_error_deg : ndarray, shape (n, 2)
+    force_error_n, location_error_mm : ndarray of float, shape (n,)
+        Reading minus truth, in steady groups that are read as touched.
+    phase_error_deg : ndarray of float, shape (n, 2)
+        Likewise.
     flagged : int
-        Steady groups that carry a flag.
-    missed, false : int
-        Groups touched in truth but not read as such, and the other way round, beside steady ones.
+        Number of these groups with a flag.
+    missed : int
+        Number of steady groups that are not read as touched.
+    false : int
+        Number of untouched groups that are read as touched, without a flag.
+
+    Examples
+    --------
+    >>> errors = np.array([0.1, -0.3, 0.2])
+    >>> Score("arm", errors, errors, np.zeros((3, 2)), 0, 0, 0).median_force_n
+    0.2
     """
 
     sensor: str
@@ -37,21 +49,39 @@ class Score:
     false: int
 
     @property
-    def median_force_n(self):
+    def median_force_n(self) -> float:
+        """Median absolute error of the force, in N."""
         return float(np.median(np.abs(self.force_error_n)))
 
     @property
-    def median_location_mm(self):
+    def median_location_mm(self) -> float:
+        """Median absolute error of the location, in mm."""
         return float(np.median(np.abs(self.location_error_mm)))
 
     @property
-    def phase_rms_deg(self):
-        """Root mean square phase error of both ends; shape (2,)."""
+    def phase_rms_deg(self) -> np.ndarray:
+        """Root mean square phase error of both ends, in degrees; shape (2,)."""
         return np.sqrt(np.mean(self.phase_error_deg**2, axis=0))
 
 
-def read_truth(path):
-    """Rows of a simulated capture's truth file, numbers parsed, empty cells as None."""
+def read_truth(path: str | Path) -> list[dict[str, Any]]:
+    """Read the truth file of a simulated capture.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    list of dict
+        A row per group and sensor; numbers as float, empty cells as None.
+
+    Examples
+    --------
+    >>> size = Path("a.truth.csv").write_text("time_s,sensor,touch,location_mm\\n0.018,arm,0,\\n")
+    >>> read_truth("a.truth.csv")
+    [{'time_s': 0.018, 'sensor': 'arm', 'touch': 0.0, 'location_mm': None}]
+    """
     with open(path, encoding="utf-8", newline="") as stream:
         return [
             {key: value if key == "sensor" else _number(value) for key, value in row.items()}
@@ -59,23 +89,35 @@ def read_truth(path):
         ]
 
 
-def _number(cell):
+def _number(cell: str) -> float | None:
     return float(cell) if cell else None
 
 
-def score(readings, truth, sensor):
-    """Scores one sensor's readings.
+def score(readings: Sequence[Reading], truth: Sequence[Mapping], sensor: str) -> Score:
+    """Compare one sensor's readings with the truth.
 
     Parameters
     ----------
     readings : sequence of Reading
     truth : sequence of dict
-        Rows of a truth file, numbers parsed (see :func:`read_truth`).
+        Rows of a truth file (see :func:`read_truth`).
     sensor : str
+        Its name.
 
     Returns
     -------
     Score
+
+    Examples
+    --------
+    >>> truth = [
+    ...     {"time_s": t, "sensor": "arm", "touch": 1, "force_n": 4.0, "location_mm": 45.0,
+    ...      "phase1_deg": 0.0, "phase2_deg": 0.0}
+    ...     for t in (0.0, 1.0, 2.0)
+    ... ]
+    >>> reading = Reading(1.0, "arm", 1, 4.5, 0.1, 45.0, 0.1, 0.0, 0.0)
+    >>> score([reading], truth, "arm").force_error_n
+    array([0.5])
     """
     rows = {round(row["time_s"], 4): row for row in truth if row["sensor"] == sensor}
     own = [reading for reading in readings if reading.sensor == sensor]
@@ -90,26 +132,18 @@ def score(readings, truth, sensor):
     flagged = missed = false = 0
     for reading in own:
         time = round(reading.time_s, 4)
-        if time not in rows:
+        row = rows.get(time)
+        if row is None:
             continue
-        row = rows[time]
-        if time in steady_times:
-            if reading.touch != 1 or reading.force_n is None:
-                missed += 1
-                continue
+        if time not in steady_times:
+            false += row["touch"] == 0 and reading.touch == 1 and not reading.flags
+        elif reading.touch != 1 or reading.force_n is None or reading.location_mm is None:
+            missed += 1
+        else:
             flagged += bool(reading.flags)
             force.append(reading.force_n - row["force_n"])
             location.append(reading.location_mm - row["location_mm"])
-            measured = np.array([reading.phase1_deg, reading.phase2_deg])
+            measured = np.array([reading.phase1_deg, reading.phase2_deg], float)
             phase.append(wrap_deg(measured - [row["phase1_deg"], row["phase2_deg"]]))
-        elif row["touch"] == 0 and reading.touch == 1 and not reading.flags:
-            false += 1
-    return Score(
-        sensor,
-        np.array(force),
-        np.array(location),
-        np.array(phase).reshape(-1, 2),
-        flagged,
-        missed,
-        false,
-    )
+    errors = np.array(force), np.array(location), np.array(phase).reshape(-1, 2)
+    return Score(sensor, *errors, flagged, missed, false)

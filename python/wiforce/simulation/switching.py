@@ -1,17 +1,24 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A tag's free-running clock and the two switches that it drives."""
+"""A tag's free-running clock and the two switches that it drives, at sample level.
+
+This is the simulator's own model of the tag, edge by edge. The estimator's model of what a
+snapshot sees of the switches (:mod:`..signal.switching`) deliberately shares no code with it, so
+that a mistake in either shows in the readings.
+"""
 
 import math
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-# Cycles of each switch's clock per cycle of clock 1, and when in its cycle the switch is on.
+# A switch: cycles of its clock per cycle of clock 1, and the interval of a cycle in which it is on.
+Switch = tuple[float, tuple[float, float]]
 # Clock 1 has 25 % duty about 0.
-SWITCHES = {
+SWITCHES: dict[str, tuple[Switch, Switch]] = {
     # Clock 2 at twice the frequency: pulses about +-1/4 of clock 1's cycle, which are never high
     # together with clock 1.
     "pulses": ((1.0, (-1 / 8, 1 / 8)), (2.0, (3 / 8, 5 / 8))),
-    # Clock 2 at a true 75 % duty about the same centres: both switches are on for Ts/16 at a time.
+    # Clock 2 at 75 % duty about the same centres: both switches are on for Ts/16 at a time.
     "overlapping": ((1.0, (-1 / 8, 1 / 8)), (2.0, (1 / 8, 7 / 8))),
     # The naive scheme: two unrelated square waves, on together for a quarter of the time.
     "two_frequencies": ((1.0, (-1 / 4, 1 / 4)), (1.4, (-1 / 4, 1 / 4))),
@@ -19,73 +26,123 @@ SWITCHES = {
 
 
 class SwitchingClock:
-    """Phase of a crystal clock: u(t) = u_0 + f (t + integral of o), in cycles.
-
-    The offset o starts at ``offset_ppm`` and drifts linearly; where it would leave
-    ``+-limit_ppm`` it turns round, so that a run of any length stays within the crystal's
-    tolerance. Before that, u is theta/2 pi of the signal model: f (t (1 + o) + d t^2 / 2).
+    """Phase of a crystal clock over time.
 
     Parameters
     ----------
     clock_hz : float
-        Nominal frequency f.
+        Nominal frequency f, in Hz.
     offset_ppm, drift_ppm_per_s : float
         Positive when the tag is fast.
     limit_ppm : float
         Not below ``abs(offset_ppm)``.
     phase_cycles : float
         u(0).
+
+    Notes
+    -----
+    u(t) = u_0 + f (t + integral of o), in cycles. The offset o starts at ``offset_ppm`` and drifts
+    linearly; where it would leave ``+-limit_ppm`` the drift reverses, so that a run of any length
+    stays within the crystal's tolerance. Before that, u is theta/2 pi of the signal model:
+    f (t (1 + o) + d t^2 / 2).
+
+    Examples
+    --------
+    >>> clock = SwitchingClock(1000.0, 40.0, 0.0, 100.0, phase_cycles=0.25)
+    >>> round(float(clock.cycles(1.0)), 6)
+    1000.29
     """
 
-    def __init__(self, clock_hz, offset_ppm, drift_ppm_per_s, limit_ppm, phase_cycles):
+    def __init__(
+        self,
+        clock_hz: float,
+        offset_ppm: float,
+        drift_ppm_per_s: float,
+        limit_ppm: float,
+        phase_cycles: float,
+    ) -> None:
         self.clock_hz = clock_hz
         self._drift = drift_ppm_per_s * 1e-6
         self._limit = limit_ppm * 1e-6
         self._offset = offset_ppm * 1e-6
         self._start_s, self._start_cycles = 0.0, phase_cycles
 
-    def cycles(self, time_s):
-        """u at the given times; shape as given."""
+    def cycles(self, time_s: ArrayLike) -> np.ndarray:
+        """u at the given times.
+
+        Parameters
+        ----------
+        time_s : array_like of float, any shape
+
+        Returns
+        -------
+        ndarray of float, shape of ``time_s``
+            In cycles.
+        """
         elapsed = np.asarray(time_s, float) - self._start_s
         return self._start_cycles + self.clock_hz * (elapsed + self._gained_s(elapsed))
 
-    def offset_ppm(self, time_s):
-        """o at the given times."""
+    def offset_ppm(self, time_s: ArrayLike) -> np.ndarray:
+        """o at the given times.
+
+        Parameters
+        ----------
+        time_s : array_like of float, any shape
+
+        Returns
+        -------
+        ndarray of float, shape of ``time_s``
+            In ppm.
+        """
         elapsed = np.asarray(time_s, float) - self._start_s
         return 1e6 * self._offset_at(elapsed)
 
-    def retune(self, time_s, offset_ppm):
-        """A new offset from ``time_s`` on; the phase goes on without a step."""
+    def retune(self, time_s: float, offset_ppm: float) -> None:
+        """Change the offset; the phase stays continuous.
+
+        Parameters
+        ----------
+        time_s : float
+            When it changes.
+        offset_ppm : float
+        """
         self._start_cycles = float(self.cycles(time_s))
         self._start_s = float(time_s)
         self._offset = offset_ppm * 1e-6
         self._limit = max(self._limit, abs(self._offset))
 
-    def _offset_at(self, elapsed):
+    def _offset_at(self, elapsed: np.ndarray) -> np.ndarray:
         if self._drift == 0 or self._limit == 0:
             return np.full_like(elapsed, self._offset)
         wander = (self._offset + self._drift * elapsed + self._limit) % (4 * self._limit)
         return np.where(wander < 2 * self._limit, wander - self._limit, 3 * self._limit - wander)
 
-    def _gained_s(self, elapsed):
+    def _gained_s(self, elapsed: np.ndarray) -> np.ndarray:
         if self._drift == 0 or self._limit == 0:
             return self._offset * elapsed
         end = self._offset + self._drift * elapsed
         return (self._wander_integral(end) - self._wander_integral(self._offset)) / self._drift
 
-    def _wander_integral(self, x):
-        """Integral over x of the triangle that x is folded into; periodic, 0 at x = +-limit."""
+    def _wander_integral(self, x: np.ndarray | float) -> np.ndarray:
+        """Integral over x of the triangle wave that x is folded into; 0 at x = +-limit."""
         limit = self._limit
         s = (x + limit) % (4 * limit)
         down = s - 2 * limit
         return np.where(s < 2 * limit, s * s / 2 - limit * s, limit * down - down * down / 2)
 
 
-def switch_states(clock, switches, delay_s, first_sample, count, sample_rate_hz):
-    """How much of each sample either switch is on.
+def switch_states(
+    clock: SwitchingClock,
+    switches: tuple[Switch, Switch],
+    delay_s: float,
+    first_sample: int,
+    count: int,
+    sample_rate_hz: float,
+) -> list[np.ndarray]:
+    """Part of each sample in which each switch is on.
 
-    Sample n stands for the time (n - 1/2 .. n + 1/2) / sample_rate: an edge inside it counts by
-    its exact place.
+    Sample n covers the time (n - 1/2 .. n + 1/2) / sample_rate; an edge inside it counts by its
+    exact time.
 
     Parameters
     ----------
@@ -93,22 +150,30 @@ def switch_states(clock, switches, delay_s, first_sample, count, sample_rate_hz)
     switches : tuple
         One of :data:`SWITCHES`.
     delay_s : float
-        By how much switch 2 lags behind the clock.
+        Time by which switch 2 lags behind the clock.
     first_sample, count : int
         A few milliseconds of samples at most.
+    sample_rate_hz : float
 
     Returns
     -------
     list of ndarray of float32, shape (count,)
         In [0, 1], one per switch.
+
+    Examples
+    --------
+    >>> clock = SwitchingClock(1000.0, 0.0, 0.0, 100.0, 0.0)
+    >>> first, second = switch_states(clock, SWITCHES["pulses"], 0.0, 0, 5, 16_000.0)
+    >>> first.tolist(), second.tolist()
+    ([1.0, 1.0, 0.5, 0.0, 0.0], [0.0, 0.0, 0.0, 0.5, 1.0])
     """
     edge_s = (first_sample - 0.5) / sample_rate_hz
     span_s = np.array([0, count / sample_rate_hz])
     states = []
     for (rate, (on, off)), lag_s in zip(switches, (0.0, delay_s), strict=True):
         start, stop = (rate * clock.cycles(edge_s + span_s - lag_s)).tolist()
-        # The rate is taken as constant over these samples: at 10 ppm/s that errs by 4e-4 samples
-        # in the middle of 5 ms, and by nothing at either end.
+        # The rate is taken as constant over these samples: at 10 ppm/s the error is 4e-4 samples
+        # in the middle of 5 ms, and zero at either end.
         samples_per_cycle = count / (stop - start)
         state = np.zeros(count, np.float32)
         for period in range(math.floor(start) - 1, math.floor(stop) + 2):
@@ -119,7 +184,7 @@ def switch_states(clock, switches, delay_s, first_sample, count, sample_rate_hz)
     return states
 
 
-def _cover(state, low, high):
+def _cover(state: np.ndarray, low: float, high: float) -> None:
     """Add the overlap of [n, n + 1) with [low, high) to element n, for 0 <= low, high <= size."""
     if low >= high:
         return

@@ -1,14 +1,22 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A tag on the air: its clock, its switches, the sensor that they show."""
+"""A tag: its clock, its switches, and the sensor whose ends they connect."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .presses import PressedSensor
+from .streams import Ramp
 from .switching import SWITCHES, SwitchingClock, switch_states
+
+if TYPE_CHECKING:
+    from ..scene import Scene
+    from ..scene.schema import SceneSensor, Tag
 
 
 class SwitchedTag:
-    """What a tag reflects, sample by sample, while its clock runs and its sensor is pressed.
+    """Reflection of a tag, sample by sample, while its clock runs and its sensor is pressed.
 
     Parameters
     ----------
@@ -16,19 +24,39 @@ class SwitchedTag:
     sensor : SceneSensor
     tag : Tag
     rng : numpy.random.Generator
-        Of the clock's start and the path's phase.
+        For the clock's start and the path's phase.
     ramp : Ramp
+        Knots at which reflections are computed.
 
     Attributes
     ----------
     name : str
+        Of the sensor.
     clock : SwitchingClock
     pressed : PressedSensor
     on : bool
-        False takes the tag off the air.
+        False removes the tag.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.scene import load_scene
+    >>> scene = load_scene("demo")
+    >>> ramp = Ramp(scene.radio.sample_rate_hz)
+    >>> rng = np.random.default_rng(1)
+    >>> tag = SwitchedTag(scene, scene.sensors[0], scene.simulation.tags[0], rng, ramp)
+    >>> reflection = tag.reflection(0, 12_500)  # a period of the clock
+    >>> round(float(np.mean(np.abs(reflection))), 2)  # on for a quarter of the time at either end
+    0.5
     """
 
-    def __init__(self, scene, sensor, tag, rng, ramp):
+    def __init__(
+        self,
+        scene: "Scene",
+        sensor: "SceneSensor",
+        tag: "Tag",
+        rng: np.random.Generator,
+        ramp: Ramp,
+    ) -> None:
         self.name, self.on = sensor.name, True
         self._rate, self._ramp = scene.radio.sample_rate_hz, ramp
         simulation = scene.simulation
@@ -45,7 +73,7 @@ class SwitchedTag:
         )
         self._switches, self._delay_s = SWITCHES[tag.clock2_duty], tag.clock2_delay_s
         self._off = np.array(sensor.off_reflection)
-        self._turn = np.exp(2j * np.pi * rng.random())
+        self._rotation = np.exp(2j * np.pi * rng.random())
         self.pressed = PressedSensor(
             scene.load_model(tag.truth_model),
             [press for press in simulation.presses if press.sensor == sensor.name],
@@ -53,8 +81,19 @@ class SwitchedTag:
             scene.radio.center_frequency_hz,
         )
 
-    def reflection(self, first, count):
-        """r / rho of the samples; complex64, shape (count,)."""
+    def reflection(self, first: int, count: int) -> np.ndarray:
+        """Reflection during some samples.
+
+        Parameters
+        ----------
+        first, count : int
+            First sample and their number.
+
+        Returns
+        -------
+        ndarray of complex64, shape (count,)
+            r / rho.
+        """
         if not self.on:
             return np.zeros(count, np.complex64)
         first_on, second_on = switch_states(
@@ -63,8 +102,8 @@ class SwitchedTag:
         both_on = first_on * second_on
         times = self._ramp.knots(first, count)
         ends = self.pressed.reflections(times)
-        path = self._turn * self.pressed.motion(times)
-        # Against the off state, which is taken with the rest of the time.
+        path = self._rotation * self.pressed.motion(times)
+        # Relative to the off state, which is added for the whole time.
         states = [first_on, second_on]
         values = [ends[:, 0] - self._off[0], ends[:, 1] - self._off[1]]
         if both_on.any():
@@ -76,12 +115,15 @@ class SwitchedTag:
         values = [np.atleast_1d(value * path).astype(np.complex64) for value in values]
         return self._sum(states, values, first, count)
 
-    def _sum(self, states, values, first, count):
+    def _sum(
+        self, states: Sequence[np.ndarray], values: Sequence[np.ndarray], first: int, count: int
+    ) -> np.ndarray:
         """Sum of the states times their values: constants, or values at the knots."""
         if all(len(value) == 1 for value in values):
             parts = np.concatenate(values).view(np.float32).reshape(-1, 2)
             return (np.stack(states).T @ parts).view(np.complex64).ravel()
         total = np.zeros(count, np.complex64)
         for state, value in zip(states, values, strict=True):
-            total += state * (value if len(value) == 1 else self._ramp.draw(value, first, count))
+            constant = len(value) == 1
+            total += state * (value if constant else self._ramp.interpolate(value, first, count))
         return total
