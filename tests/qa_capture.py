@@ -128,8 +128,12 @@ def test_check_against_other_rate_or_carrier_raises(tmp_path):
     scene = {"sensors": [{"name": "arm", "model": "wiforce-900mhz"}]}
     capture.check_against(load_scene(scene))
     for key, value, message in (
-        ("sample_rate_hz", 10e6, "sample rate must be the scene's 1e"),
-        ("center_frequency_hz", 2.4e9, "carrier must be the scene's 2.4e"),
+        ("sample_rate_hz", 10e6, "sample rate must be radio.sample_rate_hz of the scene"),
+        (
+            "center_frequency_hz",
+            2.4e9,
+            "carrier must be radio.center_frequency_hz of the scene",
+        ),
     ):
         other = {"radio": {key: value}, "sensors": scene["sensors"]}
         if key == "center_frequency_hz":

@@ -4,11 +4,14 @@
 import importlib.util
 import json
 import os
+import re
+import statistics
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+import yaml
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -84,3 +87,28 @@ def test_shipped_scenes_are_documented():
 
     text = (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8")
     assert [name for name in shipped_scenes() if f"`{name}`" not in text] == []
+
+
+def code_blocks(page, language):
+    """Code of a page in ``docs/``, block by block."""
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    return re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL)
+
+
+def test_tutorial_code_reads_the_press():
+    """The blocks form one program; the last one connects a source of the user's own."""
+    program = "\n".join(code_blocks("tutorial.md", "python")[:-1])
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=100
+    )
+    assert done.returncode == 0, done.stderr
+    touched = [line for line in done.stdout.splitlines() if "touch=1" in line]
+    locations = [float(re.search(r"location_mm=([\d.]+)", line)[1]) for line in touched]
+    assert len(locations) > 20 and abs(statistics.median(locations) - 45) < 0.5
+
+
+def test_tutorial_scene_is_valid():
+    from gnuradio.wiforce.scene import load_scene
+
+    (scene,) = code_blocks("tutorial.md", "yaml")
+    assert list(load_scene(yaml.safe_load(scene)).sensor_names) == ["finger"]

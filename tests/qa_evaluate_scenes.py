@@ -123,7 +123,7 @@ def test_scenes_whose_results_would_overwrite_each_other_are_refused(tmp_path):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "short.yaml").write_text(yaml.safe_dump(SCENE))
     done = evaluate(tmp_path, "a/short.yaml", "b/short.yaml", "--folder", "out")
-    assert done.returncode == 2 and "must differ in the names of their files" in done.stderr
+    assert done.returncode == 2 and "must have different file names" in done.stderr
     assert not (tmp_path / "out").exists()
 
 

@@ -116,7 +116,11 @@ def test_read_capture_too_short_is_refused(demo, read_args, tmp_path, size, mess
 @pytest.mark.parametrize(
     "section, change, message",
     [
-        ("radio", {"sample_rate_hz": 10e6}, "sample rate must be the scene's"),
+        (
+            "radio",
+            {"sample_rate_hz": 10e6},
+            "sample rate must be radio.sample_rate_hz of the scene",
+        ),
         ("radio", {"center_frequency_hz": 2.4e9}, "radio.center_frequency_hz"),
         ("phase_group", {"snapshots": "many"}, "phase_group.snapshots"),
         ("phase_group", {"snapshot": 625}, "snapshot"),

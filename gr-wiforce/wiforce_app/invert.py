@@ -117,7 +117,8 @@ def _over_time(path, rows, sensor, frequency_hz, std, smoothed):
 def _period(path, times):
     steps = np.diff(times)
     if not (len(steps) and np.all(np.isfinite(steps)) and np.all(steps > 0)):
-        raise InputError(f"{path}: time_s", "must rise from row to row to follow presses")
+        rule = "must be given and increase from row to row, for --tracked and --smoothed"
+        raise InputError(f"{path}: time_s", rule)
     return float(np.median(steps))
 
 

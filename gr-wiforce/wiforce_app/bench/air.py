@@ -1,29 +1,29 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Channel snapshots of tags, static and moving clutter, and noise, from the signal model alone.
 
-Written for judging the estimators, so it shares nothing with them but the sounding frame: clocks
-count in cycles, switches are averaged by interpolating how long they have been on.
+The benchmarks use it to assess the estimators, so it shares only the sounding frame with them.
+Clocks count in cycles; a switch is averaged over a window by interpolating its accumulated on-time.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-# Time for which a switch has been on, in cycles of clock 1, at the corners of its first cycle.
+# Accumulated on-time of each switch, in cycles of clock 1, at the corners of its first cycle.
 _SWITCHES = (
     ((0, 1 / 8, 7 / 8, 1), (0, 1 / 8, 1 / 8, 1 / 4)),
     ((0, 3 / 16, 5 / 16, 11 / 16, 13 / 16, 1), (0, 0, 1 / 8, 1 / 8, 1 / 4, 1 / 4)),
 )
-# Line 1 of switch 1, without averaging: sin(pi/4) / pi.
+# Fourier coefficient of line 1 of switch 1, without averaging: sin(pi/4) / pi.
 _FIRST_LINE = 0.22507907903927651
 _DELAY_SPACING_S = 20e-9
-_WALKER = (30.0, 0.31)  # highest Doppler, swings per second
+_WALKER = (30.0, 0.31)  # highest Doppler shift (Hz), swings per second
 _FAN = (200.0, 1.7)
 
 
 @dataclass(frozen=True)
 class TagOnAir:
-    """One tag: its clock, its level against gamma, and the end phases before and in a touch."""
+    """One tag: its clock, level relative to gamma, and end phases before and during a touch."""
 
     clock_hz: float = 1000.0
     level_db: float = 0.0
@@ -38,10 +38,10 @@ class TagOnAir:
 
 @dataclass(frozen=True)
 class PathLevels:
-    """What surrounds the tags; None for what is not there.
+    """Levels of tags and clutter; None where there is none.
 
-    ``gamma_db``: mean over the subcarriers of |a_k|^2 against the noise in H. ``static_db`` and
-    ``movers_db``: rms over the subcarriers against line 1 of end 1.
+    ``gamma_db``: mean over the subcarriers of |a_k|^2 relative to the noise in H. ``static_db`` and
+    ``movers_db``: rms over the subcarriers relative to line 1 of end 1.
     """
 
     gamma_db: float
@@ -51,9 +51,9 @@ class PathLevels:
 
 
 class WanderingClock:
-    """Cycles of a crystal clock whose offset runs to and fro between +-``limit_ppm``.
+    """Cycles of a crystal clock whose offset drifts back and forth between +-``limit_ppm``.
 
-    Asked for blocks of time in order.
+    Blocks of time must be requested in order.
     """
 
     def __init__(self, clock_hz, offset_ppm, drift_ppm_per_s, start_cycles, limit_ppm=100.0):
@@ -63,7 +63,7 @@ class WanderingClock:
         self._cycles, self._time = start_cycles, 0.0
 
     def advance(self, time_s):
-        """Moves the block's start to a later time."""
+        """Move the start of the block to a later time."""
         self._cycles = float(self.cycles(time_s))
         self._offset += self._drift * (time_s - self._time)
         self._time = time_s
@@ -81,7 +81,7 @@ class WanderingClock:
 
 
 def switches(start, stop, delay_cycles=0.0):
-    """How much of each window, from cycle ``start`` to ``stop``, each switch is on; (n, 2)."""
+    """Share of each window, from cycle ``start`` to ``stop``, that each switch is on; (n, 2)."""
     states = []
     for lag, (corners, on) in zip((0.0, delay_cycles), _SWITCHES, strict=True):
         bounds = np.stack([start, stop]) - lag
@@ -92,7 +92,7 @@ def switches(start, stop, delay_cycles=0.0):
 
 
 def fading(rng, subcarrier_hz, coherence_hz):
-    """A Rayleigh channel of exponential delay profile with unit mean power; shape (K,)."""
+    """A Rayleigh channel with exponential delay profile and unit mean power; shape (K,)."""
     if coherence_hz is None:
         return np.full(len(subcarrier_hz), np.exp(2j * np.pi * rng.random()))
     spread_s = 1 / (2 * np.pi * coherence_hz)
@@ -126,7 +126,7 @@ class Air:
     noise : ndarray, shape (K,)
         Variance of the noise in H.
     clocks : list of WanderingClock
-        As they are in the group made last.
+        State in the latest group.
     """
 
     def __init__(self, waveform, group_length, tags, levels, seed, noise_profile=None):
@@ -174,8 +174,8 @@ class Air:
     def group(self, index, touched=False, on=True):
         """H of one group, in order of ``index``; complex, shape (N, K).
 
-        ``touched`` is a bool, or an array (N,) in 0..1 by which the end phases go from untouched
-        to touched. ``on`` is False, or a bool per tag, for tags that are off.
+        ``touched`` is a bool, or an array (N,) from 0 (untouched) to 1 (touched) that interpolates
+        the end phases. ``on``, a bool or one per tag, switches tags off.
         """
         times = self.times_s(index)
         courses, paths = [np.ones(self._length)], [self._static]

@@ -1,23 +1,23 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the accuracy benchmark puts the estimators through."""
+"""Cases of the accuracy benchmark."""
 
 from dataclasses import dataclass, replace
 
 ESTIMATORS = ("harmonic", "sideband", "paper", "paper, offset removed")
-# Touched groups of a run, each of which is one error per end.
+# Touched groups per run; each gives one error per end.
 GROUPS_PER_RUN = 100
-# Untouched time before, in groups of 625.
+# Length of the untouched reference before them, in groups of 625.
 REFERENCE_GROUPS = 12
 
 
 @dataclass(frozen=True)
 class Case:
-    """One row of the benchmark for every estimator.
+    """One case, which gives a row of the benchmark for every estimator.
 
-    ``gamma_db``: |a_k G|^2 against the noise in H, mean over the subcarriers. ``static_db`` and
-    ``movers_db``: rms against line 1 of end 1. ``clutter_hz``: the band that the reader is told
-    of. ``off``: |G_off / rho| at a random angle; ``off_given`` whether the reader knows it.
-    ``lost``: part of the snapshots that are missing, ``at random`` or in a ``block``.
+    ``gamma_db``: |a_k G|^2 relative to the noise in H, mean over the subcarriers. ``static_db`` and
+    ``movers_db``: rms relative to line 1 of end 1. ``clutter_hz``: the clutter band of the
+    plan. ``off``: |G_off / rho| at a random angle; ``off_given`` whether the reader knows it.
+    ``lost``: share of missing snapshots, ``at random`` or in a ``block``.
     """
 
     name: str

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which settings of a scene no other beats, and which beat the plan's choice."""
+"""The Pareto front of a scene's settings, and settings that are better than the plan."""
 
-# No setting is to be this much faster and more accurate at once than what the plan chose.
+# The plan is beaten by a setting that is faster and more accurate by this factor.
 _MARGIN = 1.2
 
 
 def front(points, error="phase_deg"):
-    """Points that no other beats in both time and error, by rising time.
+    """Points that no other point beats in both time and error, in order of time.
 
-    Errors count as for the plan's group length: a group of twice the length halves the variance
-    and the rate of readings alike.
+    Errors are converted to the group length of the plan, because a group of twice the length
+    halves both the variance and the rate of readings.
     """
     best, kept = float("inf"), []
     readable = [point for point in points if point[error] is not None]
@@ -21,14 +21,14 @@ def front(points, error="phase_deg"):
 
 
 def rated_error(points, point, error="phase_deg"):
-    """Error of a point as it would be at the plan's rate of readings."""
+    """Error of a point, converted to the plan's rate of readings."""
     return point[error] * (point["group_length"] / points[0]["group_length"]) ** 0.5
 
 
 def beat_the_plan(points, any_length=False):
-    """Names of settings that are 20 % faster than the plan's choice and 20 % more accurate.
+    """Names of settings that are at least 20 % faster and 20 % more accurate than the plan.
 
-    ``any_length`` counts groups of other lengths, too: fewer or more readings a second.
+    ``any_length`` includes groups of other lengths, which give fewer or more readings per second.
     """
     chosen = points[0]
     if chosen["phase_deg"] is None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Runs of the accuracy benchmark: snapshots through every estimator, errors against the bound."""
+"""Runs of the accuracy benchmark: errors of every estimator on the same snapshots."""
 
 import time
 import zlib
@@ -19,7 +19,7 @@ from .air import Air, PathLevels, TagOnAir
 from .chain import SnapshotChain
 
 _WAVEFORM = sounding_waveform()
-_PARTS = 20  # of a single long run
+_PARTS = 20  # into which a single long run is divided, for its confidence interval
 _INTERFERED = slice(10, 22)  # subcarriers of 62 that an interferer covers, 20 dB over the noise
 
 
@@ -30,15 +30,15 @@ class RunResult:
     Attributes
     ----------
     errors_deg : ndarray, shape (n, 2S)
-        Of the touched groups that were read.
+        Errors of the touched groups that were read.
     std_deg : ndarray, shape (n, 2S)
-        As stated by the reader.
+        Standard deviations that the reader states.
     bound_deg : ndarray, shape (2S,)
-        Of this realisation.
+        Bound of this realisation.
     unread : int
         Touched groups without a reading.
     cpu_s, signal_s : float
-        Processor time, and the time on the air that it was spent on.
+        Processor time, and the duration of the signal.
     """
 
     errors_deg: np.ndarray
@@ -50,7 +50,7 @@ class RunResult:
 
 
 def run_case(case, run, seed=1):
-    """One run of a case: the reference, then touched groups; all estimators on the same snapshots.
+    """Run a case once: the reference, then touched groups; the same snapshots for all estimators.
 
     Returns
     -------
@@ -86,7 +86,7 @@ def run_case(case, run, seed=1):
 
 
 def air_of(case, run, seed=1):
-    """The air of one run of a case, its tags, and the random numbers for what else is drawn."""
+    """The channel of one run of a case, its tags, and the random generator for the rest."""
     seeds = np.random.SeedSequence([seed, zlib.crc32(case.name.encode()), run])
     rng = np.random.default_rng(seeds)
     tags = [_tag(case, hertz, level, rng) for hertz, level in _each_tag(case)]
@@ -101,7 +101,7 @@ def _each_tag(case):
 
 
 def _tag(case, clock_hz, level_db, rng):
-    # A drift must not lead out of the crystal's tolerance.
+    # The drift must not leave the tolerance of the crystal.
     room = max(case.offset_ppm - 0.5 * case.drift_ppm_per_s * 10, 0.0)
     return TagOnAir(
         clock_hz,
@@ -117,7 +117,7 @@ def _tag(case, clock_hz, level_db, rng):
 
 @lru_cache(maxsize=8)
 def plan_of(case, estimator):
-    """The plan under which a case is read."""
+    """The plan by which a case is read."""
     return Plan(
         _WAVEFORM,
         tuple(TagClock(hertz) for hertz in case.clocks_hz),
@@ -143,7 +143,7 @@ def _present(case, rng):
 
 
 def _bound(case, air, tags, mask):
-    """Bound of the phases psi: touched group against the reference."""
+    """Bound of the phases psi of a touched group, including the noise of the reference."""
     clocks = [(clock.actual_hz, 2 * np.pi * clock.cycles(0.0)) for clock in air.clocks]
     times = np.arange(case.group_length) * _WAVEFORM.snapshot_period_s
     touched, untouched = (
@@ -161,25 +161,22 @@ def _bound(case, air, tags, mask):
 
 
 def errors_of(case, tags, groups, kind):
-    """Errors and stated standard deviations (n, 2S) of the touched groups, and how many of them
-
-    had no reading.
-    """
+    """Errors and stated std (n, 2S) of the touched groups, and the number without a reading."""
     truth = np.concatenate([tag.touched_deg for tag in tags])
     touched = groups[groups.index >= case.reference_groups]
     known = np.all(np.isfinite(touched.phase_std_deg), axis=1)
     read = touched[known]
     errors, slopes = _error(case, tags, read.ratios, truth)
     if kind == "sideband":
-        # Half the angle does not know half a turn.
-        turned, others = _error(case, tags, -read.ratios, truth)
-        nearer = np.abs(turned) < np.abs(errors)
-        errors, slopes = np.where(nearer, turned, errors), np.where(nearer, others, slopes)
+        # Half the angle is ambiguous by 180 degrees.
+        opposite, others = _error(case, tags, -read.ratios, truth)
+        nearer = np.abs(opposite) < np.abs(errors)
+        errors, slopes = np.where(nearer, opposite, errors), np.where(nearer, others, slopes)
     return errors, read.phase_std_deg * slopes, int(np.sum(~known))
 
 
 def _error(case, tags, ratios, truth):
-    """Errors of psi in degrees, and how much an error of arg R counts; (n, 2S) each."""
+    """Errors of psi in degrees, and |d psi / d arg R|; (n, 2S) each."""
     psi, slope = zip(
         *(
             corrected_phase_deg(
@@ -195,18 +192,18 @@ def _error(case, tags, ratios, truth):
 
 
 def _constant_offset(case, cycles):
-    """What the clocks' mean offset adds to ends 1 and 2 of the touched groups, in degrees."""
+    """Phase that the mean clock offset adds to the ends of touched groups, in degrees."""
     groups = np.arange(len(cycles))
     nominal = np.array(case.clocks_hz) * case.group_length * _WAVEFORM.snapshot_period_s
-    turned = 360 * (cycles - cycles[0] - np.outer(groups, nominal))
-    slope = np.polyfit(groups, turned, 1)[0]
+    rotation_deg = 360 * (cycles - cycles[0] - np.outer(groups, nominal))
+    slope = np.polyfit(groups, rotation_deg, 1)[0]
     offset = np.outer(groups[case.reference_groups :], slope)
     return np.stack([offset, 4 * offset], axis=-1).reshape(len(offset), -1)
 
 
 @dataclass(frozen=True)
 class Row:
-    """A case and an estimator, over all runs; lists have an entry per end."""
+    """Results of a case and an estimator over all runs; lists have an entry per end."""
 
     case: str
     estimator: str
@@ -222,11 +219,11 @@ class Row:
 
 
 def summarise(case, estimator, runs):
-    """Row of the results of all runs.
+    """Combine the results of all runs to a row.
 
-    The loss is the mean of (error / bound of its realisation)^2. Errors of a run share their
-    reference: the interval, 95 %, comes from the spread between runs, or between the parts of a
-    single long one.
+    The loss is the mean of (error / bound of its realisation)^2. Errors within a run share their
+    reference, so the 95 % interval comes from the spread between runs, or between the parts of a
+    single long run.
     """
     from scipy.stats import t as student
 

@@ -8,13 +8,13 @@ from .front import front
 
 
 def plot_losses(rows, wanted, path):
-    """Loss of every estimator over gamma, in a still and in a moving scene.
+    """Plot the loss of every estimator over gamma, in a static and in a moving scene.
 
     Parameters
     ----------
     rows : sequence of montecarlo.Row
     wanted : sequence of Case
-        Whose rows they are; the still and the moving sweep are drawn.
+        The cases of these rows; the static and the moving sweep are drawn.
     path : str or Path
     """
     from matplotlib.figure import Figure
@@ -48,14 +48,14 @@ def plot_losses(rows, wanted, path):
 
 
 def _legend_below(canvas, lines, labels, ncols):
-    """A legend under all panels; Matplotlib before 3.7 knows no "outside"."""
+    """Add a legend below all panels; Matplotlib before 3.7 has no location "outside"."""
     height = 0.22 * (-(-len(labels) // ncols) + 1) / canvas.get_figheight()
     canvas.get_layout_engine().set(rect=(0, height, 1, 1 - height))
     canvas.legend(lines, labels, loc="lower center", ncols=ncols, fontsize=8)
 
 
 def plot_tradeoffs(results, path):
-    """A panel per scene: processor time of every setting against its phase and force errors.
+    """Plot phase and force errors of every setting over processor time, one panel per scene.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def plot_tradeoffs(results, path):
     for axis in panels[max(0, len(results) - columns) : len(results)]:
         axis.set_xlabel("processor time for a second (ms)", fontsize=8)
     canvas.supylabel("median error: phase (deg, filled), force (N, open)", fontsize=9)
-    # No panel needs to hold them all: some scenes are not readable.
+    # No single panel has all labels, because some scenes are not readable.
     known = {}
     for axis in panels:
         known |= dict(zip(*reversed(axis.get_legend_handles_labels()), strict=True))

@@ -14,7 +14,7 @@ from ..markdown import filled_page, markdown_table
 from ..progress import progress
 from .cases import Case
 
-# Noise so low that what is left is systematic; for clutter lower still.
+# gamma with negligible noise, so that systematic errors remain; even less noise for clutter.
 _QUIET_DB, _SILENT_DB = 60.0, 140.0
 _KNOWN_DEG = 0.02
 _WEEK_GROUPS = int(7 * 86400 / 0.036)
@@ -155,7 +155,7 @@ def _week_gap(name, path):
     first = list(range(case.reference_groups))
     indices = first + [_WEEK_GROUPS + i for i in range(case.groups)]
     outcome = read_case(case, path, indices)
-    # the first groups do not know the clock's rate over the gap yet, and say so
+    # In the first groups after the gap the clock rate is uncertain, as their std states.
     known = np.all(outcome.std_deg < _KNOWN_DEG, axis=1)
     kept = dataclasses.replace(
         outcome,
@@ -221,9 +221,9 @@ def _not_finite_samples(name, path):
 
 
 def _near_clocks(name, path, search, seed, readable):
-    """Two tags whose clocks nearly coincide, or have lines that do.
+    """Two tags whose clocks, or some of whose lines, nearly coincide.
 
-    Pairs that the plan calls readable, or the others.
+    ``readable`` selects pairs that the planner accepts, or those that it warns of.
     """
     from gnuradio.wiforce.planning.clocks import assess_clocks
 
@@ -246,7 +246,7 @@ def _near_clocks(name, path, search, seed, readable):
 
 
 def _any_setting(name, path, search, seed):
-    """Settings drawn from all that a scene may ask for."""
+    """Random settings from the whole permitted range of a scene."""
     from .stress_paths import read_case
 
     rng = np.random.default_rng(seed)
@@ -278,7 +278,7 @@ def _any_setting(name, path, search, seed):
 
 
 def _searched(name, path, search, trial, label, read_case):
-    """Worst of many tries: by errors in stated standard deviations, of what is not flagged."""
+    """Worst of many trials: the largest unflagged error in stated standard deviations."""
     from gnuradio.wiforce.errors import InputError
     from gnuradio.wiforce.io.readings import WEAK_PHASE_DEG
 
@@ -297,18 +297,18 @@ def _searched(name, path, search, trial, label, read_case):
         found = float(np.max(ratio, initial=0.0))
         if found > worst:
             worst, cause = found, label(case)
-    # groups of a run share their reference, ends their clock: 2 search runs are tried
+    # Groups of a run share their reference, and ends share their clock.
     undetected = worst if worst > _UNDETECTED_STD else 0.0
     cause += f"; {refused} of {search} refused"
     return Row(name, path, worst, "std", None, undetected, discarded, not_finite, cause)
 
 
-# Largest of some hundred Gaussian errors, with a third of margin.
+# Largest of some hundred Gaussian errors, with a margin of a third.
 _UNDETECTED_STD = 6.0
 
 
 def _inversion(name, path, sensor, seed):
-    """Presses all over a model, at any noise; unflagged errors in stated standard deviations."""
+    """Presses over the whole span of a model at any noise; unflagged errors in stated std."""
     from gnuradio.wiforce.sensor import load_sensor
 
     model, rng, count = load_sensor(sensor), np.random.default_rng(seed), 4000
@@ -336,8 +336,8 @@ def _inversion(name, path, sensor, seed):
     return Row(name, path, worst, "%", _BEYOND_3_STD, 0.0, discarded, not_finite, cause)
 
 
-# Per cent of unflagged readings that may lie beyond three standard deviations (Gaussian: 0.27);
-# below so many newtons an error is no error.
+# Per cent of unflagged readings that may lie beyond three standard deviations (Gaussian: 0.27).
+# Errors below _LEAST_N newtons are ignored.
 _BEYOND_3_STD, _LEAST_N = 1.0, 0.02
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The ways from samples to phases that are stressed: single precision blocks, and double."""
+"""Paths from samples to phases: blocks in single precision, and a reference in double."""
 
 import tempfile
 from dataclasses import dataclass
@@ -61,15 +61,15 @@ def read_case(case, path="double", indices=None, scale=None, hurt=None, run=0, s
     Parameters
     ----------
     case : cases.Case
-        Its reference comes first, then its touched groups.
+        Its reference groups come first, then its touched groups.
     path : str
         Of :data:`PATHS`.
     indices : sequence of int, optional
-        Index of every group, rising; 0, 1, ... by default.
+        Index of every group, increasing; 0, 1, ... by default.
     scale : callable, optional
-        Factor of a group's samples, by its number.
+        Takes the number of a group; gives a factor for its samples.
     hurt : callable, optional
-        Takes a group's number and its H (N, K), which it may change.
+        Takes the number of a group and its H (N, K), which it may change.
 
     Returns
     -------
@@ -112,7 +112,7 @@ def read_case(case, path="double", indices=None, scale=None, hurt=None, run=0, s
 
 
 def _numbered(groups, case):
-    """Groups with an index that counts as touched; no std where no reading is made."""
+    """Groups with an index in the touched part; infinite std without a reading."""
     doubtful = np.repeat(groups.overlapping | ~groups.locked, 2, axis=1)
     std = np.where(doubtful, np.inf, groups.phase_std_deg)
     index = np.full(len(groups), case.reference_groups)
@@ -137,7 +137,7 @@ def _through_blocks(path, settings, snapshots, indices, folder):
 
 
 def _incomplete(messages):
-    """H (N, K) and mask (N,) of the groups that were told of by message."""
+    """H (N, K) and mask (N,) of the groups for which a message was sent."""
     import pmt
 
     found = {}
@@ -196,12 +196,12 @@ def _flowgraph(path, item_type, samples, settings, indices):
     sink = blocks.vector_sink_c(rows * FFT_LENGTH)
     top.connect(*chain, sink)
     messages = blocks.message_debug(False)
-    teller = next(block for block in chain if _tells(block))
-    top.msg_connect(teller, "incomplete", messages, "store")
+    sender = next(block for block in chain if _has_incomplete_port(block))
+    top.msg_connect(sender, "incomplete", messages, "store")
     return top, sink, messages
 
 
-def _tells(block):
+def _has_incomplete_port(block):
     import pmt
 
     ports = block.to_basic_block().message_ports_out()

@@ -47,7 +47,9 @@ def tradeoff(scenes, as_json, quick, folder, fresh, plot_path, page_path):
     if page_path is not None:
         check_output(page_path)
     names = list(dict.fromkeys(scenes or shipped_scenes()))
-    marks = {name: mark_of(name) for name in names}  # refuses bad scenes before anything is done
+    marks = {
+        name: mark_of(name) for name in names
+    }  # refuses invalid scenes before any work is done
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     results = {name: None if fresh else result_of(folder, name, marks[name]) for name in names}

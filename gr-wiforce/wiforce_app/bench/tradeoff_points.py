@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One scene under every sensible setting: what each costs, and how far its readings are off."""
+"""One scene with many settings: processor time and errors of each."""
 
 import dataclasses
 import multiprocessing
@@ -23,6 +23,7 @@ from gnuradio.wiforce.simulation.channel import AirChannel
 from gnuradio.wiforce.simulation.score import read_truth, score
 from gnuradio.wiforce.simulation.simulator import simulate, write_truth
 
+from ..evaluation.error_summary import calibration_bias_deg
 from ..measure import measure_steps
 from .throughput.recording import GROUP_LENGTH, WAVEFORM, Recording
 
@@ -35,7 +36,7 @@ _PART_FC32 = 10_000_000  # samples converted at a time
 
 @dataclass(frozen=True)
 class Setting:
-    """A point of the picture: what differs from the plan's choice."""
+    """One setting: scene and plan with one change from the planner's choice."""
 
     name: str
     scene: object
@@ -45,7 +46,7 @@ class Setting:
 
 
 def settings_of(scene):
-    """Settings of a scene, what its plan chose first."""
+    """Settings of a scene; the first one is the planner's choice."""
     chosen = plan(scene)
     found = [Setting("plan", scene, chosen)]
 
@@ -89,7 +90,7 @@ def settings_of(scene):
     ):
         found.append(Setting("stock blocks", scene, chosen, "stream-fc32", "stock"))
     if scene.environment.receive_antennas == 2:
-        # Their ratio is taken of snapshots.
+        # The ratio of two antennas is taken from folded frames, which only files provide here.
         return [setting for setting in found if setting.source.startswith("file")]
     return found
 
@@ -102,21 +103,21 @@ def _thinned(waveform, step):
 
 
 def measure_scene(name, folder, runs):
-    """Simulates a scene and reads it under all its settings.
+    """Simulate a scene and read it with all its settings.
 
     Parameters
     ----------
     name : str
     folder : path
-        For the capture while it is needed.
+        Where the capture is stored temporarily.
     runs : int
-        The time of a setting is the least of so many runs.
+        Number of runs; the time of a setting is their minimum.
 
     Returns
     -------
     dict
-        ``scene``, ``signal_s``, ``points``: a dict per setting, ``skips``: what each step that the
-        plan leaves out would take; plain values.
+        ``scene``, ``signal_s``, ``points`` (a dict per setting) and ``skips`` (time of each step
+        that the plan leaves out), all of plain values.
     """
     from gnuradio import gr
 
@@ -137,9 +138,9 @@ def measure_scene(name, folder, runs):
 
 
 def _skips(scene):
-    """Processor time per second that each skipped step would take."""
+    """Processor time per second of signal of each skipped step."""
     chosen = plan(scene)
-    # GNU Radio counts a block's time only where it is told so before it is imported.
+    # GNU Radio measures the time of blocks only if configured before its import.
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
         took = pool.submit(measure_steps, scene, chosen).result()
     return {step.name: took[step.name] for step in steps(scene, chosen) if not step.needed}
@@ -157,7 +158,7 @@ def _both_types(capture):
 
 
 def _truth(scene, path):
-    """Truth rows at the centres of a scene's groups, with the phases of the mean reflection."""
+    """Truth at the centres of the groups, with the phases of the mean reflection."""
     air = AirChannel(scene)
     write_truth(scene, air, path)
     rows = read_truth(path)
@@ -169,7 +170,7 @@ def _truth(scene, path):
 
 
 def _timed(work, *arguments):
-    """Processor time of a call, and what it gave."""
+    """Processor time of a call, and its result."""
     began = time.process_time()
     given = work(*arguments)
     return time.process_time() - began, given
@@ -180,12 +181,12 @@ def _least(times, key, spent):
 
 
 def _group_work(setting):
-    """Settings of which this is the same do the same from tones to readings."""
+    """Key of the computation from tones to readings; settings with equal keys share it."""
     return id(setting.plan), setting.order in _ROTATED
 
 
 class _SceneRun:
-    """Measures settings on one capture; what settings share is computed once."""
+    """Measures settings on one capture; shared results are computed once."""
 
     def __init__(self, scene, recordings, truth_path, signal_s, runs):
         self._recordings, self._signal_s, self._runs = recordings, signal_s, runs
@@ -193,9 +194,9 @@ class _SceneRun:
         self._known = {}
 
     def measure(self, settings):
-        """A point per setting: times per second of signal, and errors.
+        """One point per setting: times per second of signal, and errors.
 
-        Runs go round and round the settings, so that what slows the machine for a while slows all.
+        Settings run in turns, so that a temporary load of the machine affects all of them.
         """
         samples_s, groups_s, readings = {}, {}, {}
         for _ in range(self._runs):
@@ -252,11 +253,11 @@ class _SceneRun:
 
 
 def _errors(setting, readings, truth):
-    """Median errors over all sensors, against the untouched sensor as the reader knows it."""
+    """Median errors over all sensors, without the calibration error of the untouched phases."""
     phase, force, location = [], [], []
     for i, sensor in enumerate(setting.scene.sensors):
         found = score(readings, truth, sensor.name)
-        phase.append(wrap_deg(found.phase_error_deg - _calibration_bias_deg(setting.scene, i)))
+        phase.append(wrap_deg(found.phase_error_deg - calibration_bias_deg(setting.scene, i)))
         force.append(found.force_error_n)
         location.append(found.location_error_mm)
     pooled = {"phase_deg": np.concatenate([p.ravel() for p in phase])}
@@ -267,18 +268,7 @@ def _errors(setting, readings, truth):
     }
 
 
-def _calibration_bias_deg(scene, index):
-    """By how much the reader's untouched phases differ from the true ones; shape (2,)."""
-    frequency = scene.radio.center_frequency_hz
-    known = scene.sensors[index].load_model(scene).untouched_deg(frequency)
-    true = scene.load_model(scene.simulation.tags[index].truth_model).untouched_deg(frequency)
-    return wrap_deg(np.subtract(known, true))
-
-
-# samples to tones: the C++ blocks, or stock ones
-
-
-# Orders in which the tones stop turning within a symbol before the FFT is taken.
+# Orders in which the tones are derotated within a symbol before the FFT.
 _ROTATED = ("tones first", "block by block")
 
 
@@ -329,7 +319,7 @@ def _flowgraph(setting, recordings):
         chain += [wiforce.ofdm_channel_estimator(factors, 1), *doppler]
     flowgraph.top.connect(*chain)
     flowgraph.end(chain[-1])
-    flowgraph.blocks = chain  # one in Python lives no longer than its Python object
+    flowgraph.blocks = chain  # keeps Python blocks alive
     return flowgraph
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is promised of every evaluated scene, and whether it was held."""
+"""Requirements for every evaluated scene, and whether they are met."""
 
 from pathlib import Path
 
@@ -7,14 +7,14 @@ import numpy as np
 
 from .error_summary import figure_text
 
-CHECKS_HEAD = ("scene", "sensor", "check", "measured", "held")
-# Factors within which the plan is to expect phase, force and location, and the phase rms's own.
+CHECKS_HEAD = ("scene", "sensor", "requirement", "measured", "met")
+# Factors within which the plan must predict phase, force and location; limits of the phase rms.
 _FACTORS = {"phase_deg": 1.5, "force_n": 2.0, "location_mm": 2.0}
 BETTER, NEAR = 3.0, 1.5
 
 
 def checks(results, figures):
-    """What is promised of every scene, and whether it was held: rows as in ``CHECKS_HEAD``."""
+    """Check the requirements of every scene; rows as in ``CHECKS_HEAD``."""
     rows = []
     for result in results:
         name = Path(result["scene"]).stem
@@ -23,7 +23,7 @@ def checks(results, figures):
             ours = sensor["methods"]["ours"]
             if sensor["expected"]["phase_deg"] is None:
                 measured = f"{sensor['unflagged']} unflagged readings"
-                found = [("nothing is read", measured, sensor["unflagged"] == 0)]
+                found = [("no unflagged readings", measured, sensor["unflagged"] == 0)]
             else:
                 found = [_phase_check(sensor, figure), *_plan_checks(sensor)]
             found += _figure_checks(ours, figure)
@@ -41,7 +41,7 @@ def _phase_check(sensor, figure):
     paper = sensor["methods"]["paper, clock offset removed"].get("phase_rms_deg", 0.0)
     better, near = paper / rms, rms / sensor["bound_rms_deg"]
     held = better >= BETTER or near <= NEAR
-    measured = f"{better:.3g} x better than the paper's, {near:.3g} x the bound"
+    measured = f"{better:.3g} times lower than the paper's, {near:.3g} times the bound"
     return "phase rms", measured, held or figure.get("reason", False)
 
 
@@ -51,7 +51,7 @@ def _plan_checks(sensor):
         wanted = np.mean(expected[key]) if expected[key] is not None else np.nan
         ratio = ours.get(key, np.nan) / wanted
         what = f"plan's {key.partition('_')[0]} within {factor:g}"
-        yield what, f"{ratio:.2f} x expected", bool(1 / factor <= ratio <= factor)
+        yield what, f"{ratio:.2f} times expected", bool(1 / factor <= ratio <= factor)
 
 
 def _figure_checks(ours, figure):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Power of a capture's snapshots over Doppler frequency, for a picture."""
+"""Doppler spectrum of a capture, for a picture."""
 
 import tempfile
 from pathlib import Path
@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 from gnuradio.wiforce.signal.waveform import FFT_LENGTH
 
-_LENGTH = 5000  # snapshots per stretch
-_KAISER_BETA = 14  # side lobes below -100 dB: a strong static path hides no line
+_LENGTH = 5000  # snapshots per section
+_KAISER_BETA = 14  # side lobes below -100 dB, so that a strong static path hides no line
 
 
 def doppler_spectrum(recording, scene):
-    """Mean over subcarriers and over whole stretches of the capture.
+    """Average power spectrum over subcarriers and sections of a capture.
 
     Parameters
     ----------
@@ -22,21 +22,21 @@ def doppler_spectrum(recording, scene):
     Returns
     -------
     dict
-        ``hz``, rising from minus to plus half the snapshot rate, and ``db``; empty lists for a
-        capture shorter than a stretch.
+        ``hz``, from minus to plus half the snapshot rate, and ``db``; empty lists for a capture
+        shorter than one section.
     """
     waveform = scene.waveform()
     with tempfile.TemporaryDirectory(dir=Path(recording.path).parent) as folder:
         channels = _channels(recording, scene, Path(folder) / "channels")
-        stretches = len(channels) // _LENGTH
-        if not stretches:
+        sections = len(channels) // _LENGTH
+        if not sections:
             return {"hz": [], "db": []}
         window = np.kaiser(_LENGTH, _KAISER_BETA)[:, None]
         power = np.zeros(_LENGTH)
-        for number in range(stretches):
-            stretch = channels[number * _LENGTH : (number + 1) * _LENGTH, waveform.bins]
-            lines = np.fft.fft(stretch * window, axis=0) / window.sum()
-            power += np.mean(np.abs(lines) ** 2, axis=1) / stretches
+        for number in range(sections):
+            section = channels[number * _LENGTH : (number + 1) * _LENGTH, waveform.bins]
+            lines = np.fft.fft(section * window, axis=0) / window.sum()
+            power += np.mean(np.abs(lines) ** 2, axis=1) / sections
     level = 10 * np.log10(np.maximum(power, 1e-30))
     hz = np.fft.fftfreq(_LENGTH, scene.snapshot_period_s)
     return {
@@ -46,7 +46,7 @@ def doppler_spectrum(recording, scene):
 
 
 def _channels(recording, scene, path):
-    """H (N, 64) of every snapshot, by way of a file."""
+    """H (N, 64) of every snapshot, computed through a temporary file."""
     from gnuradio import blocks, gr, wiforce
 
     factors = scene.waveform().equalizer().astype(np.complex64)

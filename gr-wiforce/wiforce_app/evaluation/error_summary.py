@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A method's errors in a scene as plain figures, and what a calibration adds to them."""
+"""Error statistics of a method in a scene, and the contribution of the calibration."""
 
 import numpy as np
 from gnuradio.wiforce.signal.carrier import wrap_deg
 
 
 def summary(phase_deg, force_n, location_mm):
-    """Medians, 90th percentiles and phase rms of errors; empty where nothing was read."""
+    """Medians, 90th percentiles and phase rms of errors; empty without readings."""
     if not len(phase_deg):
         return {}
     found = {
@@ -22,12 +22,12 @@ def summary(phase_deg, force_n, location_mm):
 
 
 def figure_text(value):
-    """A figure as a table shows it; empty for None."""
+    """A number as text for a table; empty for None."""
     return "" if value is None else f"{value:.3g}"
 
 
 def calibration_bias_deg(scene, index):
-    """By how much the reader's untouched phases differ from the true ones; shape (2,)."""
+    """Error of the untouched phases in the reader's model; shape (2,)."""
     frequency = scene.radio.center_frequency_hz
     known = scene.sensors[index].load_model(scene).untouched_deg(frequency)
     true = scene.load_model(scene.simulation.tags[index].truth_model).untouched_deg(frequency)

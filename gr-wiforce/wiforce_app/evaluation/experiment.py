@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One scene as an experiment: simulated, read by us and by the paper's method, scored."""
+"""One scene as an experiment: simulated, read by both methods, scored."""
 
 import tempfile
 from pathlib import Path
@@ -23,24 +23,24 @@ from .paper_method import paper_changes, paper_errors
 
 
 def run(scene_name, work_folder):
-    """Simulates and reads a scene; the capture is deleted.
+    """Simulate, read and score a scene; the capture is deleted.
 
     Parameters
     ----------
     scene_name : str
         Shipped scene or file.
     work_folder : path
-        For the capture while it is needed.
+        Where the capture is stored temporarily.
 
     Returns
     -------
     dict
-        Plain values that JSON can hold; per sensor the errors of ours, of the paper's method as
-        published and with the constant clock offset removed, what the plan expected, and the
-        groups' readings and the spectrum of the snapshots for pictures. Phase errors are those of
-        the change against the untouched sensor, and of the group's mean reflection: what a
-        calibration errs by in the untouched phases, and how the force changes about the group's
-        centre, count in force and location.
+        Plain values for JSON. Per sensor: the errors of this receiver, of the paper's method as
+        published and with the constant clock offset removed, the errors that the plan expects, and
+        for pictures the readings and the Doppler spectrum. Phase errors compare the change since
+        the untouched state with the mean reflection of the group. Calibration errors of the
+        untouched phases and changes of the force within a group are therefore part of the force
+        and location errors only.
     """
     scene = load_scene(scene_name)
     with tempfile.TemporaryDirectory(dir=work_folder, prefix=".capture-") as folder:
@@ -69,7 +69,7 @@ def run(scene_name, work_folder):
 
 
 def _with_mean_phases(scene, truth):
-    """Truth rows, their phases those of the group's mean reflection instead of its centre's."""
+    """Truth rows with the phases of the mean reflection of each group, not of its centre."""
     tags = AirChannel(scene).sensors
     for row in truth:
         pressed = tags[row["sensor"]].pressed
@@ -110,7 +110,7 @@ def _sensor(scene, index, readings, changes, truth, expected):
 
 
 def _sum_of_forces(scene, readings, truth):
-    """Median error of the sum of all sensors' forces while all are touched; None for one."""
+    """Median error of the sum of all forces while all sensors are touched; None for one."""
     names = scene.sensor_names
     if len(names) < 2:
         return None

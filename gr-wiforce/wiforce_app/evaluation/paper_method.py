@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The paper's method on a capture: its estimator in our reader, its per-group fit, its errors."""
+"""The paper's method on a capture: its estimator in this receiver, its inversion, its errors."""
 
 import dataclasses
 
@@ -14,10 +14,10 @@ _ESTIMATOR = "paper"
 
 
 def paper_changes(recording, scene):
-    """Change of every group against the first, complex of magnitude 1; shape (groups, 2S).
+    """Change of every group since the first, complex of magnitude 1; shape (groups, 2S).
 
-    Plain sums at lines 1 and 4, each group against the one before (paper, section 3.3), added up;
-    of the first receive antenna, since the paper has one.
+    Fourier sums at the lines 1 and 4, each group relative to the previous one (paper, section 3.3),
+    accumulated. Of the first receive antenna, because the paper has one.
     """
     scene = dataclasses.replace(
         scene,
@@ -35,19 +35,19 @@ def paper_changes(recording, scene):
 
 
 def paper_errors(scene, index, changes, truth, detrend):
-    """Errors where the sensor is steadily touched; the method is told when that is.
+    """Errors in groups with a steady touch; the method is given the true times of touch.
 
     Parameters
     ----------
     scene : Scene
     index : int
-        Of the sensor.
+        Number of the sensor in the scene.
     changes : ndarray of complex, shape (groups, 2S)
     truth : sequence of dict
-        The sensor's rows, one per group.
+        Truth rows of the sensor, one per group.
     detrend : bool
-        Whether the line through the untouched reference is taken off first: a constant offset
-        of the tag's clock.
+        Whether to subtract the straight line through the untouched reference first, which
+        removes a constant clock offset.
 
     Returns
     -------
@@ -77,7 +77,7 @@ def paper_errors(scene, index, changes, truth, detrend):
 
 
 def _detrended(angles, reference_groups):
-    """Angles (groups, 2) less the line through the first of them."""
+    """Angles (groups, 2) less the straight line through the reference groups."""
     times = np.arange(len(angles))
     reference = times < reference_groups
     if np.count_nonzero(reference) <= 2:
@@ -87,7 +87,7 @@ def _detrended(angles, reference_groups):
 
 
 def _steady(touch):
-    """Groups that are touched and whose neighbours are."""
+    """Groups that are touched and whose neighbours are touched."""
     touch = np.array(touch, bool)
     steady = touch.copy()
     steady[1:-1] &= touch[:-2] & touch[2:]

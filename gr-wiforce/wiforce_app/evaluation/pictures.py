@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pictures of evaluated scenes: readings beside the truth, errors, spectrum, distance."""
+"""Pictures of evaluated scenes: readings and truth, errors, spectrum, distance."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ _STYLES = {"ours": "-", "paper": ":", "paper, clock offset removed": "--"}
 
 
 def plot_distances(results, folder, figures):
-    """``distance.png``: phase scatter over distance beside the published curve; False for none."""
+    """Write ``distance.png``, phase rms over distance; False when too few scenes state one."""
     from matplotlib.figure import Figure
 
     at = [figures.get(Path(result["scene"]).stem, {}).get("distance_m") for result in results]
@@ -46,7 +46,7 @@ def plot_distances(results, folder, figures):
 
 
 def plot_scene(result, path):
-    """Force and location over time beside the truth, and how the errors are distributed."""
+    """Plot force and location with the truth, error distributions and the Doppler spectrum."""
     from matplotlib.figure import Figure
 
     canvas = Figure(figsize=(11, 7.5), layout="constrained")

@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Picture of the errors on the published trials."""
+"""Picture of the error distributions on the published trials."""
 
 import numpy as np
 
 
 def plot_error_distributions(scores, forms, path):
-    """Cumulative distributions of force and location error on the published trials.
+    """Plot cumulative distributions of force and location errors on the published trials.
 
     Parameters
     ----------
     scores : sequence of sensor.published.PressScore
     forms : dict
-        The chosen form of the curves by carrier.
+        The selected form of the curves, by carrier.
     path : path
     """
     from matplotlib.figure import Figure
@@ -23,7 +23,7 @@ def plot_error_distributions(scores, forms, path):
         own = [s for s in scores if s.press.frequency_hz == frequency and s.form == form]
         _plot_distribution(row[0], own, methods, "force_error", "force error (N)")
         _plot_distribution(row[1], own, methods, "location_error", "location error (mm)")
-        row[0].set_ylabel(f"{frequency / 1e6:g} MHz, {form}\npart of the readings")
+        row[0].set_ylabel(f"{frequency / 1e6:g} MHz, {form}\nshare of the readings")
     axes[0, 0].legend(fontsize=7, loc="lower right")
     canvas.suptitle("Published wireless trials (dashed: with one wireless press per location)")
     canvas.savefig(path, dpi=110)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Many scenes as experiments: run side by side, kept, resumed, reported."""
+"""Many scenes as experiments: run in parallel, stored, resumed, reported."""
 
 import hashlib
 import json
@@ -21,17 +21,17 @@ from .report import table, write_report
 
 
 def evaluate_scenes(names, folder, jobs=None, fresh=False):
-    """Runs the scenes that have no result yet, and writes ``report.md`` and a picture per scene.
+    """Run the scenes without a stored result, and write ``report.md`` and a picture per scene.
 
     Parameters
     ----------
     names : sequence of str
-        Scenes; ``all`` stands for every shipped one.
+        Scenes; ``all`` means every shipped scene.
     folder : Path
     jobs : int, optional
-        Scenes at a time.
+        Number of parallel processes.
     fresh : bool
-        Do again what is there.
+        Compute stored results again.
     """
     if "all" in names:
         names = shipped_scenes()
@@ -39,12 +39,14 @@ def evaluate_scenes(names, folder, jobs=None, fresh=False):
     stems = [Path(name).stem for name in names]
     for name, stem in zip(names, stems, strict=True):
         if stems.count(stem) > 1:
-            raise InputError("scenes", "must differ in the names of their files", name)
-    marks = {name: mark_of(name) for name in names}  # refuses bad scenes before anything is done
+            raise InputError("scenes", "must have different file names", name)
+    marks = {
+        name: mark_of(name) for name in names
+    }  # refuses invalid scenes before any work is done
     folder.mkdir(parents=True, exist_ok=True)
     missing = [name for name in names if fresh or result_of(folder, name, marks[name]) is None]
     jobs = min(jobs or os.cpu_count() or 1, max(len(missing), 1))
-    # No flowgraph has run in this process yet, so that a fork leaves no threads behind.
+    # A fork is safe: this process has not started any flowgraph, and so no threads.
     context = multiprocessing.get_context("fork")
     with progress("evaluating", len(missing)) as step, ProcessPoolExecutor(jobs, context) as pool:
         waiting = {pool.submit(_run, name, str(folder)): name for name in missing}
@@ -65,7 +67,7 @@ def _run(name, folder):
 
 
 def mark_of(name):
-    """What a result belongs to: the scene and its sensors as they are read, and this version."""
+    """Hash of everything a result depends on: the scene, its sensors and this version."""
     scene = load_scene(name)
     used = {sensor.model for sensor in scene.sensors}
     used |= {tag.truth_model for tag in scene.simulation.tags} if scene.simulation else set()
@@ -79,7 +81,7 @@ def _file(folder, name):
 
 
 def result_of(folder, name, mark):
-    """The result of an earlier run, None when there is none for this very scene."""
+    """The stored result of a scene; None when there is none with this hash."""
     try:
         content = json.loads(_file(folder, name).read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -88,7 +90,7 @@ def result_of(folder, name, mark):
 
 
 def keep_result(folder, name, mark, result):
-    """Writes a result whole or not at all."""
+    """Write a result atomically."""
     write_whole(_file(folder, name), json.dumps({"mark": mark, "result": result}))
 
 

@@ -119,10 +119,12 @@ class Capture:
         """
         own, wanted = self.sample_rate_hz, scene.radio.sample_rate_hz
         if own is not None and abs(own - wanted) > 1e-6 * wanted:
-            raise InputError(self.path, f"sample rate must be the scene's {wanted:g} Hz", own)
+            rule = f"sample rate must be radio.sample_rate_hz of the scene ({wanted:.12g} Hz)"
+            raise InputError(self.path, rule, own)
         own, wanted = self.center_frequency_hz, scene.radio.center_frequency_hz
         if own is not None and not same_carrier(own, wanted):
-            raise InputError(self.path, f"carrier must be the scene's {wanted:g} Hz", own)
+            rule = f"carrier must be radio.center_frequency_hz of the scene ({wanted:.12g} Hz)"
+            raise InputError(self.path, rule, own)
 
 
 def open_capture(path: str | Path, datatype: str | None = None) -> Capture:
@@ -158,7 +160,7 @@ def open_capture(path: str | Path, datatype: str | None = None) -> Capture:
     stem = path.with_suffix("") if path.suffix in (".sigmf-meta", ".sigmf-data") else path
     meta, data = (stem.with_name(stem.name + suffix) for suffix in (".sigmf-meta", ".sigmf-data"))
     if path.is_file() and not meta.is_file():
-        raise InputError(path, "has no .sigmf-meta beside it: give --datatype for raw samples")
+        raise InputError(path, "has no .sigmf-meta file next to it; raw samples need --datatype")
     for file in (meta, data):
         if not file.is_file():
             raise InputError(file, "no such file")
