@@ -21,12 +21,18 @@ def run(*arguments):
 
 
 def write_scene(path, off, presses):
-    sensor = {"name": "arm", "model": "line-900mhz", "off_reflection": off}
+    sensor = {"name": "arm", "model": "line-900mhz", "off_reflection": off, "clock_hz": 400}
     simulation = {
         "duration_s": 1.3, "snr_db": 10, "static_clutter_db": 50, "clock_offset_ppm": 40,
         "presses": presses,
     }  # fmt: skip
-    scene = {"sensors": [sensor], "reference_s": 0.3, "simulation": simulation}
+    # A fifth of the usual rate takes a fifth of the time.
+    rates = {
+        "radio": {"sample_rate_hz": 2.5e6},
+        "sounding": {"frame_length": 400},
+        "phase_group": {"snapshots": 200},
+    }
+    scene = {"sensors": [sensor], "reference_s": 0.3, "simulation": simulation, **rates}
     path.write_text(yaml.safe_dump(scene))
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A software USRP for any test: a process of its own on a loopback address of its own."""
+"""A software USRP for any test: a process at a loopback address of its own."""
 
 import json
 import random
@@ -13,7 +13,7 @@ _STOP_S = 10
 
 
 class SoftwareUsrp:
-    """A running ``gr-wiforce emulate``.
+    """A running software N210.
 
     Attributes
     ----------
@@ -23,14 +23,7 @@ class SoftwareUsrp:
     """
 
     def __init__(self, *arguments, speed=1.0, faults=()):
-        command = [
-            sys.executable,
-            "-m",
-            "wiforce_app.main",
-            "--debug",
-            "emulate",
-            *map(str, arguments),
-        ]
+        command = [sys.executable, "-m", "software_n210", *map(str, arguments)]
         command += ["--speed", str(speed)]
         for fault in faults:
             command += ["--fault", fault]
@@ -46,13 +39,13 @@ class SoftwareUsrp:
             if self.process.stdout.readline().startswith("listening"):
                 break
             _, reason = self.process.communicate(timeout=_STOP_S)
-            if "is taken" not in reason:
+            if "is in use" not in reason:
                 raise RuntimeError(reason)
         # With the type UHD skips the search for other kinds of devices, which takes 0.5 s.
         self.args = f"addr={self.address},type=usrp2"
 
     def command(self, line):
-        """The answer to one line of live control, as a dict."""
+        """The answer to a line of its control, as a dict."""
         try:
             self.process.stdin.write(line + "\n")
             self.process.stdin.flush()
@@ -61,7 +54,7 @@ class SoftwareUsrp:
             raise RuntimeError(f"the device has ended: {self.process.stderr.read()}") from None
 
     def stop(self):
-        """Ask it to end; (exit status, what it said on standard error)."""
+        """End it; (exit status, standard error)."""
         if self.process.poll() is None:
             self.process.terminate()
         try:

@@ -9,18 +9,18 @@ from .history import SampleHistory
 
 
 class Cable:
-    """Transmit joined to receive by a cable whose attenuator leaves unit gain at 0 dB and 0 dB.
+    """A cable between the connectors, with unit gain when both gains are 0 dB.
 
     Parameters
     ----------
     delay_ticks : int
-        From transmit to receive, as the device's own filters have it.
+        Delay from transmit to receive, like that of the device's filters.
 
     Attributes
     ----------
     tuning : Tuning
     clock : DeviceClock
-        Both are set by the device that it is joined to.
+        Both are set by the device.
     """
 
     def __init__(self, delay_ticks):
@@ -34,43 +34,45 @@ class Cable:
         self._sent = SampleHistory()
 
     def forget(self, tick):
-        """Nothing before `tick` will be received any more."""
+        """Drop samples that cannot be received after `tick` any more."""
         self._sent.forget(tick - self._delay)
 
     def transmit(self, tick, spacing, samples):
-        """Samples that leave the device from `tick` on; complex64, 1.0 at full scale."""
+        """Take samples that are transmitted from `tick` on; complex64, 1.0 at full scale."""
         self._sent.append(tick, spacing, samples * amplitude(self.tuning.tx_gain_db))
 
     def receive(self, chain, tick, spacing, count):
-        """Samples that arrive from `tick` on; complex64, 1.0 at full scale."""
+        """Samples that are received from `tick` on; complex64, 1.0 at full scale."""
         samples = self._sent.take(tick - self._delay, spacing, count)
         samples = self.tuning.to_receive_carrier(samples, chain, tick, spacing)
         return samples * amplitude(self.tuning.rx_gain_db)
 
     def status(self):
-        """What there is to say beyond the device's own status."""
+        """State beyond the device's own, as plain values."""
         return {}
 
     def check_sensor(self, sensor):
-        """Raises InputError: there is no sensor on a cable."""
-        raise InputError("sensor", "needs a scene on the air", sensor)
+        """Raise InputError, since there is no sensor on a cable."""
+        raise InputError("sensor", "requires --air scene", sensor)
 
     def press(self, sensor, *_):
+        """Raise InputError, since there is no sensor on a cable."""
         self.check_sensor(sensor)
 
     def release(self, sensor, *_):
+        """Raise InputError, since there is no sensor on a cable."""
         self.check_sensor(sensor)
 
 
 class Counter(Cable):
-    """Receives a count of samples of device time, so that a host can check every one.
+    """Receives the device time in samples, so that a host can verify every sample.
 
     I holds the lower, Q the upper 16 bits of device time in samples.
 
     Parameters
     ----------
     delay_ticks : int
-        As for a cable.
+        Without effect.
     """
 
     def receive(self, chain, tick, spacing, count):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The device's one clock: ticks since power-on, and the time that the host has set on it."""
+"""The device's clock: ticks since power-on, and the device time that the host sets."""
 
 from .wire import TICK_RATE
 
@@ -7,8 +7,8 @@ from .wire import TICK_RATE
 class DeviceClock:
     """Ticks at 100 MHz and the settable device time, with a pulse per second.
 
-    Everything inside the device is scheduled in `ticks`, which only ever grow; only what the
-    host sees or asks for is in device time, ``ticks + offset``.
+    Everything inside the device is scheduled in `ticks`, which never decrease. Times that the
+    host reads or sets are device time, ``ticks + offset``.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class DeviceClock:
         return ticks + self.offset
 
     def advance(self, ticks):
-        """Move on to `ticks`; a time that waits for the pulse per second is set on passing it."""
+        """Advance to `ticks`, and set a time that waits for a pulse per second in between."""
         pulse = ticks // TICK_RATE * TICK_RATE
         if pulse > self.ticks:
             if self._at_pulse is not None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Slow control: discovery, frame-size search, EEPROMs and registers, one reply to one request."""
+"""Slow control: discovery, frame-size search, EEPROMs and registers; a reply per request."""
 
 import struct
 
@@ -25,7 +25,7 @@ class Control:
     registers : Registers
     bus : I2cBus
     on_close : callable
-        Called when the host gives its lock back, which is how it says goodbye.
+        Called when the host releases its lock, which it does when it closes the device.
     """
 
     def __init__(self, registers, bus, on_close=lambda: None):
@@ -43,19 +43,19 @@ class Control:
         }
 
     def reply(self, request):
-        """The reply to one datagram, or None when it wants no answer.
+        """The reply to a datagram, or None when there is none.
 
         Raises
         ------
         Malformed
-            When it is no request of this protocol.
+            When it does not follow this protocol.
         """
         if len(request) < _MESSAGE_SIZE:
             if len(request) == 16:
-                return None  # the X300 driver looking for its own devices on this port
+                return None  # the X300 driver searches for its devices at this port
             raise Malformed(f"control request of {len(request)} bytes")
         version, code, sequence = _HEAD.unpack_from(request)
-        # A host that doesn't know our version yet gets a hello, whatever it asked.
+        # A host that does not know our version yet is sent a hello, whatever it requested.
         name = chr(code & 0x7F) if version == PROTOCOL_VERSION else "a"
         handler = self._handlers.get(name)
         if handler is None:

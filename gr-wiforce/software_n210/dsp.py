@@ -14,8 +14,8 @@ class DspRegisters:
 
     Parameters
     ----------
-    cic_stages_gain : int
-        Power of the CIC factor in its gain: 4 for receive, 3 for transmit.
+    cic_power : int
+        Power of the CIC factor in the CIC filter's gain: 4 for receive, 3 for transmit.
     """
 
     def __init__(self, cic_power):
@@ -25,7 +25,7 @@ class DspRegisters:
         self._rate_word = 1
 
     def poke(self, register, value):
-        """Write register 0 (frequency), 1 (scale) or 2 (rate); others change no sample."""
+        """Write register 0 (frequency), 1 (scale) or 2 (rate); others do not affect samples."""
         if register == 0:
             self._frequency_word = value - (1 << 32) if value >> 31 else value
         elif register == 1:
@@ -35,7 +35,7 @@ class DspRegisters:
 
     @property
     def frequency_hz(self):
-        """Shift by the CORDIC, signed."""
+        """Frequency shift by the CORDIC, signed."""
         return self._frequency_word / (1 << 32) * TICK_RATE
 
     @property
@@ -44,16 +44,17 @@ class DspRegisters:
 
     @property
     def ticks_per_sample(self):
-        """Rate change: decimation or interpolation."""
+        """Ticks between samples: the decimation or interpolation."""
         half_bands = (self._rate_word >> 8 & 1) + (self._rate_word >> 9 & 1)
         return self._cic << half_bands
 
     @property
     def gain(self):
-        """Amplitude on the wire over amplitude in the converter; 1 to the scale's rounding.
+        """Amplitude on the wire over amplitude at the converter; 1 except for rounding.
 
-        The driver sets the scale against the CIC's own gain, which the FPGA only corrects by
-        powers of two, so the quotient is what remains of the driver's rounding.
+        The FPGA corrects the gain of the CIC filter by powers of two only, and the driver
+        compensates for the rest by the scale register. The quotient is the rounding error of
+        that register.
         """
         cic_gain = self._cic**self._cic_power
         adjustment = 2 ** math.ceil(math.log2(cic_gain)) / (1.65 * cic_gain)

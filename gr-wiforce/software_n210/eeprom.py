@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the device says it is: EEPROM images and the I2C bus they hang on."""
+"""EEPROM images that identify the device, and the I2C bus that they are on."""
 
 import ipaddress
 import struct
@@ -41,7 +41,7 @@ def daughterboard_image(board_id, serial="1"):
 
 
 class I2cBus:
-    """EEPROMs by address, read through a pointer as the parts themselves do."""
+    """EEPROMs by address, read through a pointer like the real parts."""
 
     def __init__(self, images):
         self._images = images

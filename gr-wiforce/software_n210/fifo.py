@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Fast control: register commands in order, each held until its time, each acknowledged."""
+"""Fast control: register commands, executed in order and at their time, and acknowledged."""
 
 import struct
 from collections import deque
@@ -15,7 +15,7 @@ _DEPTH = 4096
 
 @dataclass(frozen=True)
 class Command:
-    """One register access. `time` in ticks of device time, None for at once."""
+    """A register access; `time` in ticks of device time, None for immediately."""
 
     peer: tuple
     sequence: int
@@ -25,7 +25,7 @@ class Command:
 
 
 class Fifo:
-    """The queue of commands; a timed one holds everything behind it.
+    """The queue of commands; a timed command holds all commands behind it.
 
     Parameters
     ----------
@@ -39,12 +39,12 @@ class Fifo:
         self._queue = deque()
 
     def submit(self, datagram, peer):
-        """Queue the command of one datagram.
+        """Queue the command in a datagram.
 
         Raises
         ------
         Malformed
-            When it is no command, or the queue is full.
+            When it is not a command, or the queue is full.
         """
         sequence, header = words(datagram, 2)
         if header & _TYPE_MASK != _TYPE_CONTEXT:
@@ -59,13 +59,13 @@ class Fifo:
         self._queue.append(Command(peer, sequence, control, value, time[0] if timed else None))
 
     def next_tick(self):
-        """Tick for which the first command waits, or None."""
+        """Tick at which the first command is due, or None when it is untimed or there is none."""
         if self._queue and self._queue[0].time is not None:
             return self._clock.to_ticks(self._queue[0].time)
         return None
 
     def run(self):
-        """Do all commands that are due; list of (reply, peer)."""
+        """Execute all commands that are due; list of (reply, peer)."""
         replies = []
         while self._queue:
             command = self._queue[0]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Daughterboards: carrier and gain, read back from what the driver writes to their chips."""
+"""Daughterboards: carrier and gain, decoded from what the driver writes to their chips."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from .wire import TICK_RATE
 _GPIO_RX_ONLY, _GPIO_TX_ONLY = 1, 2
 _SPI_CONTROL, _SPI_DATA = 1, 2
 _SPI_RX, _SPI_TX, _SPI_ADC = 16, 128, 256
-# Pins of the WBX's transmit attenuator and the decibels that each takes away when low.
+# Pins of the WBX's transmit attenuator and its attenuation in dB when a pin is low.
 _WBX_TRANSMIT_PINS = {14: 16, 5: 8, 4: 4, 3: 2, 1: 1}
 _ADC_FINE_GAIN, _ADC_GAIN_CORRECTION = 0x17, 0x1A
 
@@ -41,7 +41,7 @@ class Daughterboard:
     rx_gain_db, tx_gain_db : callable
         Gain in dB from the unit's 16 pins.
     reference_gain_db : float
-        In the middle of its range.
+        Gain in the middle of the range.
     """
 
     rx_id: int
@@ -68,12 +68,12 @@ class Synthesizer:
         self._registers = [0] * 8
 
     def write(self, word):
-        """One 32-bit register write; the low three bits say which."""
+        """Write a register; the low three bits of the 32-bit word select it."""
         self._registers[word & 7] = word
 
     @property
     def frequency_hz(self):
-        """Output frequency for the device's 100 MHz reference; 0 before it is programmed."""
+        """Output frequency with the device's 100 MHz reference; 0 before it is programmed."""
         r0, r1, r2, _, r4, *_ = self._registers
         modulus, divider = r1 >> 3 & 0xFFF, r2 >> 14 & 0x3FF
         if not modulus or not divider:
@@ -86,13 +86,13 @@ class Synthesizer:
 
 
 class AdcGain:
-    """The ADS62P44's own gain stages, from its register writes."""
+    """Gain stages of the ADS62P44 converter, from its register writes."""
 
     def __init__(self):
         self._registers = {}
 
     def write(self, word):
-        """One 16-bit register write; the upper byte says which."""
+        """Write a register; the upper byte of the 16-bit word selects it."""
         self._registers[word >> 8] = word & 0xFF
 
     @property
@@ -104,7 +104,7 @@ class AdcGain:
 
 
 class FrontEnd:
-    """Oscillators and gain stages of the device, as the SPI and GPIO blocks see them."""
+    """Oscillators and gain stages of the device, set through its SPI and GPIO blocks."""
 
     def __init__(self, board):
         self._board = board
@@ -114,7 +114,7 @@ class FrontEnd:
         self._pins = [0] * 5
 
     def poke_spi(self, register, value):
-        """SPI block: register 1 selects chip and length, a write of register 2 sends."""
+        """Write to the SPI block: register 1 selects chip and length, register 2 sends a word."""
         if register == _SPI_CONTROL:
             self._spi_control = value
         elif register == _SPI_DATA:
@@ -125,7 +125,7 @@ class FrontEnd:
                 self._adc.write(value >> 16)
 
     def poke_gpio(self, register, value):
-        """GPIO block: pins while idle, receiving, transmitting, both; TX high, RX low half."""
+        """Write to the GPIO block: pins in one of four modes, those of TX in the high half."""
         self._pins[register] = value
 
     @property

@@ -7,7 +7,7 @@ import numpy as np
 
 
 class SampleHistory:
-    """Recent samples on the device's time line; what was never there is zero."""
+    """Recent samples on the device's time line; zero where there are none."""
 
     def __init__(self):
         self._segments = deque()
@@ -17,7 +17,7 @@ class SampleHistory:
         self._segments.append((tick, spacing, samples))
 
     def forget(self, tick):
-        """Drop what ended before `tick`."""
+        """Drop samples that ended before `tick`."""
         while self._segments:
             start, spacing, samples = self._segments[0]
             if start + (len(samples) + 1) * spacing > tick:
@@ -25,7 +25,7 @@ class SampleHistory:
             self._segments.popleft()
 
     def take(self, tick, spacing, count):
-        """`count` samples from `tick` on, one every `spacing` ticks: the nearest there is."""
+        """`count` samples from `tick` on, every `spacing` ticks: the nearest sample each."""
         out = np.zeros(count, np.complex64)
         for start, step, samples in self._segments:
             if step == spacing:

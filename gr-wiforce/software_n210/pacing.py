@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How fast device time may go: never ahead of the wall clock, and never past a slow host."""
+"""Limits of device time: not ahead of wall time, and not ahead of a slow host."""
 
 import os
 import socket
@@ -20,7 +20,7 @@ _TX_UNDERFLOW_S = 0.25
 class WallClock:
     """Ticks that device time may have reached by now.
 
-    Time lost while the device was held back is not caught up: the host would see it rush.
+    Time during which the device was held is not caught up, since samples would arrive in a rush.
     """
 
     def __init__(self, speed=1.0, now=time.monotonic):
@@ -30,7 +30,7 @@ class WallClock:
         self._anchor_ticks = 0
 
     def allowance(self, ticks):
-        """Ticks by which a device at `ticks` may go on."""
+        """Ticks by which a device at `ticks` may advance."""
         elapsed = self._now() - self._anchor_s
         due = self._anchor_ticks + int(elapsed * self._ticks_per_second) - ticks
         limit = int(_DEBT_LIMIT_S * self._ticks_per_second)
@@ -40,12 +40,12 @@ class WallClock:
         return max(due, 0)
 
     def seconds_for(self, ticks):
-        """Wall time that `ticks` take."""
+        """Wall time of `ticks`."""
         return ticks / self._ticks_per_second
 
 
 class HostBacklog:
-    """Bytes that wait unread in a host's receive socket, from /proc/net/udp."""
+    """Bytes that are queued in a host's receive socket, from /proc/net/udp."""
 
     def __init__(self):
         self._file = os.open("/proc/net/udp", os.O_RDONLY)
@@ -69,7 +69,7 @@ class HostBacklog:
 
 
 class Throttle:
-    """Lossless pacing: holds device time while the host has not kept up, but not for ever."""
+    """Lossless pacing: holds device time while the host is slow, for a limited time."""
 
     def __init__(self, backlog, now=time.monotonic):
         self._backlog = backlog
@@ -80,11 +80,11 @@ class Throttle:
         self._tx_short_s = None  # since when transmit samples are missing
 
     def tx_arrived(self):
-        """Transmit packets have come in."""
+        """Note that transmit packets have arrived."""
         self._tx_arrival_s = self._now()
 
     def room(self, peer, size):
-        """How many datagrams of `size` bytes `peer` has room for; None when nobody listens."""
+        """Number of datagrams of `size` bytes that fit the socket of `peer`; None if closed."""
         queued = self._backlog.read(peer)
         if queued is None:
             return None
@@ -93,11 +93,11 @@ class Throttle:
             self._last_backlog[peer] = queued
             self._changed_s[peer] = now
         if now - self._changed_s[peer] > _HOLD_LIMIT_S:
-            queued = 0  # it does not read: lose what it won't take, as a wire does
+            queued = 0  # the host does not read, so samples are lost as on a network
         return max(_BACKLOG_LIMIT - queued, 0) // (size + _DATAGRAM_OVERHEAD)
 
     def transmit_until(self, covered, start, end):
-        """How far a step from `start` to `end` may go when samples reach to `covered`."""
+        """End of a step from `start` to `end` when transmit samples reach to `covered`."""
         if covered >= end:
             self._tx_short_s = None
             return end

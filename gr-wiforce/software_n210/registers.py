@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The register file: setting registers handed on to their blocks, and readback words."""
+"""The register file: setting registers, passed on to their blocks, and readback words."""
 
 from .wire import SR_TIME
 
@@ -22,12 +22,12 @@ class Registers:
         self.attach(SR_TIME, 6, clock.poke)
 
     def attach(self, base, count, poke):
-        """Give registers ``base .. base + count - 1`` to ``poke(register - base, value)``."""
+        """Pass writes to ``base .. base + count - 1`` on to ``poke(register - base, value)``."""
         for register in range(count):
             self._blocks[base + register] = (poke, register)
 
     def poke(self, index, value):
-        """Write a setting register; those that nobody has taken are accepted and forgotten."""
+        """Write a setting register; registers without a block are ignored."""
         block = self._blocks.get(index)
         if block is not None:
             poke, register = block

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A scene on the air between the device's connectors, at absolute levels."""
+"""The channel of a scene between the device's connectors, at absolute levels."""
 
 from dataclasses import replace
 
@@ -20,23 +20,23 @@ _CARRIER_TOLERANCE = 1e-6
 
 
 class SceneAir(Cable):
-    """The scene's channel, applied to what the host transmits; see docs/software-n210.md.
+    """Applies the channel of a scene to the transmitted signal; see docs/software-n210.md.
 
-    Time 0 of the scene is the first sample of the first stream that a host receives after
-    opening the device; a new session begins the scene anew.
+    Time 0 of the scene is the first sample of the first stream after the device is opened. Every
+    session starts the scene again.
 
     Parameters
     ----------
     scene : Scene
     delay_ticks : int
-        Of the device itself, from transmit to receive.
+        Delay of the device itself, from transmit to receive.
     """
 
     def __init__(self, scene, delay_ticks):
         super().__init__(delay_ticks)
         self._scene = scene
         self._adc = Adc(scene.simulation.adc_bits)
-        AirChannel(scene)  # refuses a scene that it cannot put on the air
+        AirChannel(scene)  # raises an InputError for a scene that cannot be simulated
         self._prepare(
             round(TICK_RATE / scene.radio.sample_rate_hz), scene.radio.center_frequency_hz
         )
@@ -67,28 +67,28 @@ class SceneAir(Cable):
             raise InputError("sensor", f"must be one of the scene's ({known})", sensor)
 
     def status(self):
-        """Force, location and touch of each sensor now."""
+        """Current force, location and touch of each sensor."""
         states = self._channel.touch_state([self._next * self._spacing / TICK_RATE])
         return {"sensors": {name: _plain(state) for name, state in states.items()}}
 
     def press(self, sensor, force_n, location_mm):
-        """Press a sensor from now on, whatever the scene says.
+        """Press a sensor from now on, whatever the scene specifies.
 
         Raises
         ------
         InputError
-            For an unknown sensor or a force that is none.
+            For an unknown sensor, or a force or location out of range.
         """
         if not (0 <= force_n < 1000 and 0 <= location_mm <= 10_000):
-            raise InputError("press", "force and location must not be negative or absurd")
+            raise InputError("press", "force must be 0 to 1000 N, location 0 to 10000 mm")
         self._sensor(sensor).pressed.hold(force_n, location_mm)
 
     def release(self, sensor):
-        """Touch a sensor no more."""
+        """Release a sensor."""
         self._sensor(sensor).pressed.hold(0.0, np.nan)
 
     def set_clock_offset(self, sensor, ppm):
-        """The tag's clock is from now on fast by `ppm`."""
+        """Set the clock offset of a tag from now on."""
         self._sensor(sensor).clock.retune(self._next * self._spacing / TICK_RATE, ppm)
 
     def switch_tag(self, sensor, on):
@@ -100,9 +100,9 @@ class SceneAir(Cable):
         return self._channel.sensors[name]
 
     def _prepare(self, spacing, carrier_hz):
-        """A channel of its own for this sample spacing and carrier.
+        """Make the channel for this sample spacing and carrier.
 
-        At a carrier that the scene's sensors don't know nothing comes back but noise.
+        At a carrier that the sensor models do not cover, only noise is received.
         """
         self._spacing, self._carrier_hz = spacing, carrier_hz
         try:
@@ -121,7 +121,7 @@ class SceneAir(Cable):
         return replace(self._scene, radio=radio)
 
     def _follow(self, chain, tick, spacing):
-        """Run at the rate and carrier of the first chain that receives, and go on from `tick`."""
+        """Run at the rate and carrier of the first chain that receives, and continue at `tick`."""
         carrier_hz = self._known_carrier()
         if (spacing, carrier_hz) != (self._spacing, self._carrier_hz):
             self._prepare(spacing, carrier_hz)
@@ -133,13 +133,13 @@ class SceneAir(Cable):
             self._next = position
 
     def _known_carrier(self):
-        """The transmit carrier; the scene's own where the driver's differs by rounding."""
+        """The transmit carrier; the scene's own when they differ by rounding only."""
         wanted = self._scene.radio.center_frequency_hz
         actual = self.tuning.tx_carrier_hz
         return wanted if abs(actual - wanted) <= _CARRIER_TOLERANCE * wanted else actual
 
     def _advance(self, chain, last_tick):
-        """Let the air go on until it covers `last_tick`."""
+        """Run the channel until it covers `last_tick`."""
         spacing = self._spacing
         count = (last_tick - self._origin) // spacing + 1 - self._next
         if count <= 0:
@@ -158,7 +158,7 @@ class SceneAir(Cable):
 
 
 def _plain(state):
-    """A touch state of one moment as plain values."""
+    """A touch state as plain values."""
     location_mm = float(state.location_mm[0])
     return {
         "touch": bool(state.touch[0]),

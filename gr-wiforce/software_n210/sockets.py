@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The device's UDP sockets, bound to one loopback address and nothing else."""
+"""The device's UDP sockets, bound to a loopback address only."""
 
 import errno
 import ipaddress
@@ -19,12 +19,12 @@ _MAX_DATAGRAM = 65_536
 
 
 def check_loopback(address):
-    """The address as given, when it is an IPv4 loopback address.
+    """The address, if it is an IPv4 loopback address.
 
     Raises
     ------
     InputError
-        When it is another.
+        When it is not.
     """
     try:
         if ipaddress.IPv4Address(address).is_loopback:
@@ -45,7 +45,7 @@ class Sockets:
     Raises
     ------
     InputError
-        When one of the ports is taken there.
+        When one of the ports is in use at this address.
     """
 
     def __init__(self, address):
@@ -57,19 +57,19 @@ class Sockets:
         except OSError as error:
             self.close()
             if error.errno == errno.EADDRINUSE:
-                rule = f"port {port} is taken there; is another device running?"
+                rule = f"port {port} is in use at this address; is another device running?"
             else:
                 rule = f"port {port} cannot be bound ({error.strerror})"
             raise InputError("--bind", rule, address) from error
 
     def close(self):
-        """Give all ports back."""
+        """Close all sockets."""
         for sock in self._sockets.values():
             sock.close()
         self._sockets = {}
 
     def receive_buffer(self, port):
-        """Bytes that may wait on a port, the kernel's overhead included."""
+        """Capacity of a port's receive buffer in bytes, the kernel's overhead included."""
         return self._sockets[port].getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
 
     def items(self):
@@ -77,7 +77,7 @@ class Sockets:
         return self._sockets.items()
 
     def drain(self, port, limit=4096):
-        """All datagrams that wait on a port, as (bytes, peer)."""
+        """All datagrams that are queued at a port, as (bytes, peer)."""
         receive = self._sockets[port].recvfrom
         received = []
         try:
@@ -86,11 +86,11 @@ class Sockets:
         except BlockingIOError:
             pass
         except ConnectionError:
-            pass  # a peer that has gone
+            pass  # the peer has closed its socket
         return received
 
     def send(self, port, datagram, peer):
-        """Send one datagram; a full or absent receiver loses it, as on a wire."""
+        """Send a datagram; it is lost when the receiver is full or absent, as on a network."""
         try:
             self._sockets[port].sendto(datagram, peer)
         except (BlockingIOError, ConnectionError):
@@ -107,7 +107,7 @@ class Sockets:
                     self.send(port, chunk[offset : offset + size], peer)
 
     def _send_many(self, port, chunk, size, peer):
-        """One system call for many datagrams; False when the kernel (before 4.18) can't."""
+        """Send many datagrams by one system call; False when the kernel (before 4.18) cannot."""
         if not self._segmentation or len(chunk) <= size:
             return False
         control = [(_SOL_UDP, _UDP_SEGMENT, struct.pack("=H", size))]
@@ -126,7 +126,7 @@ def _bound(address, port):
     try:
         sock.setblocking(False)
         try:
-            # A host may send a whole window at once; only root may ask for this much.
+            # A host may send a whole window at once; only root may request such a large buffer.
             sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _RECEIVE_BUFFER)
         except PermissionError:
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)

@@ -7,7 +7,7 @@ from .wire import TICK_RATE
 
 
 class Tuning:
-    """Carriers and gains of the device, from its front end and its converters.
+    """Carriers and gains of the device, from its front end and its DSPs.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ class Tuning:
 
     @property
     def reference_gain_db(self):
-        """Gain in the middle of the board's range, either way."""
+        """Gain in the middle of the board's range, for both directions."""
         return self._front_end.reference_gain_db
 
     @property
@@ -40,9 +40,9 @@ class Tuning:
         return self._front_end.rx_gain_db
 
     def to_receive_carrier(self, samples, chain, tick, spacing):
-        """Transmit baseband as it appears at a receive chain's carrier; complex64.
+        """Transmit baseband, shifted to a receive chain's carrier; complex64.
 
-        A signal outside the receive band vanishes; one that lies across its edge is not cut.
+        A signal outside the receive band becomes zero; one across its edge is kept whole.
         """
         offset_hz = self.tx_carrier_hz - self.rx_carrier_hz(chain.dsp)
         if offset_hz == 0:

@@ -50,7 +50,7 @@ _TIME_MASK = (1 << 64) - 1
 
 
 class Malformed(ValueError):
-    """A datagram that is none of this device's."""
+    """A datagram that does not follow the protocol."""
 
 
 def words(datagram, count):
@@ -62,12 +62,12 @@ def words(datagram, count):
         When it is shorter.
     """
     if len(datagram) < 4 * count:
-        raise Malformed(f"{len(datagram)} bytes, {4 * count} needed")
+        raise Malformed(f"{len(datagram)} bytes, at least {4 * count} required")
     return struct.unpack_from(f">{count}I", datagram)
 
 
 def is_announcement(datagram):
-    """Whether this is the 8-byte packet by which a host shows where it listens."""
+    """Whether this is the 8-byte packet by which a host announces its address and port."""
     return len(datagram) == 8 and words(datagram, 2)[1] == 0
 
 

@@ -138,8 +138,7 @@ def advice_on(findings: Findings, scene: Scene) -> list[str]:
 def _advice_on_levels(levels):
     peak = levels["peak_dbfs"]
     if levels["clipped"] or peak > -1:
-        found = f"the receiver is saturated or close to it (peak {peak:.1f} dBFS)"
-        yield f"{found}: lower --rx-gain by 6 dB"
+        yield f"the receiver is almost saturated (peak {peak:.1f} dBFS): lower --rx-gain by 6 dB"
     elif peak < -20:
         more = f"raise --rx-gain by {-6 - peak:.0f} dB"
         yield f"the receive level is low (peak {peak:.1f} dBFS): {more}"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Measures what each step of a plan costs on this machine, as processor time per second of signal.
+"""Measures the cost of each step of a plan, as processor time per second of signal.
 
 GNU Radio's performance counters time the C++ blocks over a simulated press, and the receiver's
 stages are timed on the tones that come out. Folding and tones are one block there, so the cost of

@@ -15,6 +15,6 @@ def slow_scene(tmp_path_factory):
 @pytest.fixture(scope="module")
 def slow_device(slow_scene):
     """A device that serves one test after the other; each session begins the scene anew."""
-    device = SoftwareUsrp(slow_scene, speed=2)
+    device = SoftwareUsrp(slow_scene)
     yield device
     device.stop()

@@ -70,7 +70,7 @@ def test_device_address_outside_loopback_refused(address):
 def test_device_address_in_use_refused(software_usrp):
     device = software_usrp("--air", "cable")
     status, said = emulate("--air", "cable", "--bind", device.address)
-    assert status == 2 and said.count("\n") == 1 and "is taken" in said
+    assert status == 2 and said.count("\n") == 1 and "is in use" in said
     assert ask(device.address)[4:8] == struct.pack(">I", ord("A"))
 
 
