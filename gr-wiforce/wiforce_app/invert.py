@@ -6,7 +6,8 @@ import math
 import click
 import numpy as np
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.readings import WEAK_FORCE_N, WEAK_PHASE_DEG, Reading, open_writer
+from gnuradio.wiforce.estimation.quality import WEAK_FORCE_N, WEAK_PHASE_DEG
+from gnuradio.wiforce.io.readings import Reading, open_writer
 from gnuradio.wiforce.io.textfile import read_csv
 from gnuradio.wiforce.sensor.inversion import DEFAULT_STD_DEG
 from gnuradio.wiforce.signal.carrier import wrap_deg

@@ -277,7 +277,7 @@ def _any_setting(name, path, search, seed):
 def _searched(name, path, search, trial, label, read_case):
     """Worst of many tries: by errors in stated standard deviations, of what is not flagged."""
     from gnuradio.wiforce.errors import InputError
-    from gnuradio.wiforce.io.readings import WEAK_PHASE_DEG
+    from gnuradio.wiforce.estimation.quality import WEAK_PHASE_DEG
 
     worst, reason, refused, not_finite, unread = 0.0, "", 0, 0, 0
     for run in range(search):
