@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Every block description as GNU Radio Companion sees it, and the block it makes."""
+"""Block descriptions as GNU Radio Companion reads them, and the blocks that they create."""
 
 import ast
 import inspect
@@ -16,7 +16,7 @@ from PyQt5.QtWidgets import QVBoxLayout
 
 FOLDER = Path(__file__).resolve().parent.parent / "grc"
 DESCRIPTIONS = {p.name.split(".")[0]: p for p in sorted(FOLDER.glob("*.block.yml"))}
-# What a block needs before it can be made: any file will do here.
+# Files without which a block cannot be created; any file is sufficient here.
 NEEDED = {
     "wiforce_recording_source": {"path": __file__},
     "wiforce_capture_source": {"recording": __file__, "datatype": "ci16_le"},
@@ -33,7 +33,7 @@ def platform():
         version_parts=(gr.major_version(), gr.api_version(), gr.minor_version()),
         prefs=gr.prefs(),
     )
-    # Of GNU Radio's own descriptions only those that any flowgraph needs: all take 15 s.
+    # Only those of GNU Radio's descriptions that every flowgraph needs; all of them take 15 s.
     needed = ("options.block.yml", "stream.domain.yml", "message.domain.yml")
     own = [
         str(Path(folder) / name)
@@ -47,7 +47,7 @@ def platform():
 
 @pytest.fixture
 def make_block(platform, qt):
-    """Makes a block of GRC with parameters; returns it and what GRC says against it."""
+    """Create a GRC block with parameters; return it and the error messages of GRC."""
 
     def make(block_id, **parameters):
         graph = platform.make_flow_graph()
@@ -64,7 +64,7 @@ def make_block(platform, qt):
 
 
 def made_by(block):
-    """What the block's Python code makes, run as a generated flowgraph runs it."""
+    """The block that the description's Python code creates, as in a generated flowgraph."""
     namespace = {"self": SimpleNamespace(top_layout=QVBoxLayout())}
     exec(block.templates.render("imports"), namespace)
     if block.is_variable:
@@ -87,7 +87,7 @@ def test_description_is_complete(block_id):
 
 
 @pytest.mark.parametrize("block_id", DESCRIPTIONS)
-def test_defaults_pass_the_checks_and_make_the_block(make_block, block_id):
+def test_block_with_defaults_is_valid_and_is_created(make_block, block_id):
     block, messages = make_block(block_id)
     assert messages == []
     made = made_by(block)
@@ -96,7 +96,7 @@ def test_defaults_pass_the_checks_and_make_the_block(make_block, block_id):
 
 
 def assert_ports_agree(block, made):
-    """Ports of the description against those of the block that it makes."""
+    """Compare the ports of the description with those of the created block."""
     from gnuradio.grc.core.Constants import TYPE_TO_SIZEOF
 
     for ports, signature in (
@@ -115,7 +115,7 @@ def assert_ports_agree(block, made):
 
 def message_ports(made, direction):
     if isinstance(made, gr.hier_block2):
-        # A hierarchical block tells of a port only when asked by name.
+        # A hierarchical block can only be asked for a port by name.
         asked = getattr(made, f"message_port_is_hier_{direction}")
         return {v for v in vars(names).values() if isinstance(v, str) and asked(pmt.intern(v))}
     ports = getattr(made, f"message_ports_{direction}")()
@@ -123,7 +123,7 @@ def message_ports(made, direction):
 
 
 def every_choice(make_block, block_id):
-    """The block with its defaults, and with every other option of every choice it offers."""
+    """The block with its defaults, and with every other option of every enum parameter."""
     yield make_block(block_id)[0]
     for key, parameter in make_block(block_id)[0].params.items():
         for option in parameter.options:
@@ -132,7 +132,7 @@ def every_choice(make_block, block_id):
 
 
 def call_of(block):
-    """(what is called, call) in the rendered code of a block."""
+    """(target, call) in the rendered code of a block."""
     code = block.templates.render("make").strip()
     call = ast.parse(f"made = {code}").body[0].value
     target = wiforce
@@ -153,7 +153,7 @@ BLOCKS = [block_id for block_id in DESCRIPTIONS if block_id.startswith("wiforce_
 
 
 @pytest.mark.parametrize("block_id", BLOCKS)
-def test_arguments_are_given_by_the_names_that_the_block_knows(make_block, block_id):
+def test_block_arguments_are_keywords_of_the_block(make_block, block_id):
     for block in every_choice(make_block, block_id):
         target, call = call_of(block)
         assert not call.args, "an argument is given by position"
@@ -161,12 +161,24 @@ def test_arguments_are_given_by_the_names_that_the_block_knows(make_block, block
 
 
 @pytest.mark.parametrize("block_id", BLOCKS)
-def test_every_parameter_of_the_block_can_be_set_in_grc(make_block, block_id):
+def test_block_parameters_can_all_be_set_in_grc(make_block, block_id):
     name = block_id.removeprefix("wiforce_")
     target, call = call_of(make_block(block_id)[0])
     given = {keyword.arg for keyword in call.keywords}
     assert target is getattr(wiforce, name)
     assert given == parameters_of(target)
+
+
+SECTIONS = {"sensors", "radio", "sounding", "phase_group", "environment", "reference_s"}
+
+
+def planned(**changes):
+    """The plan of a scene with one sensor, as typed into GRC; changes of the scene or sensor."""
+    sensor = {"name": "arm", "model": "line-900mhz"}
+    sensor |= {key: value for key, value in changes.items() if key not in SECTIONS}
+    scene = {"sensors": [sensor]}
+    scene |= {key: value for key, value in changes.items() if key in SECTIONS}
+    return f"wiforce.plan({scene})"
 
 
 REFUSED = [
@@ -188,31 +200,26 @@ REFUSED = [
     ("wiforce_recording_source", {"frame_length": 319}),
     ("wiforce_recording_source", {"mode": "tones", "group_length": 0}),
     ("wiforce_recording_source", {"mode": "tones", "weights": "[[1, 2]]"}),
-    ("wiforce_end_separation", {"clocks_hz": "[]"}),
-    ("wiforce_end_separation", {"clocks_hz": "[0.0]"}),
-    ("wiforce_end_separation", {"clocks_hz": "[2200.0]"}),
-    ("wiforce_end_separation", {"frame_length": -720}),
-    ("wiforce_end_separation", {"frame_length": 319}),
-    ("wiforce_end_separation", {"sample_rate": 0}),
-    ("wiforce_end_separation", {"group_length": 0}),
-    ("wiforce_end_separation", {"group_length": 12}),
-    ("wiforce_end_separation", {"harmonics": 3}),
-    ("wiforce_end_separation", {"clutter_hz": 1000}),
-    ("wiforce_end_separation", {"clutter_hz": -1}),
-    ("wiforce_end_separation", {"tolerance_ppm": -1}),
-    ("wiforce_end_separation", {"tolerance_ppm": [50, 50]}),
-    ("wiforce_conjugate_difference", {"sensors": 0}),
-    ("wiforce_conjugate_difference", {"reference_groups": 0}),
-    ("wiforce_subcarrier_average", {"sensors": 0}),
-    ("wiforce_subcarrier_average", {"smoothing_groups": 0}),
-    ("wiforce_force_inversion", {"model": "missing.yaml"}),
-    ("wiforce_force_inversion", {"model": "wiforce-800mhz"}),
-    ("wiforce_force_inversion", {"more_models": ["missing.yaml"]}),
-    ("wiforce_force_inversion", {"sensor_names": ["a", "b"]}),
-    ("wiforce_force_inversion", {"off_reflections": [0.1, 0.1]}),
-    ("wiforce_force_inversion", {"off_reflections": [1.0]}),
-    ("wiforce_force_inversion", {"center_frequency": 0}),
-    ("wiforce_force_inversion", {"group_period": 0}),
+    ("wiforce_end_separation", {"plan": planned(sensors=[])}),
+    ("wiforce_end_separation", {"plan": planned(clock_hz=0.0)}),
+    ("wiforce_end_separation", {"plan": planned(clock_hz=2200.0)}),
+    ("wiforce_end_separation", {"plan": planned(sounding={"frame_length": -720})}),
+    ("wiforce_end_separation", {"plan": planned(sounding={"frame_length": 319})}),
+    ("wiforce_end_separation", {"plan": planned(radio={"sample_rate_hz": 0})}),
+    ("wiforce_end_separation", {"plan": planned(phase_group={"snapshots": 0})}),
+    ("wiforce_end_separation", {"plan": planned(phase_group={"snapshots": 12})}),
+    ("wiforce_end_separation", {"plan": planned(environment={"moving_clutter_hz": 1000})}),
+    ("wiforce_end_separation", {"plan": planned(environment={"moving_clutter_hz": -1})}),
+    ("wiforce_end_separation", {"plan": planned(clock_tolerance_ppm=-1)}),
+    ("wiforce_end_separation", {"plan": planned(clock_tolerance_ppm=[50, 50])}),
+    ("wiforce_end_separation", {"plan": "wiforce.plan('demo', estimator='music')"}),
+    ("wiforce_conjugate_difference", {"plan": planned(reference_s=0.01)}),
+    ("wiforce_subcarrier_average", {"plan": "wiforce.plan('dome')"}),
+    ("wiforce_force_inversion", {"plan": planned(model="missing.yaml")}),
+    ("wiforce_force_inversion", {"plan": planned(model="wiforce-800mhz")}),
+    ("wiforce_force_inversion", {"plan": planned(off_reflection=[0.1, 0.1, 0.1])}),
+    ("wiforce_force_inversion", {"plan": planned(off_reflection=1.0)}),
+    ("wiforce_force_inversion", {"plan": planned(radio={"center_frequency_hz": 0})}),
     ("wiforce_force_inversion", {"output": "readings.txt"}),
     ("wiforce_preamble_fold", {"mode": "tones", "group_length": 0}),
     ("wiforce_preamble_fold", {"mode": "tones", "group_length": 600}),
@@ -257,7 +264,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("block_id", "parameters"), REFUSED)
-def test_what_the_block_refuses_grc_shows_before_the_run(make_block, block_id, parameters):
+def test_block_invalid_parameter_is_refused_by_grc_too(make_block, block_id, parameters):
     block, messages = make_block(block_id, **parameters)
     assert messages
     with pytest.raises(ValueError):

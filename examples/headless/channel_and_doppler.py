@@ -1,14 +1,15 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Looks inside the chain: H[k,n], the Doppler spectrum, the tag's clock.
+"""Inside the receiver: the channel H[k, n], its Doppler spectrum and the clock of the tag.
 
-channel_and_doppler.grc without a window: prints where the lines of the tag stand.
+Prints the power of the room, of the lines of the tag and of the noise, and the clock offset that
+the receiver found. The same as channel_and_doppler.grc, without a window.
 """
 
 import numpy as np
 from gnuradio import blocks, gr, wiforce
 
-GROUP_LENGTH = 625  # snapshots: the tag's lines fall on whole bins
+GROUP_LENGTH = 625  # snapshots, so that the lines of the tag fall on whole bins
 CLOCK_OFFSET_PPM = 40.0
 DURATION_S = 2.0
 
@@ -18,7 +19,7 @@ def main():
     rate, frame_length = scene.radio.sample_rate_hz, scene.sounding.frame_length
     clock_hz = scene.sensors[0].clock_hz
     equalizer = scene.waveform().equalizer()
-    settings = ([clock_hz], GROUP_LENGTH, frame_length, rate)
+    plan = wiforce.plan(scene, snapshots=GROUP_LENGTH)
 
     flowgraph = gr.top_block("channel_and_doppler", catch_exceptions=False)
     sounder = wiforce.sounding_source(frame_length=frame_length, sample_rate=rate)
@@ -35,26 +36,24 @@ def main():
     fold = wiforce.preamble_fold(frame_length=frame_length, sample_rate=rate)
     flowgraph.connect(sounder, stop_after, tag, fold)
 
-    # H[k, n]: a snapshot of the channel per frame.
+    # H[k, n]: one snapshot of the channel per frame.
     channel = wiforce.ofdm_channel_estimator(factors=equalizer)
     snapshots = blocks.vector_sink_c(64)
     flowgraph.connect(fold, channel, snapshots)
 
-    # The Fourier transform over a group of snapshots.
+    # The Doppler spectrum: the Fourier transform over a group of snapshots.
     spectrum = wiforce.phase_group_doppler.spectrum(group_length=GROUP_LENGTH)
     spectra = blocks.vector_sink_c(64 * GROUP_LENGTH)
     flowgraph.connect(fold, spectrum, spectra)
 
-    # The tag's lines only, and its clock.
-    tones = wiforce.phase_group_doppler(
-        weights=wiforce.tone_weights(*settings), group_length=GROUP_LENGTH
-    )
+    # Only the lines of the tag, from which its clock is tracked.
+    tones = wiforce.phase_group_doppler(weights=plan.table.weights, group_length=GROUP_LENGTH)
     tone_channel = wiforce.ofdm_channel_estimator(
         factors=equalizer,
-        rows=wiforce.tone_count(*settings),
-        rotation=wiforce.tone_derotation(*settings),
+        rows=len(plan.table.tones),
+        rotation=plan.table.derotation(rate),
     )
-    separation = wiforce.end_separation(*settings[:2], frame_length=frame_length, sample_rate=rate)
+    separation = wiforce.end_separation(plan)
     offset = wiforce.clock_offset()
     offsets = blocks.vector_sink_f()
     flowgraph.connect(fold, tones, tone_channel, separation, offset, offsets)
