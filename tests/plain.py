@@ -2,6 +2,7 @@
 """Plain references for the estimation: square waves by counting, and what tests share."""
 
 import numpy as np
+from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.tracked_tag import TagClock
 from gnuradio.wiforce.planning.plan import Plan
 from gnuradio.wiforce.signal.bound import phase_bound_deg
@@ -60,20 +61,25 @@ def run_chain(plan, air, groups, present=None, on=None):
     """Untouched while the reference lasts, touched afterwards.
 
     ``present(group)`` gives the snapshots there are, ``on(group)`` whether the tags are on.
-    Returns the list of (GroupState, R) of all groups.
+    Returns all groups as one batch of Groups, with ``ratios``.
     """
     chain = SnapshotChain(plan)
-    results = []
+    ready = []
     for g in range(groups):
         snapshots = air.group(g, g >= plan.reference_groups, True if on is None else on(g))
-        results += chain.process(g, snapshots, None if present is None else present(g))
-    return results + chain.flush()
+        ready.append(chain.process(g, snapshots, None if present is None else present(g)))
+    return Groups.concatenate([*ready, chain.flush()])
 
 
 def errors_deg(results, tags, reference_groups=12):
     """Error of arg R in every touched group; (groups, 2S)."""
-    touched = [ratios for state, ratios in results if state.group >= reference_groups]
+    touched = results.ratios[results.index >= reference_groups]
     return wrap_deg(np.degrees(np.angle(touched)) - turned_deg(tags))
+
+
+def stated_deg(results, reference_groups=12):
+    """Stated standard deviation of arg R in every touched group; (groups, 2S)."""
+    return results.phase_std_deg[results.index >= reference_groups]
 
 
 def make_air(group_length, tags, seed, gamma_db, noise_profile=None, **levels):

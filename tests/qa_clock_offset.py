@@ -7,25 +7,27 @@ import pytest
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce import names
 from gnuradio.wiforce.blocks import state_tag
-from gnuradio.wiforce.estimation.state import ClockState, GroupState
+from gnuradio.wiforce.estimation.groups import Groups
 
 
-def state(group, *clocks):
-    return GroupState(group, 0, clocks, np.ones(62), np.ones(4), np.ones(4))
+def separated(index, locked, offsets_ppm):
+    """One group behind the separation."""
+    return Groups(
+        [index],
+        locked=np.array([locked]),
+        clock_offset_ppm=np.array([offsets_ppm]),
+    )
 
 
-def state_tag_at(offset, state):
+def state_tag_at(offset, group):
     tag = gr.tag_t()
-    tag.offset, tag.key, tag.value = offset, pmt.intern(names.STATE), state_tag.to_pmt(state)
+    tag.offset, tag.key, tag.value = offset, pmt.intern(names.STATE), state_tag.to_pmt(group)
     return tag
 
 
 def test_offsets_of_all_tags_come_out_per_group_and_nan_while_a_clock_is_not_found():
-    states = [
-        state(0, ClockState(True, 0.1, 40.0), ClockState(False)),
-        state(1, ClockState(True, 0.2, 41.5), ClockState(True, 0.0, -65.25)),
-    ]
-    tags = [state_tag_at(n, s) for n, s in enumerate(states)]
+    groups = [separated(0, [True, False], [40.0, 0.0]), separated(1, [True, True], [41.5, -65.25])]
+    tags = [state_tag_at(n, group) for n, group in enumerate(groups)]
     source = blocks.vector_source_c([0j] * 3 * 256, False, 256, tags)
     block = wiforce.clock_offset(sensors=2, length=256)
     sink = blocks.vector_sink_f(2)

@@ -52,7 +52,7 @@ def test_a_leaky_switch_that_the_scene_states_leaves_no_bias(angle_deg):
         off_reflection=off,
     )
     results = run_chain(make_plan(), make_air(625, [tag], 1, 50.0, static_db=60), 40)
-    touched = np.mean([ratios for state, ratios in results if state.group >= 12], axis=0)
+    touched = np.mean(results.ratios[results.index >= 12], axis=0)
     phases, _ = corrected_phase_deg(touched, tag.untouched_deg, off)
     assert np.max(np.abs(wrap_deg(phases - tag.touched_deg))) < 0.1
     ignored = np.mean(errors_deg(results, [tag]), axis=0)

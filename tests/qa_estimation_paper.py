@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.estimators import RatioUnfolder, estimator_named
-from gnuradio.wiforce.estimation.state import GroupState
+from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.signal.weights import design_weights
-from plain import TA, WAVEFORM, T, errors_deg, make_air, make_plan, run_chain
+from plain import WAVEFORM, T, errors_deg, make_air, make_plan, run_chain, stated_deg
 from wiforce_app.bench.air import TagOnAir
 
 STILL = TagOnAir(start_cycles=0.2, untouched_deg=(20.0, -70.0), touched_deg=(75.0, -10.0))
@@ -43,9 +43,8 @@ def test_the_papers_phase_runs_away_with_the_clock():
     """A constant offset o turns end 1 by 2 pi fs o per second, end 2 by four times that."""
     tag = TagOnAir(offset_ppm=40.0, untouched_deg=(20.0, -70.0), touched_deg=(20.0, -70.0))
     results = run_chain(make_plan(estimator="paper"), make_air(625, [tag], 3, 40.0), 40)
-    times = [state.group * 625 * T for state, _ in results]
-    phases = np.unwrap(np.angle([ratios for _, ratios in results]), axis=0)
-    slopes = np.polyfit(times, phases, 1)[0]
+    phases = np.unwrap(np.angle(results.ratios), axis=0)
+    slopes = np.polyfit(results.index * 625 * T, phases, 1)[0]
     assert slopes == pytest.approx(2 * np.pi * 1000 * 40e-6 * np.array([1, 4]), rel=0.02)
 
 
@@ -55,7 +54,7 @@ def test_losses_in_plain_noise_are_those_of_theory(estimator, losses_db):
     tag = TagOnAir(untouched_deg=(20.0, -70.0), touched_deg=(20.0, -70.0))
     air = make_air(625, [tag], 4, 10.0, coherence_hz=None)
     results = run_chain(plan, air, 240)
-    phases = np.degrees(np.angle([ratios for state, ratios in results if state.group >= 40]))
+    phases = np.degrees(np.angle(results.ratios[results.index >= 40]))
     # The paper's phases add up; its error is that of a change from group to group.
     errors = np.diff(phases, axis=0) if estimator == "paper" else phases
     bound = np.degrees(np.sqrt(1 / (2 * 10 * 62 * 625 * np.array([0.158, 0.152]))))
@@ -78,53 +77,58 @@ def test_their_standard_deviation_is_right_where_they_work(estimator):
     for seed in range(8):
         air = make_air(625, [STILL], [6, seed], 10.0)
         results = run_chain(make_plan(estimator=estimator, reference_groups=4), air, 16)
-        stated = [state.std_deg for state, _ in results if state.group >= 4]
-        relative.append(errors_deg(results, [STILL], 4) / stated)
-        snr += [state.snr_db for state, _ in results]
+        relative.append(errors_deg(results, [STILL], 4) / stated_deg(results, 4))
+        snr.append(results.snr_db)
     # The group that all are compared with is common to a run: eight runs know it to 20 %.
     assert np.sqrt(np.mean(np.square(relative))) == pytest.approx(1.0, abs=0.3)
-    assert np.mean(snr, axis=0) == pytest.approx([10 - 12.96] * 2, abs=0.5)
+    assert np.mean(np.concatenate(snr), axis=0) == pytest.approx([10 - 12.96] * 2, abs=0.5)
 
 
 @pytest.mark.parametrize("estimator", ["paper", "sideband"])
 def test_a_broken_group_gives_nothing(estimator):
     table = design_weights([1000.0], 625, T)
     plan = make_plan(estimator=estimator)
-    separator = estimator_named(estimator).separator(table, plan.clocks, TA, WAVEFORM.bins)
-    for broken in (np.zeros((16, 64)), np.full((16, 64), np.nan)):
-        ((state, vectors),) = separator.process(0, broken)
-        assert not state.clocks[0].locked and np.all(np.isinf(state.gain)) and not vectors.any()
-    assert separator.flush() == []
+    separator = estimator_named(estimator).separator(table, plan.clocks, WAVEFORM)
+    for broken in (np.zeros((1, 16, 62)), np.full((1, 16, 62), np.nan)):
+        group = separator.process(Groups([0], broken))
+        assert not group.locked.any() and np.all(np.isinf(group.gain)) and not group.ends.any()
+    assert len(separator.flush()) == 0
 
 
-def state_with(std_deg):
-    return GroupState(0, 0, (), None, None, None, std_deg=np.asarray(std_deg, float))
+def ratios_with(ratios, std_deg, new_reference=()):
+    """Groups with ratios (G, n) and their standard deviations."""
+    index = np.arange(len(ratios))
+    return Groups(
+        index,
+        ratios=np.array(ratios, complex),
+        phase_std_deg=np.array(std_deg, float),
+        new_reference=np.isin(index, new_reference),
+    )
 
 
 def test_steps_add_up_to_the_change_and_a_lost_group_adds_nothing():
-    unfolder = RatioUnfolder("step", 2)
-    steps, stds = [[1, 1], [2j, 1], [1j, 0], [1j, -1j]], [1, 1, 1, 1]
-    angles = []
-    for step, std in zip(steps, stds, strict=True):
-        _, ratios = unfolder.process(state_with([std, np.inf if step[1] == 0 else std]), step)
-        angles.append(np.degrees(np.angle(ratios)))
+    unfolder = RatioUnfolder("step")
+    steps = [[1, 1], [2j, 1], [1j, 0], [1j, -1j]]
+    stds = [[1, 1], [1, 1], [1, np.inf], [1, 1]]
+    angles = np.degrees(np.angle(unfolder.process(ratios_with(steps, stds)).ratios))
     assert wrap_deg(angles) == pytest.approx(
         np.array([[0, 0], [90, 0], [180, 0], [-90, -90]]), abs=1e-9
     )
-    unfolder.tare()
-    assert unfolder.process(state_with([1, 1]), np.array([1j, 1.0]))[1] == pytest.approx([1j, 1])
+    anew = unfolder.process(ratios_with([[1j, 1.0]], [[1, 1]], new_reference=[0]))
+    assert anew.ratios[0] == pytest.approx([1j, 1])
 
 
 def test_half_the_angle_stays_on_the_side_where_the_group_before_was():
-    unfolder = RatioUnfolder("square", 1)
-    for turn in np.radians(np.arange(0, 400, 50.0)):
-        state, ratios = unfolder.process(state_with([3.0]), np.array([0.8 * np.exp(2j * turn)]))
-        assert ratios == pytest.approx([np.sqrt(0.8) * np.exp(1j * turn)])
-    assert state.std_deg == [1.5]
+    unfolder = RatioUnfolder("square")
+    turns = np.radians(np.arange(0, 400, 50.0))[:, None]
+    squares = ratios_with(0.8 * np.exp(2j * turns), np.full((8, 1), 3.0))
+    unfolded = unfolder.process(squares)
+    assert unfolded.ratios == pytest.approx(np.sqrt(0.8) * np.exp(1j * turns))
+    assert np.all(unfolded.phase_std_deg == 1.5)
 
 
 def test_unknown_estimators_are_named():
     with pytest.raises(InputError, match="estimator: must be one of harmonic, sideband, paper"):
         estimator_named("music")
     with pytest.raises(InputError, match="ratios"):
-        RatioUnfolder("cube", 2)
+        RatioUnfolder("cube")

@@ -5,39 +5,42 @@ import numpy as np
 import pytest
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.average import AdaptiveAverage, SubcarrierAverage
+from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.reference import ConjugateDifference, subcarrier_weights
-from gnuradio.wiforce.estimation.state import ClockState, GroupState
-from plain import WAVEFORM, T, errors_deg, make_air, make_plan, random_tag, run_chain
+from plain import WAVEFORM, T, errors_deg, make_air, make_plan, random_tag, run_chain, stated_deg
 from wiforce_app.bench.air import TagOnAir
 from wiforce_app.bench.chain import SnapshotChain
 
-BINS = WAVEFORM.bins
-K = len(BINS)
+K = len(WAVEFORM.bins)
 
 
-def a_state(group, noise, gain):
-    gain = np.asarray(gain, float)
-    clocks = (ClockState(True),) * (len(gain) // 2)
-    return GroupState(group, 0, clocks, noise, gain, np.zeros(len(gain)))
+def group_of(index, ends, gain, noise=1.0):
+    """One separated group; ``ends`` (2S, K) or a number, ``gain`` (2S,)."""
+    return Groups(
+        [index],
+        ends=np.broadcast_to(ends, (1, len(gain), K)),
+        gain=np.array([gain], float),
+        noise=np.broadcast_to(noise, (1, K)),
+    )
 
 
 def normal(rng, *shape):
     return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
 
 
-def padded(values):
-    vectors = np.full((len(values), 64), np.nan, complex)
-    vectors[:, BINS] = values
-    return vectors
+def averaged(groups, difference, smoothing_groups=1, tare_at=None):
+    """Groups with their ratios, given one after the other; a tare before group ``tare_at``."""
+    average, ready = SubcarrierAverage(smoothing_groups), []
+    for group in groups:
+        if group.index[0] == tare_at:
+            difference.tare()
+        ready.append(average.process(difference.process(group)))
+    return Groups.concatenate(ready)
 
 
-def ratios_of(difference, average, states, values):
-    """(GroupState, R) of groups of vectors (2S, K)."""
-    ready = []
-    for state, value in zip(states, values, strict=True):
-        ready += difference.process(state, padded(value))
-    ready += difference.flush()
-    return [average.process(*item) for item in ready]
+def angles_of(groups, end=0):
+    """arg R in degrees of one end."""
+    return np.degrees(np.angle(groups.ratios[:, end]))
 
 
 def test_weights_are_maximum_ratio_combining():
@@ -50,128 +53,97 @@ def test_ratio_is_the_weighted_conjugate_product_over_the_reference():
     rng = np.random.default_rng(1)
     noise, gain = rng.uniform(0.5, 2, K) * 1e-4, [0.02, 0.03]
     values = [normal(rng, 2, K) for _ in range(7)]
-    states = [a_state(g, noise, gain) for g in range(7)]
-    results = ratios_of(ConjugateDifference(2, BINS, 3), SubcarrierAverage(BINS), states, values)
-    for g, (state, ratios) in enumerate(results):
+    groups = [group_of(g, value, gain, noise) for g, value in enumerate(values)]
+    results = averaged(groups, ConjugateDifference(2, 3))
+    for g in range(7):
         for end in range(2):
             reference = sum(values[r][end] for r in range(3)) / 3
             top = sum(values[g][end][k] * np.conj(reference[k]) / noise[k] for k in range(K))
             bottom = sum(abs(reference[k]) ** 2 / noise[k] for k in range(K)) - K * gain[end] / 3
-            assert ratios[end] == pytest.approx(top / bottom, rel=1e-9)
-            assert state.in_reference[end] == (g < 3)
+            assert results.ratios[g, end] == pytest.approx(top / bottom, rel=1e-9)
+            assert results.in_reference[g, end] == (g < 3)
 
 
 def test_a_group_given_up_in_the_reference_is_not_made_good_by_a_touched_one():
     """Else each would bias every reading by a part of the touch, here 90 / 4 deg."""
     channel = normal(np.random.default_rng(12), 2, K)
-    difference, angles = ConjugateDifference(2, BINS, 4), []
-    for g in range(8):
-        gain = [np.inf, 1e-9] if g in (0, 2) else [1e-9, 1e-9]
-        turned = channel * (1j if g >= 4 else 1)
-        for item in difference.process(a_state(g, np.ones(K), gain), padded(turned)):
-            angles.append(np.degrees(np.angle(SubcarrierAverage(BINS).process(*item)[1][0])))
+    groups = [
+        group_of(g, channel * (1j if g >= 4 else 1), [np.inf if g in (0, 2) else 1e-9, 1e-9])
+        for g in range(8)
+    ]
+    angles = angles_of(averaged(groups, ConjugateDifference(2, 4)))
     assert angles == pytest.approx([0] * 4 + [90] * 4, abs=1e-6)
 
 
-def test_unoccupied_bins_stay_empty():
-    difference = ConjugateDifference(2, BINS, 1)
-    ((_, vectors),) = difference.process(a_state(0, np.ones(K), [1, 1]), padded(np.ones((2, K))))
-    assert np.all(vectors[:, np.setdiff1d(np.arange(64), BINS)] == 0)
-
-
 def test_groups_wait_for_the_whole_reference_but_not_for_ever():
-    difference = ConjugateDifference(2, BINS, 4)
-    value = padded(np.ones((2, K)))
-    there, gone = np.array([0.01, 0.01]), np.array([np.inf, np.inf])
-    counts = [len(difference.process(a_state(g, np.ones(K), gone), value)) for g in range(8)]
+    difference = ConjugateDifference(2, 4)
+    counts = [len(difference.process(group_of(g, 1.0, [np.inf, np.inf]))) for g in range(8)]
     assert counts == [0] * 7 + [8]
-    counts = [len(difference.process(a_state(g, np.ones(K), there), value)) for g in range(8, 14)]
+    counts = [len(difference.process(group_of(g, 1.0, [0.01, 0.01]))) for g in range(8, 14)]
     assert counts == [1] * 6
 
 
 def test_tag_that_is_off_at_the_start_is_referenced_when_it_comes():
     rng = np.random.default_rng(2)
     channel = normal(rng, 2, K)
-    difference, average = ConjugateDifference(2, BINS, 3), SubcarrierAverage(BINS)
-    results = []
-    for g in range(12):
-        gain = [np.inf, np.inf] if g < 7 else [1e-6, 1e-6]
-        for item in difference.process(a_state(g, np.ones(K), gain), padded(channel * (g >= 7))):
-            results.append(average.process(*item))
-    references = [bool(state.in_reference.all()) for state, _ in results]
+    groups = [group_of(g, channel * (g >= 7), [np.inf if g < 7 else 1e-6] * 2) for g in range(12)]
+    results = averaged(groups, ConjugateDifference(2, 3))
+    references = results.in_reference.all(axis=1).tolist()
     assert references == [False] * 7 + [True] * 3 + [False] * 2
-    assert [bool(state.late_reference.all()) for state, _ in results] == [False] * 7 + [True] * 5
-    assert all(np.all(np.isinf(state.std_deg)) and np.all(r == 0) for state, r in results[:7])
-    assert results[-1][1] == pytest.approx([1, 1], abs=1e-6)
+    assert results.late_reference.all(axis=1).tolist() == [False] * 7 + [True] * 5
+    assert np.all(np.isinf(results.phase_std_deg[:7])) and np.all(results.ratios[:7] == 0)
+    assert results.ratios[-1] == pytest.approx([1, 1], abs=1e-6)
 
 
 def test_a_tare_ends_the_doubt_about_a_late_reference():
-    difference, late = ConjugateDifference(2, BINS, 2), []
-    for g in range(8):
-        gain = [1e-6, np.inf if g < 3 else 1e-6]
-        if g == 6:
-            difference.tare()
-        for state, _ in difference.process(a_state(g, np.ones(K), gain), padded(np.ones((2, K)))):
-            late.append(state.late_reference.tolist())
+    groups = [group_of(g, 1.0, [1e-6, np.inf if g < 3 else 1e-6]) for g in range(8)]
+    late = averaged(groups, ConjugateDifference(2, 2), tare_at=6).late_reference.tolist()
     assert late == [[False, True]] * 6 + [[False, False]] * 2
 
 
 def test_tare_counts_from_the_groups_that_follow():
     rng = np.random.default_rng(3)
     channel = normal(rng, 2, K)
-    difference, average = ConjugateDifference(2, BINS, 2), SubcarrierAverage(BINS)
-    angles, begins = [], []
-    for g in range(10):
-        if g == 6:
-            difference.tare()
-        turned = channel * np.exp(1j * np.radians(30.0 if g >= 4 else 0.0))
-        for item in difference.process(a_state(g, np.ones(K), [1e-9, 1e-9]), padded(turned)):
-            state, ratios = average.process(*item)
-            angles.append(np.degrees(np.angle(ratios[0])))
-            begins.append(state.new_reference)
-    assert angles == pytest.approx([0, 0, 0, 0, 30, 30, 0, 0, 0, 0], abs=1e-6)
-    assert np.flatnonzero(begins).tolist() == [0, 6]
+    turned = channel * np.exp(1j * np.radians(30.0))
+    groups = [group_of(g, turned if g >= 4 else channel, [1e-9, 1e-9]) for g in range(10)]
+    results = averaged(groups, ConjugateDifference(2, 2), tare_at=6)
+    assert angles_of(results) == pytest.approx([0, 0, 0, 0, 30, 30, 0, 0, 0, 0], abs=1e-6)
+    assert np.flatnonzero(results.new_reference).tolist() == [0, 6]
 
 
 def test_groups_before_a_tare_are_not_averaged_with_those_after_it():
     channel = normal(np.random.default_rng(3), 2, K)
-    difference, average = ConjugateDifference(2, BINS, 2), SubcarrierAverage(BINS, 5)
-    angles = []
-    for g in range(8):
-        if g == 6:
-            difference.tare()
-        # Less than the noise that is stated would let show.
-        turned = channel * np.exp(1j * np.radians(1.0 if 2 <= g < 6 else 0.0))
-        for item in difference.process(a_state(g, np.ones(K), [0.1, 0.1]), padded(turned)):
-            angles.append(np.degrees(np.angle(average.process(*item)[1][0])))
+    # Less than the noise that is stated would let show.
+    turned = channel * np.exp(1j * np.radians(1.0))
+    groups = [group_of(g, turned if 2 <= g < 6 else channel, [0.1, 0.1]) for g in range(8)]
+    results = averaged(groups, ConjugateDifference(2, 2), smoothing_groups=5, tare_at=6)
+    angles = angles_of(results)
     assert angles[5] > 0.5 and angles[6:] == pytest.approx([0, 0], abs=1e-9)
 
 
 def test_against_the_previous_group_steps_are_seen_and_a_lost_group_is_bridged():
     rng = np.random.default_rng(4)
     channel = normal(rng, 2, K)
-    difference = ConjugateDifference(2, BINS, 1, "previous")
-    average, angles = SubcarrierAverage(BINS), []
-    for g, turn in enumerate([0.0, 10.0, 25.0, 25.0, 40.0]):
-        gain = [np.inf, np.inf] if g == 3 else [1e-9, 1e-9]
-        value = channel * np.exp(1j * np.radians(turn)) * (g != 3)
-        for item in difference.process(a_state(g, np.ones(K), gain), padded(value)):
-            angles.append(np.degrees(np.angle(average.process(*item)[1][0])))
+    groups = [
+        group_of(g, channel * turn * (g != 3), [np.inf if g == 3 else 1e-9] * 2)
+        for g, turn in enumerate(np.exp(1j * np.radians([0.0, 10.0, 25.0, 25.0, 40.0])))
+    ]
+    angles = angles_of(averaged(groups, ConjugateDifference(2, 1, "previous")))
     assert angles == pytest.approx([0, 10, 15, 0, 15], abs=1e-6)
 
 
 @pytest.mark.parametrize(
-    "arguments, told",
-    [((2, BINS, 0), "reference_groups: must be at least 1"), ((2, BINS, 1, "first"), "against")],
+    "arguments, message",
+    [((2, 0), "reference_groups: must be at least 1"), ((2, 1, "first"), "against")],
 )
-def test_bad_settings_of_the_reference_are_named(arguments, told):
-    with pytest.raises(InputError, match=told):
+def test_bad_settings_of_the_reference_are_named(arguments, message):
+    with pytest.raises(InputError, match=message):
         ConjugateDifference(*arguments)
 
 
 def test_smoothing_over_no_group_is_refused():
     with pytest.raises(InputError, match="smoothing_groups: must be at least 1, got 0"):
-        SubcarrierAverage(BINS, 0)
+        SubcarrierAverage(0)
 
 
 @pytest.mark.parametrize("gamma_db, group_length", [(-15, 625), (0, 625), (20, 625), (0, 125)])
@@ -184,8 +156,7 @@ def test_stated_standard_deviations_match_the_spread(gamma_db, group_length):
         tags = [random_tag(np.random.default_rng([5, seed]))]
         air = make_air(group_length, tags, [6, seed], gamma_db)
         results = run_chain(plan, air, groups + 80)
-        stated = [state.std_deg for state, _ in results if state.group >= groups]
-        relative.append(errors_deg(results, tags, groups) / stated)
+        relative.append(errors_deg(results, tags, groups) / stated_deg(results, groups))
     relative = np.concatenate(relative)
     # 320 values: the fraction is known to 2.5 %, the root mean square to 8 %.
     assert 0.90 <= np.mean(np.abs(relative) < 2) <= 0.99
@@ -264,18 +235,14 @@ def test_fast_readings_follow_a_touch_and_are_as_quiet_as_slow_ones():
         )
         air = make_air(length, [tag], [10, seed], 10.0)
         start = (groups + 20.3) * period
-        chain_errors = []
-        results = []
-        chain = SnapshotChain(plan)
+        chain, ready = SnapshotChain(plan), []
         for g in range(groups + 100):
             share = np.clip((air.times_s(g) - start) / 0.02, 0, 1)
-            results += chain.process(g, air.group(g, share))
-        for state, ratios in results:
-            time = (state.group + 0.5) * period
-            if time > start + 0.02 + 0.015:
-                chain_errors.append(np.degrees(np.angle(ratios)) - 60)
-            if time > start + 0.02 + 0.1:
-                steady.append(np.degrees(np.angle(ratios)) - 60)
-        assert np.max(np.abs(chain_errors)) < 5.0
+            ready.append(chain.process(g, air.group(g, share)))
+        results = Groups.concatenate(ready)
+        errors = np.degrees(np.angle(results.ratios)) - 60
+        time = (results.index + 0.5) * period
+        assert np.max(np.abs(errors[time > start + 0.02 + 0.015])) < 5.0
+        steady.append(errors[time > start + 0.02 + 0.1])
     # The bound at N_g = 625 and gamma 10 dB is .17 deg, reference included; 1 dB is 12 %.
-    assert np.sqrt(np.mean(np.square(steady))) < 0.17 * 1.12 * 1.15
+    assert np.sqrt(np.mean(np.square(np.concatenate(steady)))) < 0.17 * 1.12 * 1.15

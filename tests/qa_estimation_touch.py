@@ -3,7 +3,8 @@
 
 import numpy as np
 import pytest
-from gnuradio.wiforce.estimation.touch import TouchDetector, TouchedMotion
+from gnuradio.wiforce.estimation.motion import TouchedMotion
+from gnuradio.wiforce.estimation.touch import TouchDetector
 from gnuradio.wiforce.sensor import load_sensor
 from gnuradio.wiforce.signal.carrier import wrap_deg
 
@@ -28,8 +29,8 @@ def run(detector, phases, std_deg, rng=None, reference=0):
     """Decisions over phases (groups, 2) to which noise of ``std_deg`` is added."""
     noise = 0 if rng is None else std_deg * rng.standard_normal(phases.shape)
     return [
-        detector.update(g * PERIOD_S, wrap_deg(value), np.full(2, std_deg), g < reference)
-        for g, value in enumerate(phases + noise)
+        detector.update(g * PERIOD_S, pair, (std_deg, std_deg), g < reference)
+        for g, pair in enumerate(wrap_deg(phases + noise).tolist())
     ]
 
 
@@ -102,8 +103,8 @@ def test_a_press_that_begins_inside_a_group_is_not_taken_for_motion(detector, sh
 def test_a_group_that_says_nothing_does_not_move_the_tare(detector):
     for g in range(40):
         spoilt = g == 15
-        phases, std_deg = ([-15.0, 70.0], 500.0) if spoilt else ([0.0, 0.0], 0.02)
-        decision = detector.update(g * PERIOD_S, np.array(phases), np.full(2, std_deg))
+        phases, std_deg = ((-15.0, 70.0), 500.0) if spoilt else ((0.0, 0.0), 0.02)
+        decision = detector.update(g * PERIOD_S, phases, (std_deg, std_deg))
         assert np.allclose(decision.drift_deg, 0, atol=0.01)
 
 
@@ -127,7 +128,7 @@ def test_a_press_after_motion_counts_from_where_the_tag_then_was(detector):
 
 def test_a_group_without_phases_cannot_be_told(detector):
     run(detector, np.zeros((30, 2)), 0.2)
-    decision = detector.update(1.2, np.zeros(2), np.array([0.2, np.inf]))
+    decision = detector.update(1.2, (0.0, 0.0), (0.2, np.inf))
     assert decision.touch is None and not decision.moved
 
 
@@ -135,8 +136,8 @@ def test_a_tare_on_request_forgets_drift_and_touch(detector):
     phases = np.concatenate([np.full((40, 2), 3.0), np.tile(turned(3.0, 30.0) + 3.0, (10, 1))])
     assert run(detector, phases, 0.1)[-1].touch == 1
     detector.tare()
-    decision = detector.update(2.0, np.zeros(2), np.full(2, 0.1), True)
-    assert decision.touch == 0 and np.all(decision.drift_deg == 0)
+    decision = detector.update(2.0, (0.0, 0.0), (0.1, 0.1), True)
+    assert decision.touch == 0 and decision.drift_deg == (0, 0)
 
 
 @pytest.mark.parametrize("std_deg", [0.05, 0.75, 3.0])
@@ -158,13 +159,9 @@ def motion_of(forces, locations, turn_deg, std_deg=0.05, seed=7):
     noise = std_deg * np.random.default_rng(seed).standard_normal((len(forces), 2))
     phases = MODEL.phases_deg(forces, locations) + turn_deg[:, None] + noise
     found = MODEL.invert(phases, std_deg=std_deg)
-    motion = TouchedMotion()
-    return np.array(
-        [
-            motion.update(phases[i], np.full(2, std_deg), found.location_mm[i], std_deg)
-            for i in range(len(forces))
-        ]
-    )
+    motion, stds = TouchedMotion(), (std_deg, std_deg)
+    groups = zip(phases.tolist(), found.location_mm.tolist(), strict=True)
+    return np.array([motion.update(pair, stds, location, std_deg) for pair, location in groups])
 
 
 def test_a_step_of_the_tag_while_touched_is_told_from_a_change_of_force():

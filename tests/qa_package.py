@@ -15,7 +15,7 @@ def test_a_name_means_the_block_even_after_its_file_was_imported_for_something_e
     """Each in a fresh interpreter: the import system binds a file's module to the same name."""
     code = (
         "from gnuradio import wiforce\n"
-        "wiforce.tone_weights, wiforce.reader, wiforce.force_inversion\n"
+        "wiforce.plan, wiforce.reader, wiforce.force_inversion\n"
         "for name in ('end_separation', 'reader', 'force_inversion', 'conjugate_difference'):\n"
         "    for _ in range(2):\n"
         "        assert isinstance(getattr(wiforce, name), type), name\n"
@@ -23,21 +23,25 @@ def test_a_name_means_the_block_even_after_its_file_was_imported_for_something_e
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
 
 
-def test_a_tone_count_is_the_number_of_rows_of_its_weights():
-    for clocks in ([1000.0], [1000.0, 1400.0], [700.0]):
-        assert wiforce.tone_count(clocks) == len(wiforce.tone_weights(clocks))
-
-
 @pytest.mark.parametrize("estimator", ["harmonic", "paper", "sideband"])
-def test_the_same_settings_go_to_the_separation_and_to_all_that_is_before_it(estimator):
-    settings = {"clocks_hz": [1000.0, 1400.0], "group_length": 250, "estimator": estimator}
-    separation = wiforce.end_separation(**settings)
-    rows = wiforce.tone_count(**settings)
-    assert wiforce.tone_weights(**settings).shape == (rows, 250)
-    assert wiforce.tone_derotation(**settings).shape == (rows, 64)
+@pytest.mark.parametrize("clocks_hz", [[1000.0], [1000.0, 1400.0], [700.0]], ids=str)
+def test_plan_goes_to_the_separation_and_to_all_that_is_before_it(estimator, clocks_hz):
+    sensors = [
+        {"name": f"s{i}", "model": "line-900mhz", "clock_hz": f} for i, f in enumerate(clocks_hz)
+    ]
+    plan = wiforce.plan({"sensors": sensors}, snapshots=250, estimator=estimator)
+    rows = len(plan.table.tones)
+    assert plan.estimator == estimator
+    assert plan.table.weights.shape == (rows, 250)
+    assert plan.table.derotation(plan.waveform.sample_rate_hz).shape == (rows, 64)
+    separation = wiforce.end_separation(plan)
     assert separation.input_signature().sizeof_stream_item(0) == 8 * 64 * rows
+    assert separation.output_signature().sizeof_stream_item(0) == 8 * 64 * 2 * len(clocks_hz)
+
+
+def test_plan_with_an_unknown_estimator_is_refused():
     with pytest.raises(InputError, match="estimator"):
-        wiforce.tone_count([1000.0], estimator="none")
+        wiforce.plan("demo", estimator="none")
 
 
 @pytest.mark.parametrize("name", shipped_scenes())
@@ -59,10 +63,17 @@ def test_rules_say_no_to_what_the_constructors_refuse(tmp_path):
     for model in ("missing.yaml", "wiforce-800mhz", 3):
         assert not wiforce.is_sensor(model)
     assert wiforce.is_sensor("line-900mhz")
-    good = ([1000.0], 625, 720, 12.5e6, 0.0, 8)
-    assert wiforce.is_tone_design(*good)
-    for index, wrong in enumerate(([3000.0], 0, -720, 0.0, 1000.0, 3)):
-        assert not wiforce.is_tone_design(*good[:index], wrong, *good[index + 1 :])
+    sensor = {"name": "arm", "model": "line-900mhz"}
+    assert wiforce.is_scene({"sensors": [sensor]})
+    for wrong in (
+        {"sensors": [sensor | {"clock_hz": 3000.0}]},
+        {"phase_group": {"snapshots": 0}},
+        {"phase_group": {"snapshots": 12}},
+        {"sounding": {"frame_length": -720}},
+        {"radio": {"sample_rate_hz": 0.0}},
+        {"environment": {"moving_clutter_hz": 1000.0}},
+    ):
+        assert not wiforce.is_scene({"sensors": [sensor]} | wrong)
 
 
 def test_an_error_told_by_another_process_is_the_same():

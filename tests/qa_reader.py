@@ -9,75 +9,19 @@ import pytest
 from device_times import rx_time
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.estimation.average import AdaptiveAverage, SubcarrierAverage
-from gnuradio.wiforce.estimation.reference import ConjugateDifference
-from gnuradio.wiforce.estimation.separation import EndSeparator
+from gnuradio.wiforce.estimation.average import AdaptiveAverage
+from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.planning.plan import ACCEPTED_LOSS_DB, HARMONICS, plan
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.carrier import wrap_deg
-from gnuradio.wiforce.simulation.simulator import simulate
+from press_capture import GROUP, SCENE, array_source, as_floats, press_codes
 from wiforce_app.bench.chain import SnapshotChain
-
-GROUP = 450_000
-
-SCENE = {
-    "sensors": [{"name": "arm", "model": "line-900mhz"}],
-    "reference_s": 0.3,
-    "simulation": {
-        "truth_model": "line-900mhz",
-        "duration_s": 0.9,
-        "seed": 4,
-        "snr_db": 10,
-        "static_clutter_db": 50,
-        "clock_offset_ppm": -60,
-        "presses": [
-            {
-                "sensor": "arm",
-                "start_s": 0.5,
-                "rise_s": 0.02,
-                "hold_s": 0.3,
-                "force_n": 4.0,
-                "end_force_n": 4.0,
-                "location_mm": 37.0,
-            }
-        ],
-    },
-}
 
 
 @pytest.fixture(scope="module")
 def codes(tmp_path_factory):
     """ADC codes of a short press, int16 pairs; shape (n, 2)."""
-    path = tmp_path_factory.mktemp("capture") / "press"
-    simulate(load_scene(SCENE), path)
-    return np.fromfile(f"{path}.sigmf-data", "<i2").reshape(-1, 2)
-
-
-class array_source(gr.sync_block):
-    """Emits the items of an array, with tags: (offset, key, value)."""
-
-    def __init__(self, items, tags=()):
-        shape = (items.dtype, items.shape[1]) if items.ndim == 2 else items.dtype
-        gr.sync_block.__init__(self, "array_source", in_sig=None, out_sig=[shape])
-        self._items = items
-        self._tags = list(tags)
-        self._at = 0
-
-    def work(self, input_items, output_items):
-        count = min(len(output_items[0]), len(self._items) - self._at)
-        if count == 0:
-            return -1
-        output_items[0][:count] = self._items[self._at : self._at + count]
-        while self._tags and self._tags[0].offset < self._at + count:
-            tag = self._tags.pop(0)
-            self.add_item_tag(0, tag.offset, tag.key, tag.value)
-        self._at += count
-        return count
-
-
-def as_floats(codes):
-    """ADC codes as complex64 of full scale 1."""
-    return codes.astype(np.float32).view(np.complex64).ravel() / 32768
+    return press_codes(tmp_path_factory.mktemp("capture"))
 
 
 def read(samples, tags=(), chunk=None, rewire=None):
@@ -154,37 +98,6 @@ def test_how_the_samples_arrive_changes_nothing_that_is_written(codes):
     assert whole == packets
 
 
-def test_the_blocks_compute_what_the_numpy_chain_computes(codes):
-    settings = plan(load_scene(SCENE))
-    waveform, table = settings.waveform, settings.table
-    frames = codes[: 25 * GROUP].astype(float).reshape(25, 625, 720, 2) / 32768
-    used = frames[:, :, 64:320, 0] + 1j * frames[:, :, 64:320, 1]
-    folded = used.reshape(25, 625, 4, 64).mean(axis=2)
-    separator = EndSeparator(
-        table, settings.clocks, waveform.averaging_s, waveform.bins, waveform.sample_rate_hz
-    )
-    difference = ConjugateDifference(2, waveform.bins, settings.reference_groups)
-    average = SubcarrierAverage(waveform.bins)
-    rotation = table.derotation(waveform.sample_rate_hz)
-    expected = []
-    for group in range(25):
-        tones = np.fft.fft(table.weights @ folded[group] * rotation) * waveform.equalizer()
-        for separated, ends in separator.process(group, tones):
-            for state, ratios in difference.process(separated, ends):
-                expected.append(average.process(state, ratios)[1])
-    sink = blocks.vector_sink_c(2)
-    source = array_source(codes)
-    reader = wiforce.reader(SCENE, input_type="sc16")
-    reader.connect(reader.average, sink)
-    flowgraph = gr.top_block()
-    flowgraph.connect(source, reader)
-    flowgraph.run()
-    got = np.array(sink.data()).reshape(-1, 2)
-    assert len(got) == len(expected) == 25
-    # Single precision in the C++ blocks and between the Python ones.
-    np.testing.assert_allclose(got, expected, atol=3e-5)
-
-
 @pytest.mark.parametrize(
     "start, lost", [(10 * GROUP + 77_777, 3_001), (20 * GROUP, 2 * GROUP + 300)]
 )
@@ -217,7 +130,7 @@ def test_a_group_with_lost_snapshots_is_read_from_those_it_has(codes):
 
 def test_without_the_snapshots_of_its_group_a_gap_costs_that_group_and_the_rest_is_read(codes):
     def forget_a_connection(reader):
-        reader.msg_disconnect(reader.fold, "incomplete", reader.separation, "incomplete")
+        reader.msg_disconnect(reader.fold, "incomplete", reader.groups, "incomplete")
 
     start, lost = 18 * GROUP + 100_000, 36_000
     kept = np.concatenate([codes[:start], codes[start + lost :]])
@@ -229,15 +142,15 @@ def test_without_the_snapshots_of_its_group_a_gap_costs_that_group_and_the_rest_
 
 def test_a_message_that_is_no_group_ends_the_flowgraph_with_a_word():
     reader = wiforce.reader(SCENE)
-    reader.separation.to_basic_block()._post(pmt.intern("incomplete"), pmt.PMT_T)
+    reader.groups.to_basic_block()._post(pmt.intern("incomplete"), pmt.PMT_T)
     flowgraph = gr.top_block()
     flowgraph.connect(blocks.null_source(gr.sizeof_gr_complex), reader)
     flowgraph.start()
     # Dead air without end: only the failure ends it.
-    assert reader.inversion.ended.wait(60)
+    assert reader.ended.wait(60)
     flowgraph.stop()
     flowgraph.wait()
-    assert reader.separation.failure is not None and reader.failure is reader.separation.failure
+    assert reader.failure is not None and reader.failure is reader.groups.failure
 
 
 def test_broken_samples_spoil_no_more_than_their_group(codes):
@@ -279,11 +192,10 @@ def snapshots(codes):
 
 def phases_of(settings, codes):
     """arg R in degrees and its standard deviation by the chain that estimates channels first."""
-    chain, found = SnapshotChain(settings), []
-    for group, channels in enumerate(snapshots(codes)):
-        found += chain.process(group, channels)
-    found += chain.flush()
-    return np.degrees(np.angle([r for _, r in found])), np.array([s.std_deg for s, _ in found])
+    chain = SnapshotChain(settings)
+    ready = [chain.process(group, channels) for group, channels in enumerate(snapshots(codes))]
+    groups = Groups.concatenate([*ready, chain.flush()])
+    return np.degrees(np.angle(groups.ratios)), groups.phase_std_deg
 
 
 def test_skip_of_guard_and_first_repetition_changes_nothing(codes):

@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From the ratios R of a group to readings: flags, gaps, tare, and what is left empty."""
-
-from dataclasses import replace
+"""From the ratios R of groups to readings: flags, gaps, tare, and what is left empty."""
 
 import numpy as np
 import pytest
+from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.readout import Readout
-from gnuradio.wiforce.estimation.state import ClockState, GroupState
+from gnuradio.wiforce.estimation.sensor_readout import SensorReadout
 from gnuradio.wiforce.sensor import load_sensor
 from gnuradio.wiforce.signal.carrier import wrap_deg
 
@@ -22,32 +21,44 @@ def ratios_of(force_n, location_mm, off=0.0):
     return (np.exp(1j * psi) - off) / (np.exp(1j * np.radians(UNTOUCHED)) - off)
 
 
-def a_state(group, std_deg=0.05, missing=0, reference=False, sensors=1, **clock):
-    ends = 2 * sensors
-    std = np.broadcast_to(np.asarray(std_deg, float), ends).copy()
-    return GroupState(
-        group, missing, (ClockState(**({"locked": True} | clock)),) * sensors, np.ones(4),
-        np.full(ends, 1e-3), np.arange(7.0, 7.0 + ends),
-        in_reference=np.full(ends, reference), late_reference=np.zeros(ends, bool),
-        reshaped=np.zeros(ends, bool), std_deg=std,
-    )  # fmt: skip
+def group_of(index, ratios, std_deg=0.05, missing=0, reference=False, sensors=1, **more):
+    """One group behind the average: ``ratios`` and ``std_deg`` (2S,) or numbers."""
+    ends = (1, 2 * sensors)
+    found = {
+        "locked": np.ones((1, sensors), bool),
+        "overlapping": np.zeros((1, sensors), bool),
+        "new_reference": np.zeros(1, bool),
+        "late_reference": np.zeros(ends, bool),
+        "reshaped": np.zeros(ends, bool),
+    }
+    return Groups(
+        [index],
+        missing=np.array([missing]),
+        snr_db=np.arange(7.0, 7.0 + ends[1])[None],
+        in_reference=np.full(ends, reference),
+        ratios=np.broadcast_to(np.asarray(ratios, complex), ends),
+        phase_std_deg=np.broadcast_to(np.asarray(std_deg, float), ends),
+        **found | {name: np.reshape(value, found[name].shape) for name, value in more.items()},
+    )
 
 
-def make_readout(sensors=1, off=0.0, **more):
-    named = [(f"s{i}", MODEL, off) for i in range(sensors)]
-    return Readout(named, CARRIER_HZ, PERIOD_S, **more)
+def make_readout(sensors=1, off=0.0, ratios="change", tracked=False):
+    named = {
+        f"s{i}": SensorReadout(MODEL, CARRIER_HZ, off, PERIOD_S, tracked) for i in range(sensors)
+    }
+    return Readout(named, PERIOD_S, ratios)
 
 
-def readings_of(readout, items):
-    """Readings of (GroupState, R) in order, the last one included."""
-    return [r for item in items for r in readout.process(*item)] + readout.flush()
+def readings_of(readout, groups):
+    """Readings of groups given one after the other, the last one included."""
+    return [r for group in groups for r in readout.process(group)] + readout.flush()
 
 
 def press(first, last, groups, **how):
     """Groups of an untouched sensor that is pressed from ``first`` to ``last``."""
     touched = ratios_of(4.0, 35.0, how.pop("off", 0.0))
     return [
-        (a_state(g, reference=g < 5, **how), touched if first <= g <= last else np.ones(2, complex))
+        group_of(g, touched if first <= g <= last else 1.0, reference=g < 5, **how)
         for g in range(groups)
     ]
 
@@ -78,35 +89,35 @@ def test_first_and_last_group_of_a_touch_are_flagged_transition_and_no_other():
 
 
 def test_a_dip_of_the_magnitude_betrays_a_change_inside_the_group():
-    items = press(20, 39, 40)
-    items[30] = (items[30][0], 0.9 * items[30][1])
-    flags = [r.flags for r in readings_of(make_readout(), items)]
+    groups = press(20, 39, 40)
+    groups[30] = groups[30].having(ratios=0.9 * groups[30].ratios)
+    flags = [r.flags for r in readings_of(make_readout(), groups)]
     assert "transition" in flags[30] and flags[29] == flags[31] == ()
 
 
 def test_a_dip_within_the_noise_is_not_flagged():
-    items = press(20, 39, 40, std_deg=2.5)
-    items[30] = (items[30][0], 0.9 * items[30][1])
-    assert "transition" not in readings_of(make_readout(), items)[30].flags
+    groups = press(20, 39, 40, std_deg=2.5)
+    groups[30] = groups[30].having(ratios=0.9 * groups[30].ratios)
+    assert "transition" not in readings_of(make_readout(), groups)[30].flags
 
 
 def test_a_change_on_one_sensor_flags_the_one_that_it_disturbs():
-    items = []
+    groups = []
     for g in range(30):
         touched = ratios_of(4.0, 35.0) if g >= 20 else np.ones(2)
         std = [0.05, 0.05, 0.3, 0.3] if g == 20 else 0.05
-        state = a_state(g, std, reference=g < 5, sensors=2)
-        items.append((state, np.concatenate([touched, np.ones(2)])))
-    readings = readings_of(make_readout(2), items)
+        ratios = np.concatenate([touched, np.ones(2)])
+        groups.append(group_of(g, ratios, std, reference=g < 5, sensors=2))
+    readings = readings_of(make_readout(2), groups)
     second = [r for r in readings if r.sensor == "s1"]
     assert [g for g, r in enumerate(second) if "transition" in r.flags] == [20]
     assert not any(r.touch for r in second)
 
 
 def test_missing_snapshots_are_flagged_and_lost_groups_leave_empty_rows():
-    items = press(20, 29, 40)
-    items[10] = (a_state(10, missing=100), items[10][1])
-    readings = readings_of(make_readout(), items[:13] + items[16:])
+    groups = press(20, 29, 40)
+    groups[10] = group_of(10, groups[10].ratios, missing=100)
+    readings = readings_of(make_readout(), groups[:13] + groups[16:])
     assert len(readings) == 40 and readings[10].flags == ("gap",) and readings[10].touch == 0
     for g in (13, 14, 15):
         assert readings[g].flags == ("gap",) and readings[g].time_s == pytest.approx(
@@ -116,7 +127,7 @@ def test_missing_snapshots_are_flagged_and_lost_groups_leave_empty_rows():
 
 
 @pytest.mark.parametrize(
-    "clock, std_deg, value, flags",
+    "clock, std_deg, ratio, flags",
     [
         ({"locked": False}, 0.05, 1.0, ("weak",)),
         ({}, np.inf, 1.0, ("weak",)),
@@ -124,11 +135,9 @@ def test_missing_snapshots_are_flagged_and_lost_groups_leave_empty_rows():
         ({"overlapping": True}, 0.05, 1.0, ("inconsistent",)),
     ],
 )
-def test_what_cannot_be_read_has_no_touch_and_no_numbers(clock, std_deg, value, flags):
+def test_what_cannot_be_read_has_no_touch_and_no_numbers(clock, std_deg, ratio, flags):
     """No tag, no reference, or switches that are on together: nothing is invented."""
-    (reading,) = readings_of(
-        make_readout(), [(a_state(0, std_deg, **clock), np.full(2, value, complex))]
-    )
+    (reading,) = readings_of(make_readout(), [group_of(0, ratio, std_deg, **clock)])
     assert reading.flags == flags
     numbers = (reading.touch, reading.force_n, reading.location_mm, reading.phase1_deg)
     assert numbers == (None, None, None, None) and reading.snr_db is None
@@ -149,18 +158,18 @@ def test_the_off_state_of_the_switches_is_taken_out():
 def test_a_tare_makes_the_next_groups_count_as_untouched():
     readout = make_readout()
     moved = np.exp(1j * np.radians([25.0, 25.0]))
-    items = [(a_state(g, reference=g < 5), moved if g >= 10 else np.ones(2)) for g in range(20)]
-    readings_of(readout, items)
-    first = replace(a_state(20, reference=True), new_reference=True)
-    reading = readings_of(readout, [(first, np.ones(2, complex))])[0]
+    groups = [group_of(g, moved if g >= 10 else 1.0, reference=g < 5) for g in range(20)]
+    readings_of(readout, groups)
+    first = group_of(20, 1.0, reference=True, new_reference=True)
+    reading = readings_of(readout, [first])[0]
     assert reading.touch == 0 and "moved" not in reading.flags
     assert wrap_deg([reading.phase1_deg, reading.phase2_deg] - UNTOUCHED) == pytest.approx([0, 0])
 
 
 def test_motion_of_the_tag_is_flagged_moved():
     turned = np.exp(1j * np.radians([25.0, 25.0]))
-    items = [(a_state(g, reference=g < 5), turned if g >= 20 else np.ones(2)) for g in range(30)]
-    readings = readings_of(make_readout(), items)
+    groups = [group_of(g, turned if g >= 20 else 1.0, reference=g < 5) for g in range(30)]
+    readings = readings_of(make_readout(), groups)
     assert [g for g, r in enumerate(readings) if "moved" in r.flags] == [20, 21]
     assert not any(r.touch for r in readings)
 
@@ -168,9 +177,9 @@ def test_motion_of_the_tag_is_flagged_moved():
 def test_steps_of_the_papers_estimator_add_up():
     """Each group against the one before: the touch must stay after its first group."""
     changes = press(20, 29, 40)
-    steps = [(changes[0][0], changes[0][1])] + [
-        (state, ratios / before)
-        for (_, before), (state, ratios) in zip(changes[:-1], changes[1:], strict=True)
+    steps = changes[:1] + [
+        group.having(ratios=group.ratios / before.ratios)
+        for before, group in zip(changes[:-1], changes[1:], strict=True)
     ]
     readings = readings_of(make_readout(ratios="step"), steps)
     assert [r.touch for r in readings] == [int(20 <= g <= 29) for g in range(40)]
@@ -181,31 +190,32 @@ def test_a_press_within_the_reference_flags_every_reading_until_a_tare():
     ratios = np.ones((30, 2), complex)
     ratios[3:5] = ratios_of(4.0, 55.0)
     ratios /= ratios[:8].mean(axis=0)
-    items = [(a_state(g, reference=g < 8), ratios[g]) for g in range(30)]
+    groups = [group_of(g, ratios[g], reference=g < 8) for g in range(30)]
     readout = make_readout()
-    assert all("inconsistent" in r.flags for r in readings_of(readout, items)[4:])
-    fresh = [(a_state(30 + g, reference=g < 8), np.ones(2, complex)) for g in range(12)]
-    fresh[0] = (replace(fresh[0][0], new_reference=True), fresh[0][1])
+    assert all("inconsistent" in r.flags for r in readings_of(readout, groups)[4:])
+    fresh = [group_of(30 + g, 1.0, reference=g < 8, new_reference=g == 0) for g in range(12)]
     assert not any("inconsistent" in r.flags for r in readings_of(readout, fresh))
 
 
 def test_a_reference_that_was_taken_late_flags_every_reading_that_rests_on_it():
-    items = [(replace(s, late_reference=np.full(2, s.group < 9)), r) for s, r in press(5, 8, 14)]
-    flagged = ["inconsistent" in r.flags for r in readings_of(make_readout(), items)]
+    groups = [
+        group.having(late_reference=np.full((1, 2), g < 9))
+        for g, group in enumerate(press(5, 8, 14))
+    ]
+    flagged = ["inconsistent" in r.flags for r in readings_of(make_readout(), groups)]
     assert flagged == [True] * 9 + [False] * 5
 
 
 def test_a_tag_that_is_not_heard_is_weak_though_its_reference_is_late():
-    silent = replace(a_state(0, reference=False), late_reference=np.ones(2, bool))
-    silent = replace(silent, std_deg=np.full(2, np.inf))
-    (reading,) = readings_of(make_readout(), [(silent, np.ones(2, complex))])
+    silent = group_of(0, 1.0, std_deg=np.inf, late_reference=[True, True])
+    (reading,) = readings_of(make_readout(), [silent])
     assert reading.touch is None and set(reading.flags) == {"inconsistent", "weak"}
 
 
 def test_a_tag_that_moves_while_touched_is_flagged_until_release():
-    items = press(10, 29, 40)
+    groups = press(10, 29, 40)
     for g in range(20, 30):
-        items[g] = (items[g][0], items[g][1] * np.exp(-5j * np.pi / 180))
-    readings = readings_of(make_readout(), items)
+        groups[g] = groups[g].having(ratios=groups[g].ratios * np.exp(-5j * np.pi / 180))
+    readings = readings_of(make_readout(), groups)
     moved = [g for g, r in enumerate(readings) if "moved" in r.flags]
     assert moved == list(range(20, 30))

@@ -19,7 +19,7 @@ def main():
     rate, frame_length = scene.radio.sample_rate_hz, scene.sounding.frame_length
     clock_hz = scene.sensors[0].clock_hz
     equalizer = scene.waveform().equalizer()
-    settings = ([clock_hz], GROUP_LENGTH, frame_length, rate)
+    plan = wiforce.plan(scene, snapshots=GROUP_LENGTH)
 
     flowgraph = gr.top_block("channel_and_doppler", catch_exceptions=False)
     sounder = wiforce.sounding_source(frame_length=frame_length, sample_rate=rate)
@@ -47,15 +47,13 @@ def main():
     flowgraph.connect(fold, spectrum, spectra)
 
     # Only the lines of the tag, from which its clock is tracked.
-    tones = wiforce.phase_group_doppler(
-        weights=wiforce.tone_weights(*settings), group_length=GROUP_LENGTH
-    )
+    tones = wiforce.phase_group_doppler(weights=plan.table.weights, group_length=GROUP_LENGTH)
     tone_channel = wiforce.ofdm_channel_estimator(
         factors=equalizer,
-        rows=wiforce.tone_count(*settings),
-        rotation=wiforce.tone_derotation(*settings),
+        rows=len(plan.table.tones),
+        rotation=plan.table.derotation(rate),
     )
-    separation = wiforce.end_separation(*settings[:2], frame_length=frame_length, sample_rate=rate)
+    separation = wiforce.end_separation(plan)
     offset = wiforce.clock_offset()
     offsets = blocks.vector_sink_f()
     flowgraph.connect(fold, tones, tone_channel, separation, offset, offsets)

@@ -18,20 +18,12 @@ class Chains(gr.top_block):
         gr.top_block.__init__(self, "paper_chain", catch_exceptions=False)
         scene = wiforce.load_scene("tabletop")
         rate, frame_length = scene.radio.sample_rate_hz, scene.sounding.frame_length
-        clock_hz, group_length = scene.sensors[0].clock_hz, scene.phase_group.snapshots
-        self.equalizer = scene.waveform().equalizer()
-        self.settings = dict(
-            clocks_hz=[clock_hz],
-            group_length=group_length,
-            frame_length=frame_length,
-            sample_rate=rate,
-        )
         self.air = [
             wiforce.sounding_source(frame_length=frame_length, sample_rate=rate),
             blocks.head(gr.sizeof_gr_complex, int(DURATION_S * rate)),
             wiforce.backscatter_tag(
                 model="line-900mhz",
-                clock_hz=clock_hz,
+                clock_hz=scene.sensors[0].clock_hz,
                 clock_offset_ppm=CLOCK_OFFSET_PPM,
                 snr_db=20,
                 static_clutter_db=50,
@@ -41,44 +33,45 @@ class Chains(gr.top_block):
             wiforce.preamble_fold(frame_length=frame_length, sample_rate=rate),
         ]
         self.connect(*self.air)
-        self.paper = self.paper_chain()
-        self.ours = self.our_chain()
+        self.plan = wiforce.plan(scene)
+        self.paper = self.paper_chain(wiforce.plan(scene, estimator="paper"))
+        self.ours = self.our_chain(self.plan)
         for tones, chain in (self.paper, self.ours):
             self.connect(self.air[-1], *chain)
             separation = next(b for b in chain if isinstance(b, wiforce.end_separation))
             self.msg_connect(tones, "incomplete", separation, "incomplete")
 
     def tones(self):
+        # With these weights static paths do not leak into groups of no whole clock periods.
         return wiforce.phase_group_doppler(
-            weights=wiforce.tone_weights(**self.settings),
-            group_length=self.settings["group_length"],
+            weights=self.plan.table.weights, group_length=self.plan.group_length
         )
 
-    def paper_chain(self):
+    def paper_chain(self, plan):
         """Channel of every snapshot, lines +1 and +4, relative to the previous group."""
         tones = self.tones()
         return tones, [
-            wiforce.ofdm_channel_estimator(factors=self.equalizer),
+            wiforce.ofdm_channel_estimator(factors=plan.waveform.equalizer()),
             tones,
-            wiforce.end_separation(**self.settings, estimator="paper", derotated=False),
-            wiforce.conjugate_difference(against="previous"),
-            wiforce.subcarrier_average(),
+            wiforce.end_separation(plan, derotated=False),
+            wiforce.conjugate_difference(plan),
+            wiforce.subcarrier_average(plan),
             blocks.vector_sink_c(2),
         ]
 
-    def our_chain(self):
+    def our_chain(self, plan):
         """Tones first, all lines, tracked clock, relative to the untouched sensor."""
         tones = self.tones()
         return tones, [
             tones,
             wiforce.ofdm_channel_estimator(
-                factors=self.equalizer,
-                rows=wiforce.tone_count(**self.settings),
-                rotation=wiforce.tone_derotation(**self.settings),
+                factors=plan.waveform.equalizer(),
+                rows=len(plan.table.tones),
+                rotation=plan.table.derotation(plan.waveform.sample_rate_hz),
             ),
-            wiforce.end_separation(**self.settings),
-            wiforce.conjugate_difference(against="untouched", reference_groups=15),
-            wiforce.subcarrier_average(),
+            wiforce.end_separation(plan),
+            wiforce.conjugate_difference(plan),
+            wiforce.subcarrier_average(plan),
             blocks.vector_sink_c(2),
         ]
 

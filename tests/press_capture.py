@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A short press as captured samples, and a source of them for flowgraphs."""
+
+import numpy as np
+from gnuradio import gr
+from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.simulation.simulator import simulate
+
+# Samples of a phase group.
+GROUP = 450_000
+
+SCENE = {
+    "sensors": [{"name": "arm", "model": "line-900mhz"}],
+    "reference_s": 0.3,
+    "simulation": {
+        "truth_model": "line-900mhz",
+        "duration_s": 0.9,
+        "seed": 4,
+        "snr_db": 10,
+        "static_clutter_db": 50,
+        "clock_offset_ppm": -60,
+        "presses": [
+            {
+                "sensor": "arm",
+                "start_s": 0.5,
+                "rise_s": 0.02,
+                "hold_s": 0.3,
+                "force_n": 4.0,
+                "end_force_n": 4.0,
+                "location_mm": 37.0,
+            }
+        ],
+    },
+}
+
+
+def press_codes(folder):
+    """ADC codes of the scene's capture, which is written to ``folder``; int16, shape (n, 2)."""
+    simulate(load_scene(SCENE), folder / "press")
+    return np.fromfile(folder / "press.sigmf-data", "<i2").reshape(-1, 2)
+
+
+class array_source(gr.sync_block):
+    """Emits the items of an array, with tags: (offset, key, value)."""
+
+    def __init__(self, items, tags=()):
+        shape = (items.dtype, items.shape[1]) if items.ndim == 2 else items.dtype
+        gr.sync_block.__init__(self, "array_source", in_sig=None, out_sig=[shape])
+        self._items = items
+        self._tags = list(tags)
+        self._at = 0
+
+    def work(self, input_items, output_items):
+        count = min(len(output_items[0]), len(self._items) - self._at)
+        if count == 0:
+            return -1
+        output_items[0][:count] = self._items[self._at : self._at + count]
+        while self._tags and self._tags[0].offset < self._at + count:
+            tag = self._tags.pop(0)
+            self.add_item_tag(0, tag.offset, tag.key, tag.value)
+        self._at += count
+        return count
+
+
+def as_floats(codes):
+    """ADC codes as complex64 of full scale 1."""
+    return codes.astype(np.float32).view(np.complex64).ravel() / 32768

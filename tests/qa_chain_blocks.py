@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The blocks of the textbook chain: stages of the receiver, wired one by one."""
+
+import numpy as np
+import pmt
+import pytest
+from device_times import rx_time
+from gnuradio import blocks, gr, wiforce
+from gnuradio.wiforce import names
+from gnuradio.wiforce.estimation.groups import Groups
+from gnuradio.wiforce.estimation.incomplete import IncompleteGroups
+from plain import make_air
+from press_capture import GROUP, SCENE, array_source, press_codes
+from wiforce_app.bench.air import TagOnAir
+
+SAMPLE_RATE_HZ = 12.5e6
+
+
+@pytest.fixture(scope="module")
+def codes(tmp_path_factory):
+    """ADC codes of a short press, int16 pairs; shape (n, 2)."""
+    return press_codes(tmp_path_factory.mktemp("capture"))[: 25 * GROUP]
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return wiforce.plan(SCENE)
+
+
+class Tap:
+    """The ratios of all groups that a receiver reads."""
+
+    def __init__(self, receiver):
+        self._batches = []
+        receiver.readout.on_groups = self._batches.append
+
+    @property
+    def ratios(self):
+        return Groups.concatenate(self._batches).ratios
+
+
+def run(*chain):
+    flowgraph = gr.top_block()
+    flowgraph.connect(*chain)
+    flowgraph.run()
+
+
+def readings_of_blocks(plan, source, tracked):
+    """Readings by one block per step, and the ratios between the last two."""
+    doppler = wiforce.phase_group_doppler(plan.table.weights, plan.group_length)
+    separation, average = wiforce.end_separation(plan), wiforce.subcarrier_average(plan)
+    readings, sink = [], blocks.vector_sink_c(2)
+    inversion = wiforce.force_inversion(plan, tracked, on_reading=readings.append)
+    # Python blocks live as long as something in Python refers to them.
+    chain = [
+        source,
+        wiforce.preamble_fold(frame_length=720, item_type="sc16"),
+        doppler,
+        wiforce.ofdm_channel_estimator(
+            plan.waveform.equalizer(),
+            len(plan.table.tones),
+            plan.table.derotation(SAMPLE_RATE_HZ),
+        ),
+        separation,
+        wiforce.conjugate_difference(plan),
+        average,
+        inversion,
+    ]
+    flowgraph = gr.top_block()
+    flowgraph.connect(*chain)
+    flowgraph.connect(average, sink)
+    flowgraph.msg_connect(doppler, names.INCOMPLETE, separation, names.INCOMPLETE)
+    flowgraph.run()
+    assert inversion.failure is None and inversion.ended.is_set()
+    return readings, np.reshape(sink.data(), (-1, 2))
+
+
+def readings_of_reader(plan, source, tracked):
+    readings = []
+    reader = wiforce.reader(plan, "sc16", tracked=tracked, on_reading=readings.append)
+    tap = Tap(reader.receiver)
+    run(source, reader)
+    assert reader.failure is None
+    return readings, tap.ratios
+
+
+def readings_of_receiver(plan, codes, lost, tracked):
+    """Readings by NumPy alone, in double precision; ``lost`` samples are absent."""
+    receiver = wiforce.Receiver(plan, tracked)
+    tap = Tap(receiver)
+    frames = codes.astype(float).reshape(25, plan.group_length, 720, 2) / 32768
+    used = frames[:, :, 64:320, 0] + 1j * frames[:, :, 64:320, 1]
+    folded = used.reshape(25, plan.group_length, 4, 64).mean(axis=2)
+    present = np.ones(len(codes), bool)
+    present[lost] = False
+    # A frame of which any sample is absent gives no snapshot.
+    present = present.reshape(25, plan.group_length, 720).all(axis=2)
+    solver = IncompleteGroups(plan.table, plan.waveform)
+    tones = [solver.tones(mask, group[mask]) for mask, group in zip(present, folded, strict=True)]
+    missing = np.sum(~present, axis=1)
+    groups = Groups(np.arange(25), np.array(tones), missing, snapshot_weights=present)
+    readings = receiver.process(groups) + receiver.finish()
+    return readings, tap.ratios
+
+
+@pytest.mark.parametrize(
+    "lost, tracked",
+    [(slice(0), False), (slice(18 * GROUP + 100_000, 18 * GROUP + 136_000), True)],
+    ids=["complete", "with a gap, tracked"],
+)
+def test_chain_blocks_reader_and_receiver_give_equal_readings(codes, plan, lost, tracked):
+    kept, tags = np.delete(codes, lost, axis=0), []
+    if lost.stop > (lost.start or 0):
+        tags = [rx_time(0, 0.0), rx_time(lost.start, lost.stop / SAMPLE_RATE_HZ)]
+    expected, ratios = readings_of_receiver(plan, codes, lost, tracked)
+    assert len(expected) == 25 and sum(r.touch == 1 for r in expected) >= 8
+    for way in (readings_of_blocks, readings_of_reader):
+        found, found_ratios = way(plan, array_source(kept, tags), tracked)
+        # Single precision in the C++ blocks and between the Python ones.
+        np.testing.assert_allclose(found_ratios, ratios, atol=3e-5)
+        assert len(found) == 25
+        for a, b in zip(found, expected, strict=True):
+            assert (a.time_s, a.sensor, a.touch, a.flags) == (b.time_s, b.sensor, b.touch, b.flags)
+            for name in ("phase1_deg", "phase2_deg"):
+                assert getattr(a, name) == pytest.approx(getattr(b, name), abs=2e-3)
+            if b.force_n is not None:
+                assert a.force_n == pytest.approx(b.force_n, abs=0.02 * b.force_std_n)
+                assert a.location_mm == pytest.approx(b.location_mm, abs=0.02 * b.location_std_mm)
+
+
+def group_tags(count):
+    """Tags of consecutive groups, as the Doppler block sets them."""
+    key = pmt.intern(names.GROUP)
+    return [
+        gr.tag_utils.python_to_tag((g, key, pmt.from_uint64(g), pmt.PMT_F)) for g in range(count)
+    ]
+
+
+def test_chain_blocks_unoccupied_bins_are_neither_read_nor_sent(plan):
+    """Nobody sends on them: what arrives there is an interferer, or no number at all."""
+    count, occupied = 20, np.isin(np.arange(64), plan.waveform.bins)
+    air = make_air(plan.group_length, [TagOnAir(untouched_deg=(35.0, -80.0))], 26, 20.0)
+    tones = np.full((count, len(plan.table.tones), 64), np.nan, np.complex64)
+    tones[:, :, occupied] = [plan.table.weights @ air.group(g) for g in range(count)]
+    separation = wiforce.end_separation(plan, derotated=False)
+    difference = wiforce.conjugate_difference(plan)
+    ends, changes = blocks.vector_sink_c(128), blocks.vector_sink_c(128)
+    source = array_source(tones.reshape(count, -1), group_tags(count))
+    flowgraph = gr.top_block()
+    flowgraph.connect(source, separation, difference, changes)
+    flowgraph.connect(separation, ends)
+    flowgraph.run()
+    for sink in (ends, changes):
+        vectors = np.reshape(sink.data(), (count, 2, 64))
+        assert np.all(vectors[:, :, ~occupied] == 0)
+        assert np.all(np.isfinite(vectors)) and np.all(vectors[:, :, occupied] != 0)
+
+
+@pytest.mark.parametrize(
+    "make", [wiforce.conjugate_difference, wiforce.subcarrier_average, wiforce.force_inversion]
+)
+def test_chain_block_without_the_blocks_before_it_ends_the_flowgraph(plan, make):
+    block = make(plan)
+    length = block.input_signature().sizeof_stream_item(0) // gr.sizeof_gr_complex
+    chain = [array_source(np.zeros((3, length), np.complex64)), block]
+    if block.output_signature().max_streams():
+        size = block.output_signature().sizeof_stream_item(0)
+        chain.append(blocks.null_sink(size))
+    run(*chain)
+    assert isinstance(block.failure, RuntimeError)
+    assert "connect behind end_separation" in str(block.failure)

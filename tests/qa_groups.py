@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Groups: batches of phase groups, cut and put together without losing what is known of them."""
+
+import numpy as np
+import pytest
+from gnuradio.wiforce.estimation.groups import Groups
+
+
+def batch(first, count, **arrays):
+    """Groups with consecutive indices whose tones tell which they are."""
+    index = np.arange(first, first + count)
+    tones = index[:, None, None] * np.ones((1, 4, 3), complex)
+    return Groups(index, tones, **arrays)
+
+
+def test_groups_without_more_arrays_are_complete_and_undisturbed():
+    groups = batch(5, 3)
+    assert groups.missing.tolist() == [0] * 3
+    assert not groups.saturated.any() and not groups.retuned.any()
+    assert groups.snapshot_weights is None and groups.ends is None
+
+
+@pytest.mark.parametrize(
+    "rows, expected",
+    [
+        (slice(1, 3), [11, 12]),
+        (slice(-1, None), [13]),
+        (slice(0, 0), []),
+        (np.array([3, 0]), [13, 10]),
+        (np.array([False, True, True, False]), [11, 12]),
+    ],
+    ids=["slice", "last", "none", "indices", "mask"],
+)
+def test_groups_selected_rows_keep_every_array(rows, expected):
+    missing, flags = np.arange(4), np.arange(8).reshape(4, 2)
+    selected = batch(10, 4, missing=missing, flags=flags)[rows]
+    assert selected.index.tolist() == expected and len(selected) == len(expected)
+    assert selected.tones[:, 0, 0].tolist() == expected
+    assert np.array_equal(selected.missing, missing[rows])
+    assert np.array_equal(selected.flags, flags[rows])
+    assert selected.ends is None
+
+
+def test_groups_concatenated_are_the_groups_that_were_cut():
+    weights = np.random.default_rng(1).random((6, 5)) > 0.5
+    whole = batch(0, 6, missing=np.arange(6), snapshot_weights=weights)
+    joined = Groups.concatenate([whole[:1], whole[1:4], whole[4:4], whole[4:]])
+    for name in ("index", "tones", "missing", "saturated", "retuned", "snapshot_weights"):
+        assert np.array_equal(getattr(joined, name), getattr(whole, name))
+    assert joined.ends is None
+
+
+def test_groups_concatenated_without_snapshot_weights_have_none():
+    assert Groups.concatenate([batch(0, 2), batch(2, 3)]).snapshot_weights is None
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_groups_concatenated_complete_groups_weigh_every_snapshot(order):
+    """An incomplete group in one batch must not make those of another incomplete."""
+    mask = np.array([[True, False, True, True, False]])
+    parts = [batch(0, 2), batch(2, 1, missing=np.array([2]), snapshot_weights=mask)]
+    joined = Groups.concatenate(parts[i] for i in order)
+    incomplete = joined.missing > 0
+    assert joined.snapshot_weights.shape == (3, 5)
+    assert joined.snapshot_weights[~incomplete].all()
+    assert np.array_equal(joined.snapshot_weights[incomplete], mask)
+
+
+def test_groups_concatenated_empty_batches_are_left_out():
+    """They come from stages that hold groups back, before anything is known."""
+    empty, known = Groups(np.zeros(0, int)), batch(0, 2, ratios=np.ones((2, 2), complex))
+    joined = Groups.concatenate([empty, known, empty, known[:1]])
+    assert joined.ratios.shape == (3, 2)
+    assert len(Groups.concatenate([empty, empty])) == len(Groups.concatenate([])) == 0
+
+
+def test_groups_having_other_arrays_leave_the_groups_they_came_from():
+    before = batch(0, 2)
+    after = before.having(tones=None, ratios=np.ones((2, 2)))
+    assert after.tones is None and after.ratios.shape == (2, 2)
+    assert before.tones is not None and before.ratios is None
+    assert after.index is before.index
