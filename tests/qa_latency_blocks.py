@@ -5,7 +5,7 @@ import time
 
 import pytest
 from gnuradio import blocks, gr
-from gnuradio.wiforce.wiforce_python import arrival_sink, paced_source
+from gnuradio.wiforce.wiforce_bench import arrival_sink, paced_source
 
 
 @pytest.mark.parametrize("packet", [1, 364, 5000])

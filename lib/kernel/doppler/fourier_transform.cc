@@ -12,11 +12,20 @@ fc32* allocate(int length)
     return reinterpret_cast<fc32*>(fftwf_alloc_complex(length));
 }
 
+// FFTW's planner belongs to the whole process, where GNU Radio plans as well. Its stored
+// wisdom fits a planner that was set up for threads only.
+bool share_planner()
+{
+    fftwf_init_threads();
+    fftwf_make_planner_thread_safe();
+    return true;
+}
+
 fftwf_plan_s* make_plan(int length, fc32* input, fc32* output)
 {
-    // FFTW's planner is the process's: GNU Radio and NumPy programs may use it as well.
-    static const bool locked = (fftwf_make_planner_thread_safe(), true);
-    static_cast<void>(locked);
+    static const bool is_shared = share_planner();
+    static_cast<void>(is_shared);
+    fftwf_plan_with_nthreads(1);
     return fftwf_plan_dft_1d(length,
                              reinterpret_cast<fftwf_complex*>(input),
                              reinterpret_cast<fftwf_complex*>(output),

@@ -11,9 +11,6 @@
 
 #include "refusal.h"
 
-#include "bench/arrival_sink.h"
-#include "bench/paced_source.h"
-
 namespace py = pybind11;
 using namespace py::literals;
 using namespace gr::wiforce;
@@ -187,35 +184,6 @@ static void bind_recording_source(py::module& m)
              "Samples that the segments promise and the file does not hold.");
 }
 
-static void bind_latency_blocks(py::module& m)
-{
-    py::class_<paced_source,
-               gr::sync_block,
-               gr::block,
-               gr::basic_block,
-               std::shared_ptr<paced_source>>(
-        m, "paced_source", "Gives zeros at the pace and in the packets of a radio.")
-        .def(py::init(&paced_source::make),
-             "packet_length"_a,
-             "sample_rate"_a,
-             "mark_every"_a,
-             "samples"_a,
-             "item_size"_a = 8)
-        .def("mark_times",
-             &paced_source::mark_times,
-             "Seconds of time.monotonic() at which each mark_every-th sample went out.");
-    py::class_<arrival_sink,
-               gr::sync_block,
-               gr::block,
-               gr::basic_block,
-               std::shared_ptr<arrival_sink>>(
-        m, "arrival_sink", "Keeps the time at which each item comes.")
-        .def(py::init(&arrival_sink::make), "item_size"_a)
-        .def("times",
-             &arrival_sink::times,
-             "Seconds of time.monotonic() at which each item came.");
-}
-
 PYBIND11_MODULE(wiforce_python, m)
 {
     py::register_local_exception_translator(translate_refusal);
@@ -225,5 +193,4 @@ PYBIND11_MODULE(wiforce_python, m)
     bind_ofdm_channel_estimator(m);
     bind_phase_group_doppler(m);
     bind_recording_source(m);
-    bind_latency_blocks(m);
 }

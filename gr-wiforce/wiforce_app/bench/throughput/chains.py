@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The chains that are compared. Each makes a function that runs it once, and its tones."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 from gnuradio import blocks, fft, gr, wiforce
+from gnuradio.wiforce.wiforce_kernels import tone_reader
 
 from .recording import GROUP_LENGTH, WAVEFORM
 
@@ -92,21 +95,36 @@ def separate_blocks(recording, weights):
     return flowgraph
 
 
-@chain("file-fc32", item_type="fc32")
-@chain("file-sc16", item_type="sc16")
-@chain("file-sc16-two", item_type="sc16", captures=2)
-def recorded(recording, weights, item_type, captures=1):
-    """The recording source; several captures side by side."""
-    path, _, datatype = sample_type(recording, item_type)
-    segments = [(0, 0, recording.samples)]
-    flowgraph = Flowgraph()
-    for _ in range(captures):
-        source = wiforce.recording_source(path, datatype, segments, WAVEFORM.frame_length)
-        doppler = wiforce.phase_group_doppler(weights, GROUP_LENGTH)
-        estimator = wiforce.ofdm_channel_estimator(WAVEFORM.equalizer(), len(weights))
-        flowgraph.top.connect(source, doppler, estimator)
-        flowgraph.end(estimator)
-    return flowgraph
+class RecordedTones:
+    """Whole recordings read without a flowgraph, each in a thread of its own."""
+
+    def __init__(self, recording, weights, item_type, captures=1):
+        path, _, datatype = sample_type(recording, item_type)
+        shape = WAVEFORM.frame_length, WAVEFORM.first_averaged, WAVEFORM.repetitions
+        segments = [(0, 0, recording.samples)]
+        group = weights, WAVEFORM.equalizer(), [], range(64)
+        self._open = lambda: tone_reader(path, datatype, segments, *shape, 0, 0, *group)
+        self._captures = captures
+        self.tones = []
+
+    def run(self):
+        with ThreadPoolExecutor(self._captures) as threads:
+            reads = [threads.submit(self._read) for _ in range(self._captures)]
+        self.tones = [read.result() for read in reads]
+
+    def _read(self):
+        reader, batches = self._open(), []
+        while len(batch := reader.read(_GROUPS_PER_BATCH)["tones"]):
+            batches.append(batch)
+        return np.concatenate(batches)
+
+
+# The size that ``read`` uses: more is no faster.
+_GROUPS_PER_BATCH = 256
+
+chain("file-fc32", item_type="fc32")(RecordedTones)
+chain("file-sc16", item_type="sc16")(RecordedTones)
+chain("file-sc16-two", item_type="sc16", captures=2)(RecordedTones)
 
 
 @chain("stock-default", tuned=False)

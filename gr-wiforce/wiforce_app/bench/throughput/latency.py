@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 from gnuradio import blocks, gr, wiforce
-from gnuradio.wiforce.wiforce_python import arrival_sink, paced_source
+from gnuradio.wiforce.wiforce_bench import arrival_sink, paced_source
 
 from .recording import GROUP_LENGTH, GROUP_SAMPLES, WAVEFORM
 

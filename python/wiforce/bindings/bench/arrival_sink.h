@@ -2,16 +2,15 @@
 #pragma once
 
 #include <gnuradio/sync_block.h>
-#include <gnuradio/wiforce/api.h>
 
 #include <mutex>
 #include <vector>
 
-namespace gr::wiforce {
+namespace gr::wiforce::bench {
 
-// Keeps the time at which each item comes: for measuring latency, with paced_source. A
+// Records the time at which each item arrives, to measure latency with paced_source. A
 // Python block in its place would add a quarter of a millisecond of its own.
-class WIFORCE_API arrival_sink : public gr::sync_block
+class arrival_sink : public gr::sync_block
 {
 public:
     using sptr = std::shared_ptr<arrival_sink>;
@@ -25,7 +24,7 @@ public:
              gr_vector_const_void_star& input_items,
              gr_vector_void_star& output_items) override;
 
-    // Seconds of the monotonic clock at which each item came.
+    // Seconds of the monotonic clock at which each item arrived.
     std::vector<double> times() const;
 
 private:
@@ -33,4 +32,4 @@ private:
     std::vector<double> d_times;
 };
 
-} // namespace gr::wiforce
+} // namespace gr::wiforce::bench

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "arrival_sink.h"
 
-#include "kernel/require.h"
 #include <gnuradio/io_signature.h>
+#include <kernel/require.h>
 
 #include <chrono>
 
-namespace gr::wiforce {
+namespace gr::wiforce::bench {
 
 arrival_sink::sptr arrival_sink::make(int item_size)
 {
@@ -39,4 +39,4 @@ std::vector<double> arrival_sink::times() const
     return d_times;
 }
 
-} // namespace gr::wiforce
+} // namespace gr::wiforce::bench

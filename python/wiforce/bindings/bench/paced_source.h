@@ -2,22 +2,21 @@
 #pragma once
 
 #include <gnuradio/sync_block.h>
-#include <gnuradio/wiforce/api.h>
 
 #include <cstdint>
 #include <mutex>
 #include <vector>
 
-namespace gr::wiforce {
+namespace gr::wiforce::bench {
 
-// Gives zeros at the pace and in the packets of a radio: for measuring latency. Each call
-// of work() gives one packet, when its last sample would have been taken.
-class WIFORCE_API paced_source : public gr::sync_block
+// Produces zeros at the rate and in the packets of a radio, to measure latency. Each call
+// of work() produces one packet, when its last sample would have been received.
+class paced_source : public gr::sync_block
 {
 public:
     using sptr = std::shared_ptr<paced_source>;
 
-    // The times of samples mark_every - 1, 2 mark_every - 1, ... are kept; the stream
+    // The times of samples mark_every - 1, 2 mark_every - 1, ... are recorded; the stream
     // ends after `samples`; item_size is in bytes. Throws std::invalid_argument naming
     // parameter, rule and value.
     static sptr make(int packet_length,
@@ -50,4 +49,4 @@ private:
     std::vector<double> d_marks;
 };
 
-} // namespace gr::wiforce
+} // namespace gr::wiforce::bench

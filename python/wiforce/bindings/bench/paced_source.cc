@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "paced_source.h"
 
-#include "kernel/require.h"
 #include <gnuradio/io_signature.h>
+#include <kernel/require.h>
 
 #include <chrono>
 #include <cmath>
@@ -13,7 +13,7 @@
 #include <sys/prctl.h>
 #endif
 
-namespace gr::wiforce {
+namespace gr::wiforce::bench {
 
 namespace {
 using clock = std::chrono::steady_clock;
@@ -74,7 +74,7 @@ int paced_source::work(int, gr_vector_const_void_star&, gr_vector_void_star& out
         return WORK_DONE;
 #ifdef __linux__
     if (begin == 0)
-        prctl(PR_SET_TIMERSLACK, 1); // of this thread; by default it sleeps 50 us longer
+        prctl(PR_SET_TIMERSLACK, 1); // of this thread; the default adds 50 us
 #endif
     std::this_thread::sleep_until(
         clock::time_point(std::chrono::duration_cast<clock::duration>(
@@ -95,4 +95,4 @@ std::vector<double> paced_source::mark_times() const
     return d_marks;
 }
 
-} // namespace gr::wiforce
+} // namespace gr::wiforce::bench
