@@ -30,7 +30,7 @@ SCENE = {
 }
 
 
-def test_ratio_forgets_the_common_phase_and_is_zero_where_nothing_is_heard():
+def test_channel_ratio_cancels_the_common_phase():
     rng = np.random.default_rng(1)
     first, second = rng.standard_normal((2, 40, 62)) + 1j * rng.standard_normal((2, 40, 62))
     turns = np.exp(2j * np.pi * rng.random((40, 1)))
@@ -39,7 +39,7 @@ def test_ratio_forgets_the_common_phase_and_is_zero_where_nothing_is_heard():
     assert np.all(channel_ratio(first, second)[3] == 0)
 
 
-def test_block_gives_folded_vectors_of_the_ratio():
+def test_antenna_ratio_block_gives_folded_vectors_of_the_ratio():
     waveform, rng = sounding_waveform(), np.random.default_rng(2)
     folded = (rng.standard_normal((2, 30, 64)) + 1j * rng.standard_normal((2, 30, 64))).astype("c8")
     sources = [blocks.vector_source_c(x.ravel(), False, 64) for x in folded]
@@ -69,7 +69,7 @@ def readings(captures, scene):
     return [r for r in found if r.time_s > 0.5]
 
 
-def test_two_antennas_read_through_carrier_offset_and_phase_noise(captures):
+def test_antenna_ratio_with_carrier_offset_and_phase_noise_is_read(captures):
     name, scene = captures
     truth = scene.load_model("line-900mhz")
     known = scene.load_model("line-900mhz-calibrated")
@@ -82,11 +82,11 @@ def test_two_antennas_read_through_carrier_offset_and_phase_noise(captures):
     assert np.abs([r.location_mm - 33 for r in found]).max() < 0.3
 
 
-def test_one_antenna_reads_nothing_from_the_same_capture(captures):
+def test_single_antenna_with_free_clock_reads_nothing(captures):
     alone = load_scene({**SCENE, "environment": {"reader_clock": "free"}})
     assert all(r.force_n is None or r.flags for r in readings(captures, alone))
 
 
-def test_samples_of_one_antenna_are_refused_where_the_scene_has_two():
+def test_reader_samples_of_one_antenna_are_refused_for_two():
     with pytest.raises(InputError, match="environment.receive_antennas: must be 1 where samples"):
         wiforce.reader(SCENE, input_type="sc16")

@@ -8,7 +8,6 @@ from device_times import rx_time
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce import names
 from gnuradio.wiforce.estimation.groups import Groups
-from gnuradio.wiforce.estimation.incomplete import IncompleteGroups
 from plain import make_air
 from press_capture import GROUP, SCENE, array_source, press_codes
 from wiforce_app.bench.air import TagOnAir
@@ -95,10 +94,12 @@ def readings_of_receiver(plan, codes, lost, tracked):
     present[lost] = False
     # A frame of which any sample is absent gives no snapshot.
     present = present.reshape(25, plan.group_length, 720).all(axis=2)
-    solver = IncompleteGroups(plan.table, plan.waveform)
-    tones = [solver.tones(mask, group[mask]) for mask, group in zip(present, folded, strict=True)]
+    factors, rotation = plan.waveform.equalizer(), plan.table.derotation(SAMPLE_RATE_HZ)
+    solved = [plan.table.for_present(mask).weights for mask in present]
+    rows = [w @ group[mask] for w, group, mask in zip(solved, folded, present, strict=True)]
+    tones = (np.fft.fft(np.array(rows) * rotation) * factors)[:, :, plan.waveform.bins]
     missing = np.sum(~present, axis=1)
-    groups = Groups(np.arange(25), np.array(tones), missing, snapshot_weights=present)
+    groups = Groups(np.arange(25), tones, missing, snapshot_weights=present)
     readings = receiver.process(groups) + receiver.finish()
     return readings, tap.ratios
 

@@ -25,7 +25,7 @@ def state_tag_at(offset, group):
     return tag
 
 
-def test_offsets_of_all_tags_come_out_per_group_and_nan_while_a_clock_is_not_found():
+def test_clock_offset_without_lock_is_nan():
     groups = [separated(0, [True, False], [40.0, 0.0]), separated(1, [True, True], [41.5, -65.25])]
     tags = [state_tag_at(n, group) for n, group in enumerate(groups)]
     source = blocks.vector_source_c([0j] * 3 * 256, False, 256, tags)
@@ -39,6 +39,6 @@ def test_offsets_of_all_tags_come_out_per_group_and_nan_while_a_clock_is_not_fou
 
 
 @pytest.mark.parametrize("parameters", [{"sensors": 0}, {"length": 0}])
-def test_sizes_below_one_are_refused(parameters):
+def test_clock_offset_sizes_below_one_are_refused(parameters):
     with pytest.raises(ValueError, match=f"{next(iter(parameters))}: must be at least 1"):
         wiforce.clock_offset(**parameters)

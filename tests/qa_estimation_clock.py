@@ -48,7 +48,7 @@ def true_phase(tag, time_s):
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.3])
-def test_likelihood_is_the_energy_in_the_span_of_the_two_waveforms(table, delay):
+def test_likelihood_equals_the_energy_explained_by_both_waveforms(table, delay):
     """Against least squares on every subcarrier, at many phases."""
     rng = np.random.default_rng(1)
     tones = rng.standard_normal((len(table.tones), 5)) + 1j * rng.standard_normal(5)
@@ -68,7 +68,7 @@ def test_likelihood_is_the_energy_in_the_span_of_the_two_waveforms(table, delay)
         assert evaluate(turned_by(coefficients, phase))[0] == pytest.approx(expected, rel=1e-9)
 
 
-def test_slope_and_curvature_are_the_derivatives(table, likelihood):
+def test_likelihood_slope_and_curvature_are_its_derivatives(table, likelihood):
     rng = np.random.default_rng(2)
     tones = rng.standard_normal((len(table.tones), 5)) + 1j * rng.standard_normal(5)
     q = likelihood.coefficients(likelihood.covariance(tones, np.ones(5)))
@@ -79,7 +79,7 @@ def test_slope_and_curvature_are_the_derivatives(table, likelihood):
     assert middle[2] == pytest.approx((upper[1] - lower[1]) / (2 * step), rel=1e-5)
 
 
-def test_noise_of_the_slope_is_what_the_tracker_counts_on(table, likelihood):
+def test_likelihood_slope_variance_equals_the_stated_one(table, likelihood):
     rng = np.random.default_rng(3)
     slopes = []
     for _ in range(400):
@@ -91,7 +91,7 @@ def test_noise_of_the_slope_is_what_the_tracker_counts_on(table, likelihood):
 
 
 @pytest.mark.parametrize("offset_ppm", [-100, -37, 0, 100])
-def test_a_clock_100_ppm_off_is_found(table, likelihood, offset_ppm):
+def test_acquisition_finds_offsets_up_to_100_ppm(table, likelihood, offset_ppm):
     tag = TagOnAir(offset_ppm=offset_ppm, start_cycles=0.37, untouched_deg=(20.0, -130.0))
     times, fit = found_clock(likelihood, table, make_air(625, [tag], 5, 0.0))
     error = wrapped(fit.phase - true_phase(tag, fit.time_s))
@@ -104,7 +104,7 @@ def test_a_clock_100_ppm_off_is_found(table, likelihood, offset_ppm):
 
 
 @pytest.mark.parametrize("gamma_db, tries", [(-20.0, 40), (0.0, 10)])
-def test_the_clock_is_never_taken_half_a_turn_off(table, likelihood, gamma_db, tries):
+def test_acquisition_is_never_off_by_half_a_cycle(table, likelihood, gamma_db, tries):
     """It would ruin end 2: lines 2 and 6 hold both ends, with the wrong sign."""
     for seed in range(tries):
         tag = random_tag(np.random.default_rng([1, seed]))
@@ -113,9 +113,7 @@ def test_the_clock_is_never_taken_half_a_turn_off(table, likelihood, gamma_db, t
         assert fit.found and abs(error) < 0.25
 
 
-def test_a_clock_that_jumps_while_it_is_searched_is_not_taken_for_one_out_of_tolerance(
-    table, likelihood
-):
+def test_acquisition_of_a_jumping_clock_stays_within_tolerance(table, likelihood):
     """Ends would be mixed, and a press read as motion, for as long as it is believed."""
     fastest = 0.0
     for jump in np.linspace(0.1, 0.9, 17):
@@ -132,14 +130,14 @@ def test_a_clock_that_jumps_while_it_is_searched_is_not_taken_for_one_out_of_tol
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_no_clock_is_found_where_there_is_no_tag(table, likelihood, seed):
+def test_acquisition_without_a_tag_finds_no_clock(table, likelihood, seed):
     air = make_air(625, [], seed, 0.0, static_db=60)
     times, covariances = covariances_of(likelihood, table, air, 11)
     assert not acquire(times, covariances, likelihood, RATE, 100.0, SUBCARRIERS).found
 
 
 @pytest.mark.parametrize("delay_us", [-40.0, -10.0, 31.0])
-def test_a_fixed_delay_between_the_clocks_is_measured(table, likelihood, delay_us):
+def test_acquisition_measures_the_delay_between_the_clocks(table, likelihood, delay_us):
     """Left out, 31 us cost more than a degree at end 2."""
     tag = TagOnAir(
         offset_ppm=50.0,
@@ -153,7 +151,7 @@ def test_a_fixed_delay_between_the_clocks_is_measured(table, likelihood, delay_u
 
 
 @pytest.mark.parametrize("gamma_db, seed", [(-15.0, 1), (-15.0, 2), (20.0, 3)])
-def test_pulses_that_overlap_are_recognised(table, likelihood, gamma_db, seed):
+def test_acquisition_recognises_overlapping_pulses(table, likelihood, gamma_db, seed):
     """75 % about the same centres: inverted, and a quarter of Ts late."""
     tag = random_tag(np.random.default_rng(seed), clock2_delay_cycles=0.25)
     _, fit = found_clock(likelihood, table, make_air(625, [tag], seed, gamma_db))
@@ -177,7 +175,7 @@ def tracked_errors(table, likelihood, tag, gamma_db, groups, seed, gap=()):
     return np.array(errors), tracker
 
 
-def test_no_cycle_slips_at_gamma_minus_15_while_the_clock_drifts(table, likelihood):
+def test_tracker_of_a_drifting_weak_clock_does_not_slip(table, likelihood):
     tag = TagOnAir(offset_ppm=-3.0, drift_ppm_per_s=0.5, untouched_deg=(0.0, 90.0))
     errors, tracker = tracked_errors(table, likelihood, tag, -15.0, 400, 4)
     # A slip is pi or more; phase noise at line 4 stays small against what separates the ends.
@@ -186,13 +184,13 @@ def test_no_cycle_slips_at_gamma_minus_15_while_the_clock_drifts(table, likeliho
     assert 1e6 * tracker.rate / RATE == pytest.approx(-3.0 + 0.5 * 400 * 0.036, abs=2.0)
 
 
-def test_a_hole_of_half_a_second_does_not_lose_the_clock(table, likelihood):
+def test_tracker_keeps_lock_over_a_gap_of_half_a_second(table, likelihood):
     tag = TagOnAir(offset_ppm=80.0, drift_ppm_per_s=-0.5, untouched_deg=(0.0, 90.0))
     errors, _ = tracked_errors(table, likelihood, tag, 0.0, 60, 5, gap=range(25, 39))
     assert np.max(np.abs(errors)) < 0.03
 
 
-def test_a_group_without_the_tag_leaves_the_clock_alone(table, likelihood):
+def test_tracker_coasts_over_a_group_without_the_tag(table, likelihood):
     tag = TagOnAir(untouched_deg=(0.0, 90.0))
     air = make_air(625, [tag], 6, 10.0)
     times, fit = found_clock(likelihood, table, air)

@@ -13,7 +13,7 @@ def normal(rng, *shape):
     return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
 
 
-def test_gradient_and_information_are_those_of_least_squares_over_ends_and_phases():
+def test_phase_information_equals_that_of_joint_least_squares():
     """Against differences of what is left when the ends are solved anew at other phases."""
     rng = np.random.default_rng(1)
     mixing, slopes = normal(rng, 14, 4), normal(rng, 14, 4)
@@ -45,7 +45,7 @@ def test_gradient_and_information_are_those_of_least_squares_over_ends_and_phase
         assert both[a, b] == pytest.approx(curved / (4 * step**2), rel=0.05)
 
 
-def test_phases_that_nothing_tells_are_left_alone():
+def test_phase_errors_without_information_are_zero():
     errors, variances = phase_errors(np.ones(2), np.diag([4.0, 0.0]), np.zeros(2))
     assert np.all(errors == 0) and np.all(np.isinf(variances))
     errors, variances = phase_errors(np.array([2.0, 3.0]), np.diag([4.0, 9.0]), np.zeros(2))
@@ -60,7 +60,9 @@ def test_phases_that_nothing_tells_are_left_alone():
         ((1000.0, 1335.71), 625, 3.0, 8.0),  # line 14 aliases 3 Hz beside line 1
     ],
 )
-def test_bias_of_the_likelihood_is_known_beforehand(clocks_hz, group_length, least_deg, most_deg):
+def test_likelihood_bias_is_predicted_from_the_weights(
+    clocks_hz, group_length, least_deg, most_deg
+):
     plan = make_plan(clocks_hz, group_length=group_length)
     tag, clock = len(clocks_hz) - 1, TagClock(clocks_hz[-1])
     likelihood = PhaseLikelihood(plan.table, tag, clock.clock_hz * TA)
@@ -69,7 +71,7 @@ def test_bias_of_the_likelihood_is_known_beforehand(clocks_hz, group_length, lea
 
 
 @pytest.mark.parametrize("clocks_hz", [(1000.0, 1002.58), (1000.0, 502.19), (1000.0, 1335.71)])
-def test_tags_whose_lines_nearly_coincide_are_read_as_well_as_stated(clocks_hz):
+def test_phases_of_nearly_coinciding_lines_match_their_stated_errors(clocks_hz):
     """By their own lines alone readings are off by .3 to 1 deg and state .02."""
     plan, rng = make_plan(clocks_hz), np.random.default_rng(2)
     tags = [random_tag(rng, clock_hz=hertz) for hertz in clocks_hz]
@@ -82,7 +84,7 @@ def test_tags_whose_lines_nearly_coincide_are_read_as_well_as_stated(clocks_hz):
     assert np.max(np.abs(errors / stated)[readable]) < 4.5
 
 
-def test_groups_of_no_whole_periods_reach_the_bound_without_a_floor():
+def test_phases_of_groups_without_whole_periods_reach_the_bound():
     plan = make_plan(group_length=125, reference_groups=60)
     tags = [random_tag(np.random.default_rng(4))]
     air = make_air(125, tags, 5, 60.0, static_db=60)

@@ -14,7 +14,7 @@ from wiforce_app.bench.air import TagOnAir
 STILL = TagOnAir(start_cycles=0.2, untouched_deg=(20.0, -70.0), touched_deg=(75.0, -10.0))
 
 
-def test_its_tones_are_a_plain_fourier_sum_over_the_group():
+def test_paper_tones_are_a_plain_fourier_sum():
     table = design_weights([1000.0], 600, T, rectangular=True)
     snapshots = np.random.default_rng(1).standard_normal((600, 3)) + 0j
     times = (np.arange(600) - 299.5) * T
@@ -24,7 +24,7 @@ def test_its_tones_are_a_plain_fourier_sum_over_the_group():
         assert table.weights[row] @ snapshots == pytest.approx(np.array(expected) / 600, abs=1e-6)
 
 
-def test_lost_snapshots_count_as_nothing_in_that_sum():
+def test_paper_tones_exclude_lost_snapshots():
     table = design_weights([1000.0], 625, T, rectangular=True)
     mask = np.arange(625) % 5 > 0
     partial = table.for_present(mask)
@@ -32,14 +32,14 @@ def test_lost_snapshots_count_as_nothing_in_that_sum():
     assert table.for_present(np.zeros(625, bool)) is None
 
 
-def test_the_paper_reads_a_still_scene_with_an_exact_clock():
+def test_paper_with_exact_clock_reads_a_still_scene():
     air = make_air(625, [STILL], 2, 40.0, static_db=60)
     results = run_chain(make_plan(estimator="paper", reference_groups=1), air, 30)
     errors = errors_deg(results, [STILL], 1)
     assert np.max(np.abs(errors)) < 0.1
 
 
-def test_the_papers_phase_runs_away_with_the_clock():
+def test_paper_with_clock_offset_rotates_the_phase():
     """A constant offset o turns end 1 by 2 pi fs o per second, end 2 by four times that."""
     tag = TagOnAir(offset_ppm=40.0, untouched_deg=(20.0, -70.0), touched_deg=(20.0, -70.0))
     results = run_chain(make_plan(estimator="paper"), make_air(625, [tag], 3, 40.0), 40)
@@ -49,7 +49,7 @@ def test_the_papers_phase_runs_away_with_the_clock():
 
 
 @pytest.mark.parametrize("estimator, losses_db", [("paper", (7.6, 10.5)), ("sideband", (2.1, 4.7))])
-def test_losses_in_plain_noise_are_those_of_theory(estimator, losses_db):
+def test_paper_and_sideband_losses_match_theory(estimator, losses_db):
     plan = make_plan(estimator=estimator, reference_groups=40)
     tag = TagOnAir(untouched_deg=(20.0, -70.0), touched_deg=(20.0, -70.0))
     air = make_air(625, [tag], 4, 10.0, coherence_hz=None)
@@ -63,7 +63,7 @@ def test_losses_in_plain_noise_are_those_of_theory(estimator, losses_db):
     assert loss == pytest.approx(losses_db, abs=1.0)
 
 
-def test_the_sideband_product_takes_the_clock_out():
+def test_sideband_cancels_the_clock_offset():
     tag = TagOnAir(
         offset_ppm=80.0, drift_ppm_per_s=0.5, untouched_deg=(20.0, -70.0), touched_deg=(75.0, -10.0)
     )
@@ -72,7 +72,7 @@ def test_the_sideband_product_takes_the_clock_out():
 
 
 @pytest.mark.parametrize("estimator", ["paper", "sideband"])
-def test_their_standard_deviation_is_right_where_they_work(estimator):
+def test_paper_and_sideband_standard_deviation_matches_the_errors(estimator):
     relative, snr = [], []
     for seed in range(8):
         air = make_air(625, [STILL], [6, seed], 10.0)
@@ -85,7 +85,7 @@ def test_their_standard_deviation_is_right_where_they_work(estimator):
 
 
 @pytest.mark.parametrize("estimator", ["paper", "sideband"])
-def test_a_broken_group_gives_nothing(estimator):
+def test_paper_and_sideband_invalid_group_is_empty(estimator):
     table = design_weights([1000.0], 625, T)
     plan = make_plan(estimator=estimator)
     separator = estimator_named(estimator).separator(table, plan.clocks, WAVEFORM)
@@ -106,7 +106,7 @@ def ratios_with(ratios, std_deg, new_reference=()):
     )
 
 
-def test_steps_add_up_to_the_change_and_a_lost_group_adds_nothing():
+def test_unfolder_steps_add_up_across_a_lost_group():
     unfolder = RatioUnfolder("step")
     steps = [[1, 1], [2j, 1], [1j, 0], [1j, -1j]]
     stds = [[1, 1], [1, 1], [1, np.inf], [1, 1]]
@@ -118,7 +118,7 @@ def test_steps_add_up_to_the_change_and_a_lost_group_adds_nothing():
     assert anew.ratios[0] == pytest.approx([1j, 1])
 
 
-def test_half_the_angle_stays_on_the_side_where_the_group_before_was():
+def test_unfolder_square_root_stays_on_the_side_of_the_previous_group():
     unfolder = RatioUnfolder("square")
     turns = np.radians(np.arange(0, 400, 50.0))[:, None]
     squares = ratios_with(0.8 * np.exp(2j * turns), np.full((8, 1), 3.0))
@@ -127,7 +127,7 @@ def test_half_the_angle_stays_on_the_side_where_the_group_before_was():
     assert np.all(unfolded.phase_std_deg == 1.5)
 
 
-def test_unknown_estimators_are_named():
+def test_estimator_with_unknown_name_is_refused():
     with pytest.raises(InputError, match="estimator: must be one of harmonic, sideband, paper"):
         estimator_named("music")
     with pytest.raises(InputError, match="ratios"):

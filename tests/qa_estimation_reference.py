@@ -43,12 +43,12 @@ def angles_of(groups, end=0):
     return np.degrees(np.angle(groups.ratios[:, end]))
 
 
-def test_weights_are_maximum_ratio_combining():
+def test_subcarrier_weights_are_those_of_maximum_ratio_combining():
     noise = np.array([1.0, 4.0, 0.5])
     assert subcarrier_weights(noise) == pytest.approx(np.array([1, 0.25, 2]) / 3.25)
 
 
-def test_ratio_is_the_weighted_conjugate_product_over_the_reference():
+def test_ratio_equals_the_weighted_conjugate_product_over_the_reference():
     """R = sum w V conj(V_ref) / (sum w |V_ref|^2 - its noise), in loops."""
     rng = np.random.default_rng(1)
     noise, gain = rng.uniform(0.5, 2, K) * 1e-4, [0.02, 0.03]
@@ -64,7 +64,7 @@ def test_ratio_is_the_weighted_conjugate_product_over_the_reference():
             assert results.in_reference[g, end] == (g < 3)
 
 
-def test_a_group_given_up_in_the_reference_is_not_made_good_by_a_touched_one():
+def test_reference_discarded_group_is_not_replaced_by_a_later_one():
     """Else each would bias every reading by a part of the touch, here 90 / 4 deg."""
     channel = normal(np.random.default_rng(12), 2, K)
     groups = [
@@ -75,7 +75,7 @@ def test_a_group_given_up_in_the_reference_is_not_made_good_by_a_touched_one():
     assert angles == pytest.approx([0] * 4 + [90] * 4, abs=1e-6)
 
 
-def test_groups_wait_for_the_whole_reference_but_not_for_ever():
+def test_reference_incomplete_holds_groups_up_to_twice_its_length():
     difference = ConjugateDifference(2, 4)
     counts = [len(difference.process(group_of(g, 1.0, [np.inf, np.inf]))) for g in range(8)]
     assert counts == [0] * 7 + [8]
@@ -83,7 +83,7 @@ def test_groups_wait_for_the_whole_reference_but_not_for_ever():
     assert counts == [1] * 6
 
 
-def test_tag_that_is_off_at_the_start_is_referenced_when_it_comes():
+def test_reference_of_a_late_tag_is_taken_when_it_appears():
     rng = np.random.default_rng(2)
     channel = normal(rng, 2, K)
     groups = [group_of(g, channel * (g >= 7), [np.inf if g < 7 else 1e-6] * 2) for g in range(12)]
@@ -95,13 +95,13 @@ def test_tag_that_is_off_at_the_start_is_referenced_when_it_comes():
     assert results.ratios[-1] == pytest.approx([1, 1], abs=1e-6)
 
 
-def test_a_tare_ends_the_doubt_about_a_late_reference():
+def test_reference_after_a_tare_is_not_late():
     groups = [group_of(g, 1.0, [1e-6, np.inf if g < 3 else 1e-6]) for g in range(8)]
     late = averaged(groups, ConjugateDifference(2, 2), tare_at=6).late_reference.tolist()
     assert late == [[False, True]] * 6 + [[False, False]] * 2
 
 
-def test_tare_counts_from_the_groups_that_follow():
+def test_reference_after_a_tare_is_taken_from_the_groups_that_follow():
     rng = np.random.default_rng(3)
     channel = normal(rng, 2, K)
     turned = channel * np.exp(1j * np.radians(30.0))
@@ -111,7 +111,7 @@ def test_tare_counts_from_the_groups_that_follow():
     assert np.flatnonzero(results.new_reference).tolist() == [0, 6]
 
 
-def test_groups_before_a_tare_are_not_averaged_with_those_after_it():
+def test_average_after_a_tare_excludes_the_groups_before():
     channel = normal(np.random.default_rng(3), 2, K)
     # Less than the noise that is stated would let show.
     turned = channel * np.exp(1j * np.radians(1.0))
@@ -121,7 +121,7 @@ def test_groups_before_a_tare_are_not_averaged_with_those_after_it():
     assert angles[5] > 0.5 and angles[6:] == pytest.approx([0, 0], abs=1e-9)
 
 
-def test_against_the_previous_group_steps_are_seen_and_a_lost_group_is_bridged():
+def test_reference_previous_group_gives_steps_across_a_lost_group():
     rng = np.random.default_rng(4)
     channel = normal(rng, 2, K)
     groups = [
@@ -136,18 +136,18 @@ def test_against_the_previous_group_steps_are_seen_and_a_lost_group_is_bridged()
     "arguments, message",
     [((2, 0), "reference_groups: must be at least 1"), ((2, 1, "first"), "against")],
 )
-def test_bad_settings_of_the_reference_are_named(arguments, message):
+def test_reference_invalid_setting_is_refused(arguments, message):
     with pytest.raises(InputError, match=message):
         ConjugateDifference(*arguments)
 
 
-def test_smoothing_over_no_group_is_refused():
+def test_average_over_no_group_is_refused():
     with pytest.raises(InputError, match="smoothing_groups: must be at least 1, got 0"):
         SubcarrierAverage(0)
 
 
 @pytest.mark.parametrize("gamma_db, group_length", [(-15, 625), (0, 625), (20, 625), (0, 125)])
-def test_stated_standard_deviations_match_the_spread(gamma_db, group_length):
+def test_ratios_stated_standard_deviation_matches_the_errors(gamma_db, group_length):
     """90 to 99 % of errors within two of them, and their size right on average."""
     groups = 12 * 625 // group_length
     plan = make_plan(group_length=group_length, reference_groups=groups)
@@ -169,7 +169,7 @@ def smoothed(length, ratios, variance=1e-4):
     return np.array([v[0] for v in values]), np.array([v[1] for v in values])
 
 
-def test_steady_groups_are_averaged_over_the_window():
+def test_average_of_steady_groups_spans_the_window():
     rng = np.random.default_rng(7)
     ratios = np.exp(1j * np.array([0.3, -2.0])) + 1e-2 * normal(rng, 600, 2)
     mean, variance = smoothed(5, ratios)
@@ -182,7 +182,7 @@ def test_steady_groups_are_averaged_over_the_window():
     assert spread == pytest.approx(1e-2 / np.sqrt(2 * 5), rel=0.1)
 
 
-def test_a_step_is_followed_at_once():
+def test_average_follows_a_step_at_once():
     rng = np.random.default_rng(8)
     phase = np.where(np.arange(40) < 20, 0.0, np.radians(60))
     ratios = np.exp(1j * phase)[:, None] + 1e-2 * normal(rng, 40, 2)
@@ -191,7 +191,7 @@ def test_a_step_is_followed_at_once():
     assert variance[20] == pytest.approx([1e-4, 1e-4])
 
 
-def test_a_slow_press_is_not_dragged_behind():
+def test_average_of_a_slow_press_lags_less_than_the_noise():
     """A quarter of a standard deviation per group: lag stays within the noise."""
     rng = np.random.default_rng(9)
     phase = 0.25 * 7e-3 * np.arange(800)
@@ -203,14 +203,14 @@ def test_a_slow_press_is_not_dragged_behind():
     assert np.sqrt(np.mean(error**2)) < 7e-3
 
 
-def test_surer_groups_count_more():
+def test_average_weighs_groups_by_their_variance():
     average = AdaptiveAverage(5)
     average.update(np.array([1.0 + 0j]), np.array([4e-4]))
     mean, variance = average.update(np.array([1.01 + 0j]), np.array([1e-4]))
     assert mean == pytest.approx([(1.0 / 4 + 1.01) / 1.25]) and variance == pytest.approx([8e-5])
 
 
-def test_a_group_that_is_not_there_is_no_part_of_the_average():
+def test_average_excludes_absent_groups():
     average = AdaptiveAverage(5)
     average.update(np.array([1.0 + 0j]), np.array([1e-4]))
     mean, variance = average.update(np.array([0j]), np.array([np.inf]))
@@ -219,7 +219,7 @@ def test_a_group_that_is_not_there_is_no_part_of_the_average():
     assert mean == pytest.approx([1.1]) and variance == pytest.approx([1e-4])
 
 
-def test_fast_readings_follow_a_touch_and_are_as_quiet_as_slow_ones():
+def test_average_of_short_groups_follows_a_touch_and_reaches_the_bound():
     """60 deg in 20 ms at gamma 10 dB, 139 readings a second: 5 deg within 15 ms of the end."""
     length, groups = 125, 70
     period = length * T

@@ -55,7 +55,7 @@ def loss_db(errors, bound):
     return 10 * np.log10(np.mean((errors / bound) ** 2, axis=0))
 
 
-def test_ends_are_the_least_squares_solution_with_counted_waveforms():
+def test_ends_equal_least_squares_with_counted_waveforms():
     """On every subcarrier: tones = W [s1, s2] D, the tones' own noise whitened."""
     tag = TagOnAir(offset_ppm=-60.0, start_cycles=0.3, untouched_deg=(35.0, -80.0))
     air = make_air(625, [tag], 1, 30.0)
@@ -72,7 +72,7 @@ def test_ends_are_the_least_squares_solution_with_counted_waveforms():
     assert np.max(np.abs(last.ends[0] - expected)) < 1e-3
 
 
-def test_ends_come_out_as_the_channels_that_were_put_in():
+def test_ends_in_low_noise_equal_the_simulated_channels():
     tag = TagOnAir(offset_ppm=90.0, start_cycles=0.8, untouched_deg=(35.0, -80.0))
     air = make_air(625, [tag], 2, 60.0, static_db=70)
     ends = separate(air, 12).ends[-1]
@@ -80,7 +80,7 @@ def test_ends_come_out_as_the_channels_that_were_put_in():
     assert np.max(np.abs(ends - air.ends(False))) < 2e-3
 
 
-def test_stated_noise_gain_and_snr_are_those_seen():
+def test_separation_stated_noise_gain_and_snr_match_the_errors():
     tag = TagOnAir(offset_ppm=20.0, start_cycles=0.1, untouched_deg=(35.0, -80.0))
     air = make_air(625, [tag], 3, 5.0)
     results = separate(air, 80)
@@ -98,7 +98,7 @@ def test_stated_noise_gain_and_snr_are_those_seen():
     "gamma_db, clutter_hz, around",
     [(-15, 0.0, {}), (10, 0.0, {"static_db": 70}), (0, 250.0, {"static_db": 70, "movers_db": 30})],
 )
-def test_errors_stay_near_the_bound(gamma_db, clutter_hz, around):
+def test_phases_with_drift_and_clutter_stay_near_the_bound(gamma_db, clutter_hz, around):
     """Off clock, drift, fading, static and moving clutter together."""
     plan, ratios = make_plan(clutter_hz=clutter_hz), []
     for seed in range(2):
@@ -111,7 +111,7 @@ def test_errors_stay_near_the_bound(gamma_db, clutter_hz, around):
 
 
 @pytest.mark.parametrize("lost", ["at random", "in a block"])
-def test_a_fifth_of_the_snapshots_missing_costs_no_more_than_they_held(lost):
+def test_phases_with_a_fifth_of_the_snapshots_missing_stay_near_the_bound(lost):
     plan, rng, ratios = make_plan(), np.random.default_rng(6), []
     masks = rng.random((87, 625)) > 0.2
     if lost == "in a block":
@@ -125,7 +125,7 @@ def test_a_fifth_of_the_snapshots_missing_costs_no_more_than_they_held(lost):
     assert np.max(loss_db(np.concatenate(ratios), 1.0)) < 1.5
 
 
-def test_a_group_of_which_little_is_left_is_given_up_not_guessed():
+def test_separation_group_with_few_snapshots_is_discarded():
     tag = TagOnAir(untouched_deg=(35.0, -80.0))
     air = make_air(625, [tag], 9, 20.0)
     keep = np.arange(625) < 12
@@ -135,7 +135,7 @@ def test_a_group_of_which_little_is_left_is_given_up_not_guessed():
     assert results.missing[15] == 613 and results.locked[16, 0]
 
 
-def test_two_tags_are_read_together():
+def test_phases_of_two_tags_stay_near_the_bound():
     """1.0 and 1.4 kHz share a line, and 36 ms are no whole periods of 1.4 kHz."""
     plan, ratios = make_plan((1000.0, 1400.0)), []
     for seed in range(2):
@@ -147,7 +147,7 @@ def test_two_tags_are_read_together():
 
 
 @pytest.mark.parametrize("second_db, largest_deg", [(0.0, 0.01), (-20.0, 0.1)])
-def test_one_tag_does_not_bias_the_other(second_db, largest_deg):
+def test_phases_beside_a_second_tag_are_unbiased(second_db, largest_deg):
     plan = make_plan((1000.0, 1400.0))
     for seed in range(3):
         rng = np.random.default_rng([12, seed])
@@ -157,7 +157,7 @@ def test_one_tag_does_not_bias_the_other(second_db, largest_deg):
         assert np.max(np.abs(bias)) < largest_deg
 
 
-def test_second_clock_of_2_khz_minus_a_little_is_never_read_with_confidence():
+def test_phases_of_clocks_near_a_factor_of_two_state_their_uncertainty():
     """Its lines lie on those of the first: what comes out must not look certain and be wrong."""
     plan = make_plan((1000.0, 1995.0))
     rng = np.random.default_rng(14)
@@ -168,7 +168,7 @@ def test_second_clock_of_2_khz_minus_a_little_is_never_read_with_confidence():
 
 
 @pytest.mark.parametrize("broken", [np.nan, np.inf, 0.0])
-def test_a_group_that_is_not_finite_or_empty_gives_nothing_and_harms_nothing(broken):
+def test_separation_invalid_group_is_empty_and_affects_no_other(broken):
     tag = TagOnAir(untouched_deg=(35.0, -80.0), touched_deg=(35.0, -80.0))
     air = make_air(625, [tag], 16, 20.0)
     snapshots = [air.group(g) for g in range(30)]
@@ -181,20 +181,20 @@ def test_a_group_that_is_not_finite_or_empty_gives_nothing_and_harms_nothing(bro
     assert np.array_equal(np.all(np.isinf(results.gain), axis=1), hurt)
 
 
-def test_nothing_at_all_gives_groups_without_ends():
+def test_separation_without_signal_gives_groups_without_ends():
     results = Separation().run_tones(np.zeros((30, 16, 62)))
     assert len(results) == 30
     assert not results.locked.any() and np.all(np.isinf(results.gain)) and not results.ends.any()
 
 
-def test_a_tag_that_is_off_is_not_read():
+def test_separation_tag_switched_off_is_not_locked():
     air = make_air(625, [TagOnAir()], 17, 10.0, static_db=60, movers_db=20)
     results = separate(air, 60, clutter_hz=250.0, on=False)
     assert len(results) == 60
     assert not results.locked.any()
 
 
-def test_a_tag_switched_on_again_is_found_and_its_reference_holds():
+def test_separation_tag_switched_on_again_is_acquired_and_keeps_its_reference():
     """Its clock starts anew at any phase: the two ends must not turn with it."""
     tags = [TagOnAir(start_cycles=0.2, untouched_deg=(35.0, -80.0), touched_deg=(95.0, -20.0))]
     air = make_air(625, tags, 18, 10.0)
@@ -213,7 +213,7 @@ def test_a_tag_switched_on_again_is_found_and_its_reference_holds():
     assert np.max(np.abs(errors[back - 12 :])) < 1.0
 
 
-def test_a_tag_that_comes_later_than_the_first_is_found():
+def test_separation_tag_switched_on_late_is_acquired():
     tags = [TagOnAir(untouched_deg=(35.0, -80.0)), TagOnAir(1400.0, untouched_deg=(5.0, 80.0))]
     air = make_air(625, tags, 19, 10.0)
     separation = Separation((1000.0, 1400.0))
@@ -221,7 +221,7 @@ def test_a_tag_that_comes_later_than_the_first_is_found():
     assert locked[:, 0].all() and not locked[:25, 1].any() and locked[40:, 1].all()
 
 
-def test_one_loud_group_does_not_hide_the_tag_in_those_around_it():
+def test_separation_loud_group_does_not_hide_the_tag_in_others():
     tag = TagOnAir(offset_ppm=30.0, start_cycles=0.1, untouched_deg=(35.0, -80.0))
     air = make_air(625, [tag], 9, 5.0)
     snapshots = [air.group(g) for g in range(24)]
@@ -232,7 +232,7 @@ def test_one_loud_group_does_not_hide_the_tag_in_those_around_it():
     assert results.noise[0].mean() == pytest.approx(air.noise[0], rel=0.1)
 
 
-def test_an_interferer_on_12_of_64_subcarriers_is_weighted_out():
+def test_phases_with_interference_on_12_subcarriers_stay_near_the_bound():
     """Without the weights it would cost 13 dB."""
     profile = np.ones(62)
     profile[10:22] = 100.0
@@ -247,7 +247,7 @@ def test_an_interferer_on_12_of_64_subcarriers_is_weighted_out():
     assert np.sqrt(np.mean(np.concatenate(plain_errors) ** 2)) < 0.9
 
 
-def test_a_delay_of_clock_2_does_not_turn_end_2():
+def test_phases_with_delayed_clock_2_are_unbiased():
     """31 us left out would turn it by a degree when the touch changes the shared lines."""
     tags = [
         TagOnAir(
@@ -263,7 +263,7 @@ def test_a_delay_of_clock_2_does_not_turn_end_2():
     assert results.clock2_delay[-1, 0] == pytest.approx(2 * np.pi * 0.031, abs=0.01)
 
 
-def test_overlapping_pulses_are_reported():
+def test_separation_overlapping_pulses_are_reported():
     tags = [random_tag(np.random.default_rng(23), clock2_delay_cycles=0.25)]
     results = run_chain(make_plan(), make_air(625, tags, 24, 0.0), 20)
     assert results.overlapping.all()
@@ -272,7 +272,7 @@ def test_overlapping_pulses_are_reported():
     assert not results.overlapping.any()
 
 
-def test_a_press_inside_a_group_makes_it_uncertain():
+def test_separation_press_inside_a_group_raises_its_gain():
     """The phases jump in the middle: the group fits no constant ends, and must say so."""
     tag = TagOnAir(untouched_deg=(0.0, 0.0), touched_deg=(120.0, 90.0))
     air = make_air(625, [tag], 25, 20.0)
@@ -283,7 +283,7 @@ def test_a_press_inside_a_group_makes_it_uncertain():
 
 
 @pytest.mark.parametrize("turn_cycles", [0.1, 0.5, -0.3])
-def test_a_clock_that_jumped_is_found_anew_and_doubted_until_then(turn_cycles):
+def test_separation_clock_jump_raises_the_gain_until_reacquired(turn_cycles):
     before, after = (
         make_air(625, [TagOnAir(start_cycles=start, untouched_deg=(35.0, -80.0))], 23, 10.0)
         for start in (0.2, 0.2 + turn_cycles)
@@ -298,7 +298,7 @@ def test_a_clock_that_jumped_is_found_anew_and_doubted_until_then(turn_cycles):
 
 
 @pytest.mark.parametrize("change_db", [6.0, -6.0])
-def test_a_new_noise_level_is_stated_within_half_a_second(change_db):
+def test_separation_noise_step_is_stated_within_half_a_second(change_db):
     tag = TagOnAir(offset_ppm=20.0, start_cycles=0.1, untouched_deg=(35.0, -80.0))
     before, after = (make_air(625, [tag], 21, gamma) for gamma in (10.0, 10.0 - change_db))
     results = Separation().run((before, after)[g >= 40].group(g) for g in range(54))
@@ -307,7 +307,7 @@ def test_a_new_noise_level_is_stated_within_half_a_second(change_db):
     assert stated_db == pytest.approx(change_db, abs=0.5)
 
 
-def test_a_press_that_takes_two_thirds_of_a_leaky_tags_energy_is_still_that_tag():
+def test_separation_press_on_a_leaky_tag_keeps_the_lock():
     # |G - G_off| goes from 1.3 to .7.
     tag = TagOnAir(offset_ppm=40.0, untouched_deg=(180.0, 180.0), off_reflection=0.3)
     air = make_air(625, [tag], 22, 20.0)
@@ -315,7 +315,7 @@ def test_a_press_that_takes_two_thirds_of_a_leaky_tags_energy_is_still_that_tag(
     assert results.locked[:, 0].tolist() == [True] * 60
 
 
-def test_touched_groups_keep_their_magnitude():
+def test_ratios_of_touched_groups_keep_their_magnitude():
     """|R| tells a free sensor from one whose press changed inside the group."""
     tags = [TagOnAir(untouched_deg=(10.0, 20.0), touched_deg=(100.0, -70.0))]
     results = run_chain(make_plan(), make_air(625, tags, 27, 0.0), 100)

@@ -40,7 +40,7 @@ def touches(decisions):
 
 # snr_db -15 is gamma -2 dB: .75 deg per group of 625.
 @pytest.mark.parametrize("std_deg", [0.02, 0.2, 0.75, 2.0, 5.0])
-def test_at_most_one_untouched_group_in_a_hundred_is_taken_for_a_touch(detector, std_deg):
+def test_touch_untouched_groups_false_alarms_stay_below_one_percent(detector, std_deg):
     decisions = run(detector, np.zeros((4000, 2)), std_deg, np.random.default_rng(1))
     assert np.mean(touches(decisions) == 1) <= 0.01
     assert np.mean([d.moved for d in decisions]) <= 0.002
@@ -49,7 +49,7 @@ def test_at_most_one_untouched_group_in_a_hundred_is_taken_for_a_touch(detector,
 @pytest.mark.parametrize("location_mm", [12.0, 40.0, 68.0])
 @pytest.mark.parametrize("force_n", [1.2, 3.0, 7.0])
 @pytest.mark.parametrize("std_deg", [0.05, 0.75])
-def test_a_press_is_seen_from_its_first_group_to_its_last(detector, force_n, location_mm, std_deg):
+def test_touch_press_is_detected_from_first_to_last_group(detector, force_n, location_mm, std_deg):
     phases = np.zeros((90, 2))
     phases[30:60] = turned(force_n, location_mm)
     decisions = run(detector, phases, std_deg, np.random.default_rng(2), reference=13)
@@ -57,7 +57,7 @@ def test_a_press_is_seen_from_its_first_group_to_its_last(detector, force_n, loc
     assert not any(d.moved for d in decisions)
 
 
-def test_the_tare_follows_a_slow_drift_and_stays_still_in_a_touch(detector):
+def test_tare_follows_slow_drift_and_holds_during_a_touch(detector):
     drift = np.outer(np.linspace(0, 30, 300), [1.0, 1.0])
     phases = drift.copy()
     phases[200:] = drift[200] + turned(4.0, 30.0)
@@ -69,7 +69,7 @@ def test_the_tare_follows_a_slow_drift_and_stays_still_in_a_touch(detector):
     assert np.ptp(followed[200:], axis=0) == pytest.approx([0, 0], abs=1e-12)
 
 
-def test_a_still_tag_pays_nothing_for_the_tare(detector):
+def test_tare_of_a_still_tag_adds_little_noise(detector):
     decisions = run(detector, np.zeros((1000, 2)), 0.3, np.random.default_rng(4))
     drift = np.array([d.drift_deg for d in decisions])[100:]
     # The mean over a second of groups: .3/sqrt(28), against .3/sqrt(13) of the reference.
@@ -77,7 +77,7 @@ def test_a_still_tag_pays_nothing_for_the_tare(detector):
 
 
 @pytest.mark.parametrize("step_deg", [25.0, -60.0, 150.0])
-def test_a_step_common_to_both_ends_is_motion_not_a_touch(detector, step_deg):
+def test_touch_common_step_is_motion(detector, step_deg):
     phases = np.zeros((80, 2))
     phases[40:] = step_deg
     decisions = run(detector, phases, 0.3, np.random.default_rng(5), reference=13)
@@ -88,7 +88,7 @@ def test_a_step_common_to_both_ends_is_motion_not_a_touch(detector, step_deg):
 
 
 @pytest.mark.parametrize("share", [0.2, 0.5, 0.8])
-def test_a_press_that_begins_inside_a_group_is_not_taken_for_motion(detector, share):
+def test_touch_press_beginning_inside_a_group_is_not_motion(detector, share):
     """The group's phase is that of a chord, and may turn both ends alike."""
     touched = turned(4.0, 45.0)
     chord = (1 - share) + share * np.exp(1j * np.radians(touched))
@@ -100,7 +100,7 @@ def test_a_press_that_begins_inside_a_group_is_not_taken_for_motion(detector, sh
     assert np.max(np.abs(decisions[-1].drift_deg)) < 0.2
 
 
-def test_a_group_that_says_nothing_does_not_move_the_tare(detector):
+def test_tare_ignores_a_group_without_information(detector):
     for g in range(40):
         spoilt = g == 15
         phases, std_deg = ((-15.0, 70.0), 500.0) if spoilt else ((0.0, 0.0), 0.02)
@@ -108,7 +108,7 @@ def test_a_group_that_says_nothing_does_not_move_the_tare(detector):
         assert np.allclose(decision.drift_deg, 0, atol=0.01)
 
 
-def test_accidents_that_look_like_motion_do_not_move_the_tare(detector):
+def test_tare_ignores_weak_groups_that_look_like_motion(detector):
     run(detector, np.zeros((20, 2)), 0.05)
     run(detector, np.full((3, 2), 95.0), 8.0)
     decisions = run(detector, np.zeros((5, 2)), 0.05)
@@ -116,7 +116,7 @@ def test_accidents_that_look_like_motion_do_not_move_the_tare(detector):
     assert not np.any([d.drift_deg for d in decisions])
 
 
-def test_a_press_after_motion_counts_from_where_the_tag_then_was(detector):
+def test_touch_press_after_motion_is_relative_to_the_new_phases(detector):
     phases = np.zeros((100, 2))
     phases[30:] += 25.0
     phases[70:] += turned(3.0, 25.0)
@@ -126,13 +126,13 @@ def test_a_press_after_motion_counts_from_where_the_tag_then_was(detector):
     assert measured == pytest.approx(turned(3.0, 25.0), abs=0.3)
 
 
-def test_a_group_without_phases_cannot_be_told(detector):
+def test_touch_without_phases_is_unknown(detector):
     run(detector, np.zeros((30, 2)), 0.2)
     decision = detector.update(1.2, (0.0, 0.0), (0.2, np.inf))
     assert decision.touch is None and not decision.moved
 
 
-def test_a_tare_on_request_forgets_drift_and_touch(detector):
+def test_tare_on_request_resets_drift_and_touch(detector):
     phases = np.concatenate([np.full((40, 2), 3.0), np.tile(turned(3.0, 30.0) + 3.0, (10, 1))])
     assert run(detector, phases, 0.1)[-1].touch == 1
     detector.tare()
@@ -141,7 +141,7 @@ def test_a_tare_on_request_forgets_drift_and_touch(detector):
 
 
 @pytest.mark.parametrize("std_deg", [0.05, 0.75, 3.0])
-def test_a_press_within_the_reference_is_noticed_and_steady_ones_never_blamed(detector, std_deg):
+def test_touch_press_within_the_reference_is_reported(detector, std_deg):
     ratios = np.ones((60, 2), complex)
     ratios[5:9] = np.exp(1j * np.radians(turned(4.0, 55.0)))
     phases = np.degrees(np.angle(ratios / ratios[:13].mean(axis=0)))
@@ -164,20 +164,20 @@ def motion_of(forces, locations, turn_deg, std_deg=0.05, seed=7):
     return np.array([motion.update(pair, stds, location, std_deg) for pair, location in groups])
 
 
-def test_a_step_of_the_tag_while_touched_is_told_from_a_change_of_force():
+def test_motion_step_while_touched_differs_from_a_change_of_force():
     steady, still = np.full(40, 4.0), np.zeros(40)
     step = np.where(np.arange(40) < 20, 0.0, -5.0)
-    for place in (25.0, 30.0, 50.0, 55.0):
-        moved = motion_of(steady, np.full(40, place), step)
+    for location_mm in (25.0, 30.0, 50.0, 55.0):
+        moved = motion_of(steady, np.full(40, location_mm), step)
         assert not moved[:20].any() and moved[20:].all()
-    for place in (20.0, 30.0, 37.0, 40.0, 43.0, 60.0):
+    for location_mm in (20.0, 30.0, 37.0, 40.0, 43.0, 60.0):
         for forces in (np.linspace(1.5, 8, 40), np.where(np.arange(40) < 20, 3.0, 7.0)):
-            assert not motion_of(forces, np.full(40, place), still).any()
+            assert not motion_of(forces, np.full(40, location_mm), still).any()
     slides = np.where(np.arange(40) < 20, 45.0, 47.0)
     assert not motion_of(steady, slides, still).any()
 
 
-def test_in_the_middle_of_the_line_a_step_of_the_tag_is_a_change_of_force():
-    """What cannot be told: both ends turn alike there, whichever it is."""
+def test_motion_step_in_the_middle_of_the_line_is_not_detected():
+    """Both cases rotate both ends by the same angle there, so they cannot be distinguished."""
     step = np.where(np.arange(40) < 20, 0.0, 5.0)
     assert not motion_of(np.full(40, 3.0), np.full(40, 40.0), step).any()

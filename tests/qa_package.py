@@ -11,7 +11,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.scene import load_scene, shipped_scenes
 
 
-def test_a_name_means_the_block_even_after_its_file_was_imported_for_something_else():
+def test_package_name_means_the_block_after_its_module_was_imported():
     """Each in a fresh interpreter: the import system binds a file's module to the same name."""
     code = (
         "from gnuradio import wiforce\n"
@@ -25,7 +25,7 @@ def test_a_name_means_the_block_even_after_its_file_was_imported_for_something_e
 
 @pytest.mark.parametrize("estimator", ["harmonic", "paper", "sideband"])
 @pytest.mark.parametrize("clocks_hz", [[1000.0], [1000.0, 1400.0], [700.0]], ids=str)
-def test_plan_goes_to_the_separation_and_to_all_that_is_before_it(estimator, clocks_hz):
+def test_plan_sets_the_sizes_of_the_separation_and_the_blocks_before(estimator, clocks_hz):
     sensors = [
         {"name": f"s{i}", "model": "line-900mhz", "clock_hz": f} for i, f in enumerate(clocks_hz)
     ]
@@ -45,17 +45,17 @@ def test_plan_with_an_unknown_estimator_is_refused():
 
 
 @pytest.mark.parametrize("name", shipped_scenes())
-def test_shipped_scenes_are_had_by_name(name):
+def test_scene_shipped_is_available_by_name(name):
     assert load_scene(name).path.stem == name
     assert wiforce.is_scene(name)
 
 
-def test_an_unknown_scene_name_is_refused_with_the_names_there_are():
+def test_scene_unknown_name_is_refused_with_the_known_names():
     with pytest.raises(InputError, match="scene: must be a .yaml file or one of .*demo, .*'dome'"):
         load_scene("dome")
 
 
-def test_rules_say_no_to_what_the_constructors_refuse(tmp_path):
+def test_rules_refuse_what_the_constructors_refuse(tmp_path):
     broken = tmp_path / "broken.yaml"
     broken.write_text("sensors: [{name: arm, model: nowhere}]\n")
     for scene in ("missing.yaml", "dome", broken, 3, {}):
@@ -76,6 +76,9 @@ def test_rules_say_no_to_what_the_constructors_refuse(tmp_path):
         assert not wiforce.is_scene({"sensors": [sensor]} | wrong)
 
 
-def test_an_error_told_by_another_process_is_the_same():
-    told = pickle.loads(pickle.dumps(InputError("reference_s", "must be positive", -1)))
-    assert isinstance(told, InputError) and str(told) == "reference_s: must be positive, got -1"
+def test_input_error_from_another_process_is_equal():
+    received = pickle.loads(pickle.dumps(InputError("reference_s", "must be positive", -1)))
+    assert (
+        isinstance(received, InputError)
+        and str(received) == "reference_s: must be positive, got -1"
+    )

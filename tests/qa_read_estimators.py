@@ -34,7 +34,7 @@ def readings(folder, phase_group=None, **tag):
     return list(csv.DictReader(run("read", folder / "air", "--scene", path).stdout.splitlines()))
 
 
-def test_overlapping_pulses_are_reported_and_never_read(tmp_path):
+def test_read_overlapping_pulses_are_flagged_and_not_read(tmp_path):
     rows = readings(tmp_path, tags=[{"sensor": "arm", "clock2_duty": "overlapping"}])
     assert len(rows) == 30
     assert all(set(row["flags"].split()) <= {"inconsistent", "reference"} for row in rows)
@@ -43,7 +43,7 @@ def test_overlapping_pulses_are_reported_and_never_read(tmp_path):
 
 
 @pytest.mark.parametrize("estimator", ["paper", "sideband"])
-def test_a_scene_can_ask_for_another_estimator(tmp_path, estimator):
+def test_read_scene_with_another_estimator_finds_the_press(tmp_path, estimator):
     """With an exact clock and a still scene the paper's own reads the press as well.
 
     At 40 mm no end turns by more than 90 deg, beyond which half the angle is ambiguous.

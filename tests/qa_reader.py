@@ -42,7 +42,7 @@ def read(samples, tags=(), chunk=None, rewire=None):
     return readings
 
 
-def test_a_press_is_read_through_the_blocks_where_it_is(codes):
+def test_reader_press_is_read_at_its_force_and_location(codes):
     readings = read(codes)
     assert [r.time_s for r in readings] == pytest.approx([0.018 + 0.036 * i for i in range(25)])
     touched = [r for r in readings if r.touch == 1 and not r.flags]
@@ -52,7 +52,7 @@ def test_a_press_is_read_through_the_blocks_where_it_is(codes):
 
 
 @pytest.mark.parametrize("way", ["samples", "folded samples", "recording"])
-def test_what_was_clipped_is_flagged_whichever_way_it_comes(codes, tmp_path, way):
+def test_reader_clipped_groups_are_flagged_for_every_input(codes, tmp_path, way):
     clipped = codes.copy()
     clipped[11 * GROUP + 700 :: 720][:20] = 32767  # in guards, which are never looked at
     clipped[12 * GROUP + 100 :: 720][:7] = 32767
@@ -80,7 +80,7 @@ def test_what_was_clipped_is_flagged_whichever_way_it_comes(codes, tmp_path, way
     assert flagged == [12, 19, 20]
 
 
-def test_floats_and_integers_read_alike(codes):
+def test_reader_floats_and_integers_give_equal_readings(codes):
     integers, floats = read(codes), read(as_floats(codes))
     for a, b in zip(integers, floats, strict=True):
         assert a.touch == b.touch and a.flags == b.flags
@@ -89,7 +89,7 @@ def test_floats_and_integers_read_alike(codes):
         assert b.phase2_deg == pytest.approx(a.phase2_deg, abs=2e-3)
 
 
-def test_how_the_samples_arrive_changes_nothing_that_is_written(codes):
+def test_reader_packet_size_does_not_change_readings(codes):
     # Before they are rounded for print, values may differ by 1e-14: BLAS follows the alignment of
     # memory.
     whole, packets = (
@@ -101,7 +101,7 @@ def test_how_the_samples_arrive_changes_nothing_that_is_written(codes):
 @pytest.mark.parametrize(
     "start, lost", [(10 * GROUP + 77_777, 3_001), (20 * GROUP, 2 * GROUP + 300)]
 )
-def test_lost_samples_cost_the_groups_they_were_in_and_no_other(codes, start, lost):
+def test_reader_lost_samples_affect_only_their_groups(codes, start, lost):
     whole = read(codes)
     kept = np.concatenate([codes[:start], codes[start + lost :]])
     rate = 12.5e6
@@ -118,7 +118,7 @@ def test_lost_samples_cost_the_groups_they_were_in_and_no_other(codes, start, lo
             assert b.phase2_deg == pytest.approx(a.phase2_deg, abs=0.05)
 
 
-def test_a_group_with_lost_snapshots_is_read_from_those_it_has(codes):
+def test_reader_group_with_a_gap_is_read_from_its_other_snapshots(codes):
     start, lost = 18 * GROUP + 100_000, 36_000
     kept = np.concatenate([codes[:start], codes[start + lost :]])
     tags = [rx_time(0, 0.0), rx_time(start, (start + lost) / 12.5e6)]
@@ -128,7 +128,7 @@ def test_a_group_with_lost_snapshots_is_read_from_those_it_has(codes):
     assert reading.location_mm == pytest.approx(37, abs=0.3)
 
 
-def test_without_the_snapshots_of_its_group_a_gap_costs_that_group_and_the_rest_is_read(codes):
+def test_reader_gap_without_its_message_affects_only_its_group(codes):
     def forget_a_connection(reader):
         reader.msg_disconnect(reader.fold, "incomplete", reader.groups, "incomplete")
 
@@ -140,7 +140,7 @@ def test_without_the_snapshots_of_its_group_a_gap_costs_that_group_and_the_rest_
     assert readings[18].flags == ("gap",) and readings[18].force_n is None
 
 
-def test_a_message_that_is_no_group_ends_the_flowgraph_with_a_word():
+def test_reader_invalid_message_ends_the_flowgraph():
     reader = wiforce.reader(SCENE)
     reader.groups.to_basic_block()._post(pmt.intern("incomplete"), pmt.PMT_T)
     flowgraph = gr.top_block()
@@ -153,7 +153,7 @@ def test_a_message_that_is_no_group_ends_the_flowgraph_with_a_word():
     assert reader.failure is not None and reader.failure is reader.groups.failure
 
 
-def test_broken_samples_spoil_no_more_than_their_group(codes):
+def test_reader_invalid_samples_affect_only_their_group(codes):
     values = as_floats(codes)
     values[15 * GROUP + 100] = complex(np.nan, np.inf)
     readings = read(values)
@@ -161,14 +161,14 @@ def test_broken_samples_spoil_no_more_than_their_group(codes):
     assert all(np.isfinite([r.phase1_deg, r.phase2_deg]).all() for r in readings)
 
 
-def test_dead_air_invents_no_reading(codes):
+def test_reader_without_signal_reads_nothing(codes):
     readings = read(np.zeros_like(codes))
     assert len(readings) == 25
     assert all(r.touch is None and r.force_n is None for r in readings)
 
 
 @pytest.mark.parametrize(
-    "arguments, told",
+    "arguments, message",
     [
         ({"scene": SCENE, "input_type": "sc8"}, "input_type: must be one of"),
         ({"scene": "none.yaml"}, "none.yaml: cannot be read"),
@@ -176,8 +176,8 @@ def test_dead_air_invents_no_reading(codes):
         ({"scene": SCENE, "frame_offset": -1}, "frame_offset"),
     ],
 )
-def test_bad_parameters_are_named(arguments, told):
-    with pytest.raises(ValueError, match=told) as refusal:
+def test_reader_invalid_parameter_is_refused(arguments, message):
+    with pytest.raises(ValueError, match=message) as refusal:
         wiforce.reader(**arguments)
     assert isinstance(refusal.value, InputError)
 

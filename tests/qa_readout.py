@@ -63,7 +63,7 @@ def press(first, last, groups, **how):
     ]
 
 
-def test_a_press_is_read_at_its_force_and_place():
+def test_readout_press_is_read_at_its_force_and_location():
     readings = readings_of(make_readout(), press(20, 29, 40))
     assert [r.touch for r in readings] == [int(20 <= g <= 29) for g in range(40)]
     assert [r.time_s for r in readings] == pytest.approx((np.arange(40) + 0.5) * PERIOD_S)
@@ -78,30 +78,30 @@ def test_a_press_is_read_at_its_force_and_place():
         assert wrap_deg([r.phase1_deg, r.phase2_deg] - UNTOUCHED) == pytest.approx([0, 0], abs=1e-6)
 
 
-def test_only_groups_of_the_reference_are_flagged_so():
+def test_readout_groups_of_the_reference_are_flagged():
     readings = readings_of(make_readout(), press(20, 29, 40))
     assert [("reference" in r.flags) for r in readings] == [g < 5 for g in range(40)]
 
 
-def test_first_and_last_group_of_a_touch_are_flagged_transition_and_no_other():
+def test_readout_first_and_last_touched_group_are_flagged_transition():
     readings = readings_of(make_readout(), press(20, 29, 40))
     assert [g for g, r in enumerate(readings) if "transition" in r.flags] == [20, 29]
 
 
-def test_a_dip_of_the_magnitude_betrays_a_change_inside_the_group():
+def test_readout_magnitude_dip_is_flagged_transition():
     groups = press(20, 39, 40)
     groups[30] = groups[30].having(ratios=0.9 * groups[30].ratios)
     flags = [r.flags for r in readings_of(make_readout(), groups)]
     assert "transition" in flags[30] and flags[29] == flags[31] == ()
 
 
-def test_a_dip_within_the_noise_is_not_flagged():
+def test_readout_magnitude_dip_within_the_noise_is_not_flagged():
     groups = press(20, 39, 40, std_deg=2.5)
     groups[30] = groups[30].having(ratios=0.9 * groups[30].ratios)
     assert "transition" not in readings_of(make_readout(), groups)[30].flags
 
 
-def test_a_change_on_one_sensor_flags_the_one_that_it_disturbs():
+def test_readout_change_on_one_sensor_flags_the_disturbed_other():
     groups = []
     for g in range(30):
         touched = ratios_of(4.0, 35.0) if g >= 20 else np.ones(2)
@@ -114,7 +114,7 @@ def test_a_change_on_one_sensor_flags_the_one_that_it_disturbs():
     assert not any(r.touch for r in second)
 
 
-def test_missing_snapshots_are_flagged_and_lost_groups_leave_empty_rows():
+def test_readout_missing_snapshots_and_groups_are_flagged_gap():
     groups = press(20, 29, 40)
     groups[10] = group_of(10, groups[10].ratios, missing=100)
     readings = readings_of(make_readout(), groups[:13] + groups[16:])
@@ -135,7 +135,7 @@ def test_missing_snapshots_are_flagged_and_lost_groups_leave_empty_rows():
         ({"overlapping": True}, 0.05, 1.0, ("inconsistent",)),
     ],
 )
-def test_what_cannot_be_read_has_no_touch_and_no_numbers(clock, std_deg, ratio, flags):
+def test_readout_unreadable_group_has_no_touch_and_no_numbers(clock, std_deg, ratio, flags):
     """No tag, no reference, or switches that are on together: nothing is invented."""
     (reading,) = readings_of(make_readout(), [group_of(0, ratio, std_deg, **clock)])
     assert reading.flags == flags
@@ -143,19 +143,19 @@ def test_what_cannot_be_read_has_no_touch_and_no_numbers(clock, std_deg, ratio, 
     assert numbers == (None, None, None, None) and reading.snr_db is None
 
 
-def test_an_uncertain_phase_is_flagged_weak():
+def test_readout_uncertain_phase_is_flagged_weak():
     strong, weak = (readings_of(make_readout(), press(9, 9, 9, std_deg=s))[7] for s in (1.0, 3.5))
     assert "weak" not in strong.flags and "weak" in weak.flags
 
 
-def test_the_off_state_of_the_switches_is_taken_out():
+def test_readout_off_state_is_corrected():
     off = 0.3 * np.exp(2.0j)
     held = readings_of(make_readout(off=off), press(20, 29, 40, off=off))[25]
     assert held.location_mm == pytest.approx(35.0, abs=0.2) and held.touch == 1
     assert held.force_n == pytest.approx(4.0, abs=4 * held.force_std_n)
 
 
-def test_a_tare_makes_the_next_groups_count_as_untouched():
+def test_readout_after_a_tare_counts_groups_as_untouched():
     readout = make_readout()
     moved = np.exp(1j * np.radians([25.0, 25.0]))
     groups = [group_of(g, moved if g >= 10 else 1.0, reference=g < 5) for g in range(20)]
@@ -166,7 +166,7 @@ def test_a_tare_makes_the_next_groups_count_as_untouched():
     assert wrap_deg([reading.phase1_deg, reading.phase2_deg] - UNTOUCHED) == pytest.approx([0, 0])
 
 
-def test_motion_of_the_tag_is_flagged_moved():
+def test_readout_motion_of_the_tag_is_flagged_moved():
     turned = np.exp(1j * np.radians([25.0, 25.0]))
     groups = [group_of(g, turned if g >= 20 else 1.0, reference=g < 5) for g in range(30)]
     readings = readings_of(make_readout(), groups)
@@ -174,7 +174,7 @@ def test_motion_of_the_tag_is_flagged_moved():
     assert not any(r.touch for r in readings)
 
 
-def test_steps_of_the_papers_estimator_add_up():
+def test_readout_steps_of_the_paper_add_up():
     """Each group against the one before: the touch must stay after its first group."""
     changes = press(20, 29, 40)
     steps = changes[:1] + [
@@ -186,7 +186,7 @@ def test_steps_of_the_papers_estimator_add_up():
     assert readings[25].location_mm == pytest.approx(35.0, abs=0.2)
 
 
-def test_a_press_within_the_reference_flags_every_reading_until_a_tare():
+def test_readout_press_within_the_reference_is_flagged_until_a_tare():
     ratios = np.ones((30, 2), complex)
     ratios[3:5] = ratios_of(4.0, 55.0)
     ratios /= ratios[:8].mean(axis=0)
@@ -197,7 +197,7 @@ def test_a_press_within_the_reference_flags_every_reading_until_a_tare():
     assert not any("inconsistent" in r.flags for r in readings_of(readout, fresh))
 
 
-def test_a_reference_that_was_taken_late_flags_every_reading_that_rests_on_it():
+def test_readout_late_reference_is_flagged_inconsistent():
     groups = [
         group.having(late_reference=np.full((1, 2), g < 9))
         for g, group in enumerate(press(5, 8, 14))
@@ -206,13 +206,13 @@ def test_a_reference_that_was_taken_late_flags_every_reading_that_rests_on_it():
     assert flagged == [True] * 9 + [False] * 5
 
 
-def test_a_tag_that_is_not_heard_is_weak_though_its_reference_is_late():
+def test_readout_absent_tag_with_late_reference_is_flagged_weak():
     silent = group_of(0, 1.0, std_deg=np.inf, late_reference=[True, True])
     (reading,) = readings_of(make_readout(), [silent])
     assert reading.touch is None and set(reading.flags) == {"inconsistent", "weak"}
 
 
-def test_a_tag_that_moves_while_touched_is_flagged_until_release():
+def test_readout_motion_while_touched_is_flagged_until_release():
     groups = press(10, 29, 40)
     for g in range(20, 30):
         groups[g] = groups[g].having(ratios=groups[g].ratios * np.exp(-5j * np.pi / 180))

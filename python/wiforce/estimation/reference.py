@@ -151,7 +151,9 @@ class ConjugateDifference:
         return self._difference(group, (first & there)[None], reference, reference_gain)
 
     def _compare(self, groups: Groups, in_reference: Array | None) -> Groups:
-        assert self._sum is not None and in_reference is not None
+        assert groups.ends is not None and in_reference is not None
+        if self._sum is None:  # a tare, and no group since
+            self._sum = np.zeros(groups.ends.shape[1:], complex)
         with np.errstate(divide="ignore", invalid="ignore"):
             gain = 1 / self._precision
             reference = np.where(self._precision > 0, self._sum.T * gain, 0).T
