@@ -161,7 +161,9 @@ def fault_of(status, said):
     if "Traceback" in said:
         return f"traceback: {said.strip()[-300:]}"
     complaints = [
-        line for line in said.splitlines() if "warning" not in line and "frames begin" not in line
+        line
+        for line in said.splitlines()
+        if "warning" not in line and "first frame begins" not in line
     ]
     if status == 2 and len(complaints) != 1:
         return f"not one line: {said[:300]!r}"
