@@ -10,6 +10,7 @@
 #include <gnuradio/wiforce/recording_source.h>
 
 #include "refusal.h"
+#include "rx_time.h"
 
 namespace py = pybind11;
 using namespace py::literals;
@@ -184,13 +185,24 @@ static void bind_recording_source(py::module& m)
              "Samples that the segments promise and the file does not hold.");
 }
 
+static py::object rx_time_or_none(const pmt::pmt_t& value)
+{
+    const auto time = rx_time_value(value);
+    return time ? py::make_tuple(time->seconds, time->fraction) : py::object(py::none());
+}
+
 PYBIND11_MODULE(wiforce_python, m)
 {
     py::register_local_exception_translator(translate_refusal);
     // The base classes' Python types.
     py::module::import("gnuradio.gr");
+    py::module::import("pmt");
     bind_preamble_fold(m);
     bind_ofdm_channel_estimator(m);
     bind_phase_group_doppler(m);
     bind_recording_source(m);
+    m.def("rx_time_value",
+          &rx_time_or_none,
+          "value"_a,
+          "(whole seconds, fraction) in the value of an `rx_time` tag, or None.");
 }
