@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "input_events.h"
 
+#include "rx_time.h"
 #include <gnuradio/wiforce/names.h>
 
 #include <algorithm>
@@ -14,18 +15,6 @@ namespace {
 const pmt::pmt_t rx_time_key = pmt::mp(names::RX_TIME);
 const pmt::pmt_t rx_rate_key = pmt::mp(names::RX_RATE);
 const pmt::pmt_t rx_freq_key = pmt::mp(names::RX_FREQ);
-
-// tuple(uint64 seconds, double fraction), as gr-uhd makes it; stream_time.py has the same
-// rule.
-bool is_time(const pmt::pmt_t& value)
-{
-    if (!pmt::is_tuple(value) || pmt::length(value) != 2)
-        return false;
-    const pmt::pmt_t seconds = pmt::tuple_ref(value, 0);
-    return (pmt::is_uint64(seconds) ||
-            (pmt::is_integer(seconds) && pmt::to_long(seconds) >= 0)) &&
-           pmt::is_real(pmt::tuple_ref(value, 1));
-}
 
 } // namespace
 
@@ -58,23 +47,22 @@ void input_events::note(const gr::tag_t& tag)
 
 void input_events::note_time(const gr::tag_t& tag)
 {
-    if (!is_time(tag.value)) {
-        d_logger->warn("rx_time is not a tuple of whole and fractional seconds: ignored");
+    const auto time = rx_time_value(tag.value);
+    if (!time) {
+        d_logger->warn(
+            "ignored an rx_time that is not (uint64 seconds, double fraction)");
         d_times_ignored += 1;
         return;
     }
     using kind = kernel::timeline::verdict;
-    const auto [verdict, off] =
-        d_timeline.note(tag.offset,
-                        { pmt::to_uint64(pmt::tuple_ref(tag.value, 0)),
-                          pmt::to_double(pmt::tuple_ref(tag.value, 1)) });
+    const auto [verdict, off] = d_timeline.note(tag.offset, *time);
     if (verdict == kind::ignored) {
-        d_logger->warn("rx_time is off by {:g} samples: ignored", off);
+        d_logger->warn("ignored an implausible rx_time: it is off by {:g} samples", off);
         d_times_ignored += 1;
         return;
     }
     if (verdict == kind::restarts)
-        d_logger->warn("rx_time goes on elsewhere: taken as a new time reference");
+        d_logger->warn("device clock was reset; rx_time is a new time reference");
     if (off > 0)
         d_next = event{ tag.offset, static_cast<std::uint64_t>(off), usable() };
 }
@@ -86,15 +74,15 @@ void input_events::note_setting(const gr::tag_t& tag)
     const double value = pmt::to_double(tag.value);
     const bool was_usable = usable();
     if (pmt::eq(tag.key, rx_rate_key)) {
-        d_rate_is_ours = std::abs(value - d_sample_rate) <= 1e-6 * d_sample_rate;
+        d_rate_is_right = std::abs(value - d_sample_rate) <= 1e-6 * d_sample_rate;
     } else {
         d_carrier = d_carrier.value_or(value);
-        d_carrier_is_ours = std::abs(value - *d_carrier) <= 1;
+        d_carrier_is_right = std::abs(value - *d_carrier) <= 1;
     }
     if (usable() == was_usable)
         return;
     if (!usable())
-        d_logger->warn("{} changes to {:g}: nothing is read until it is set back",
+        d_logger->warn("{} changed to {:g}; samples are discarded until it is set back",
                        pmt::symbol_to_string(tag.key),
                        value);
     d_next = event{ tag.offset, 0, usable() };

@@ -13,15 +13,15 @@
 
 namespace gr::wiforce {
 
-// The next thing that changes on a stream of samples, by the device's tags rx_time,
-// rx_rate and rx_freq.
+// What changes on a stream of samples, according to the device's tags rx_time, rx_rate
+// and rx_freq.
 class input_events
 {
 public:
     struct event {
         std::uint64_t item;
         std::uint64_t lost; // samples before it
-        bool usable;        // whether rate and carrier are ours from here on
+        bool usable;        // whether rate and carrier are as configured from here on
     };
 
     input_events(double sample_rate, gr::logger_ptr logger);
@@ -38,22 +38,22 @@ public:
         d_timeline.expect_loss(lost, frame_length);
     }
 
-    // Values of rx_time that were no time, or one that cannot be.
+    // Values of rx_time that were malformed or implausible.
     std::uint64_t times_ignored() const { return d_times_ignored; }
 
 private:
-    bool usable() const { return d_rate_is_ours && d_carrier_is_ours; }
+    bool usable() const { return d_rate_is_right && d_carrier_is_right; }
     void note(const gr::tag_t& tag);
     void note_time(const gr::tag_t& tag);
     void note_setting(const gr::tag_t& tag);
 
     const double d_sample_rate;
     const gr::logger_ptr d_logger;
-    std::deque<gr::tag_t> d_tags; // not looked at yet
+    std::deque<gr::tag_t> d_tags; // not examined yet
     kernel::timeline d_timeline;
-    bool d_rate_is_ours = true;
-    bool d_carrier_is_ours = true;
-    std::optional<double> d_carrier; // the first one told
+    bool d_rate_is_right = true;
+    bool d_carrier_is_right = true;
+    std::optional<double> d_carrier; // the first one reported
     std::optional<event> d_next;
     kernel::counter d_times_ignored;
 };

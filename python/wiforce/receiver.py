@@ -115,7 +115,24 @@ class Receiver:
 def make_readout(
     plan: Plan, tracked: bool = False, on_groups: Callable[[Groups], None] | None = None
 ) -> Readout:
-    """The readout of a plan's sensors; parameters as those of :class:`Receiver`."""
+    """The readout of a plan's sensors.
+
+    Parameters
+    ----------
+    plan, tracked, on_groups
+        As for :class:`Receiver`.
+
+    Returns
+    -------
+    Readout
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.planning.plan import plan
+    >>> from gnuradio.wiforce.scene import load_scene
+    >>> type(make_readout(plan(load_scene("demo")))).__name__
+    'Readout'
+    """
     period_s, carrier_hz = plan.group_period_s, plan.center_frequency_hz
     sensors = {
         s.name: SensorReadout(s.model, carrier_hz, s.off_reflection, period_s, tracked)

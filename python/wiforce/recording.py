@@ -121,6 +121,11 @@ class RecordingReader:
     ------
     InputError
         When the capture disagrees with the scene, or holds no reading at all.
+
+    Examples
+    --------
+    >>> for readings in RecordingReader(open_capture("press"), plan(scene)):  # doctest: +SKIP
+    ...     print(len(readings))
     """
 
     times_ignored = 0
@@ -251,7 +256,8 @@ class _AntennaRatio:
 
     def __init__(self, recording: Capture, plan: Plan, frame_offset: int) -> None:
         beside = open_capture(second_antenna(recording.path.with_suffix("")))
-        beside.check_against(plan.scene)
+        if plan.scene is not None:
+            beside.check_against(plan.scene)
         self._paths = (recording.path, beside.path)
         self._length = plan.group_length
         self._shape = (len(plan.table.tones), len(plan.waveform.bins))
@@ -261,7 +267,7 @@ class _AntennaRatio:
             folded_reader(**_frame_settings(each, plan, frame_offset), header_bytes=0)
             for each in (recording, beside)
         ]
-        self._kept = self._read_frames()
+        self._kept: tuple[np.ndarray, ...] = self._read_frames()
 
     def read(self) -> Groups:
         """The next groups; a group ends when a frame of a later one has come."""

@@ -17,8 +17,9 @@ namespace gr::wiforce {
  * FFT and is multiplied by \p factors: H[k] = FFT(x)[k] factors[k], k in natural FFT
  * order. Factors of zero leave unoccupied subcarriers at zero.
  *
- * Folding, tones and this are linear and commute: rows = 1 behind preamble_fold gives the
- * channel of each snapshot, rows = M behind phase_group_doppler costs a fraction.
+ * Folding, Doppler tones and this estimate are linear and commute. After preamble_fold
+ * (rows = 1) it gives the channel of each snapshot; after phase_group_doppler (rows = M)
+ * it gives that of each tone at a fraction of the cost.
  */
 class WIFORCE_API ofdm_channel_estimator : virtual public gr::sync_block
 {
@@ -28,9 +29,9 @@ public:
     /*!
      * \param factors 64 factors, 1 / (X_k 64 / sqrt K) on occupied subcarriers, else 0
      * \param rows rows per vector
-     * \param rotation rows x 64 values by which the samples are turned before the FFT,
-     *        or none: a tone at f turns by 2 pi f / sample_rate from one folded sample
-     *        to the next and would leak into neighbouring subcarriers
+     * \param rotation rows x 64 values by which the samples are multiplied before the
+     *        FFT, or none: the phase of a tone at f advances by 2 pi f / sample_rate from
+     *        one folded sample to the next, which leaks into neighbouring subcarriers
      * \throws std::invalid_argument naming parameter, rule and value
      */
     static sptr make(const std::vector<std::complex<double>>& factors,

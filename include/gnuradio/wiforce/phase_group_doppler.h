@@ -20,15 +20,15 @@ namespace gr::wiforce {
  *   P[m, k] = sum_n w[m, n] h[n, k].
  *
  * Group g holds the snapshots g N_g .. (g+1) N_g - 1 of the frame grid; the tag
- * `snapshot` on an input item says its index (the stream starts at 0 without one). Each
- * output carries the tag `group`. Where snapshots are absent, or hold values that are not
- * finite, they count as zeros, the output carries the tag `missing` with their number,
- * and the group's snapshots with their mask go out before it on the message port
- * `incomplete`, for who can do better than zeros. A group without any snapshot is not
- * emitted, nor is the unfinished last one. The tag `saturated` on inputs makes one with
- * their number on the output.
+ * `snapshot` on an input item is its index (without one the stream starts at 0). Each
+ * output carries the tag `group`. Missing snapshots, and those with values that are not
+ * finite, count as zeros. The output then carries the tag `missing` with their number,
+ * and the group's snapshots and their mask are published before it on the message port
+ * `incomplete`, for blocks that can do better than zeros. A group without any snapshot is
+ * not emitted, nor is the unfinished last one. The output's tag `saturated` counts the
+ * inputs that carry one.
  *
- * The weights are applied as they are: how they were designed is not known here.
+ * The weights are applied as given; this block does not design them.
  */
 class WIFORCE_API phase_group_doppler : virtual public gr::block
 {

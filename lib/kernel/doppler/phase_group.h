@@ -12,8 +12,8 @@ namespace gr::wiforce::kernel {
  * The snapshots of one phase group, slot by slot, and which of them are there.
  *
  * A snapshot that was lost, or that holds a value which is not finite, is absent. Absent
- * slots hold the group's first present snapshot, the reference: whoever works on
- * differences from it (see tone_accumulator) needs no second look at the mask.
+ * slots hold the group's first present snapshot, the reference: sums of differences from
+ * it (see tone_accumulator) then need not check the mask.
  */
 class phase_group
 {

@@ -14,8 +14,8 @@ namespace gr::wiforce::kernel {
  *   folded[n] = 1/R sum_r x[first_averaged + 64 r + n],  n = 0..63, r = 0..R-1
  *
  * sc16 samples are summed as integers, which is exact, and scaled by 1/32768, so that
- * both sample types give the same unit. It knows one frame's layout only: alignment and
- * lost samples are its caller's part. Samples outside the averaged part are never read.
+ * both sample types give the same unit. It knows the layout of one frame only; frame_walk
+ * handles alignment and lost samples. Samples outside the averaged part are never read.
  */
 class preamble_folder
 {

@@ -18,7 +18,7 @@ namespace {
 constexpr const char* WHERE = "recording";
 // A read of half a megabyte costs little more than its copy, and leaves the samples in
 // the second cache. Guards are read as well: leaving them out takes a call per frame,
-// which is three times slower than their copy (720 samples, page cache).
+// which doubles the time (frames of 720 samples, page cache).
 constexpr std::uint64_t READ_BYTES = 1 << 19;
 
 [[noreturn]] void refuse(const std::string& path, const std::string& reason)

@@ -10,10 +10,10 @@ namespace gr::wiforce::kernel {
 
 namespace {
 
-// Part of the energy that stays in its place though something moves or is added; a shift
-// by one of five repetitions of the preamble leaves 0.64 ...
+// Shares of the energy, by the squared correlation of two averages. Movement or an added
+// path leaves at least IN_PLACE at the same sample; a shift by one of the preamble's five
+// repetitions leaves 0.64. Averages that correlate by SAME show the same frames.
 constexpr float IN_PLACE = 0.7f;
-// ... and that must be alike to count as the same.
 constexpr float SAME = 0.8f;
 
 // |<a, b>|^2 of unit vectors, b delayed by `shift` samples.
@@ -35,20 +35,20 @@ float match(const std::vector<fc32>& a, const std::vector<fc32>& b, std::size_t 
 
 frame_watch::frame_watch(int frame_length, std::uint64_t origin)
     : d_length(frame_length),
-      d_watches(frame_length <= LONGEST_FRAME),
+      d_is_active(frame_length <= LONGEST_FRAME),
       d_origin(origin),
       d_begin(origin)
 {
     require(
         frame_length >= 1, "frame_watch", "frame_length", "must be >= 1", frame_length);
-    if (d_watches)
+    if (d_is_active)
         d_sum.assign(2 * d_length, 0.0f);
 }
 
 template <class Sample>
 void frame_watch::take(const Sample* samples, std::uint64_t count, std::uint64_t position)
 {
-    if (!d_watches)
+    if (!d_is_active)
         return;
     const std::uint64_t end = position + count;
     const auto* parts = reinterpret_cast<const typename Sample::value_type*>(samples);
@@ -66,8 +66,8 @@ void frame_watch::take(const Sample* samples, std::uint64_t count, std::uint64_t
 template void frame_watch::take(const fc32*, std::uint64_t, std::uint64_t);
 template void frame_watch::take(const sc16*, std::uint64_t, std::uint64_t);
 
-// Of unit energy, without a constant, which is no part of a frame; empty when nothing is
-// there.
+// The average, of unit energy and without its mean, since a DC offset is no part of a
+// frame; empty when there is no signal.
 frame_watch::profile frame_watch::average() const
 {
     profile now(d_length);
@@ -93,9 +93,9 @@ int frame_watch::decide()
 {
     const profile now = average();
     const int shift = now.empty() ? 0 : judge(now);
-    d_doubts = d_latest.empty() ? 0 : d_doubts + 1;
-    // A loss within an average shows in the next two; noise is always in doubt.
-    const bool settled = d_doubts % MOST_DOUBTS == 0;
+    d_searching = d_mismatch.empty() ? 0 : d_searching + 1;
+    // A loss within an average shows in the next two; noise never matches.
+    const bool settled = d_searching % LONGEST_SEARCH == 0;
     std::fill(d_sum.begin(), d_sum.end(), 0.0f);
     d_begin += (settled ? PERIOD : AVERAGED) * d_length;
     return shift;
@@ -103,24 +103,24 @@ int frame_watch::decide()
 
 int frame_watch::judge(const profile& now)
 {
-    if (d_usual.empty())
-        d_usual = d_next = now;
-    if (match(now, d_usual, 0) > IN_PLACE) {
-        d_usual = d_next;
-        d_next = now;
-        d_latest.clear();
+    if (d_reference.empty())
+        d_reference = d_candidate = now;
+    if (match(now, d_reference, 0) > IN_PLACE) {
+        d_reference = d_candidate;
+        d_candidate = now;
+        d_mismatch.clear();
         return 0;
     }
-    d_next = d_usual;
-    const bool steady = !d_latest.empty() && match(now, d_latest, 0) > SAME;
-    d_latest = now;
+    d_candidate = d_reference;
+    const bool steady = !d_mismatch.empty() && match(now, d_mismatch, 0) > SAME;
+    d_mismatch = now;
     if (!steady)
         return 0;
     const int shift = find_shift(now);
-    // Otherwise it is another channel, and frames are believed to be where they were.
+    // Without a shift the channel changed, and the frames are still on the grid.
     if (shift == 0)
-        d_usual = d_next = now;
-    d_latest.clear();
+        d_reference = d_candidate = now;
+    d_mismatch.clear();
     return shift;
 }
 
@@ -130,7 +130,7 @@ int frame_watch::find_shift(const profile& now) const
     float best = SAME;
     int shift = 0;
     for (std::uint64_t i = 1; i < d_length; i++) {
-        const float value = match(now, d_usual, i);
+        const float value = match(now, d_reference, i);
         if (value > best) {
             best = value;
             shift = i;

@@ -10,15 +10,15 @@
 namespace gr::wiforce::kernel {
 
 /*
- * Watches that the frames of a stream stay on their grid.
+ * Monitors that the frames of a stream stay on their grid.
  *
  * Now and then some whole frames, guard included, are averaged and compared with the
- * average before: what stands still must come at the same sample. When it does not, the
- * average before is looked for at every cyclic shift. A shift counts when two averages in
- * a row agree on it and nearly all of the energy does.
+ * average before: static paths must arrive at the same sample. When they do not, the
+ * average before is searched for at every cyclic shift. A shift counts when two averages
+ * in a row agree on it and contain nearly all of the energy.
  *
- * That search takes time by the square of the frame length, 2 ms for 720 samples and 0.2
- * s for LONGEST_FRAME: longer frames are not watched.
+ * The search takes time by the square of the frame length, 2 ms for 720 samples and 0.2
+ * s for LONGEST_FRAME: longer frames are not monitored.
  */
 class frame_watch
 {
@@ -29,16 +29,17 @@ public:
     // frame_length >= 1.
     frame_watch(int frame_length, std::uint64_t origin);
 
-    // Position at which decide() is to be called; the first sample of a frame, or one
-    // that never comes when frames are not watched.
+    // Position at which decide() is to be called: the first sample of a frame, or one
+    // that is never reached when frames are not monitored.
     std::uint64_t decision() const
     {
-        return d_watches ? d_begin + averaged_samples() : NEVER;
+        return d_is_active ? d_begin + averaged_samples() : NEVER;
     }
-    // Samples before it that are averaged; no others need to be given.
+    // Samples before it that are averaged; the others are ignored.
     std::uint64_t averaged_samples() const { return AVERAGED * d_length; }
 
-    // Samples as they come, none beyond decision().
+    // Takes the samples that follow each other from `position` on, none beyond
+    // decision().
     template <class Sample>
     void take(const Sample* samples, std::uint64_t count, std::uint64_t position);
 
@@ -46,14 +47,14 @@ public:
     // frame_length.
     int decide();
 
-    // Goes on at a position of the grid where the stream was interrupted.
+    // Starts anew behind samples that were lost or not given.
     void restart(std::uint64_t position);
 
 private:
     static constexpr std::uint64_t NEVER = ~std::uint64_t(0);
     static constexpr std::uint64_t AVERAGED = 16; // frames
     static constexpr std::uint64_t PERIOD = 1024; // of them
-    static constexpr int MOST_DOUBTS = 3;         // averages in a row
+    static constexpr int LONGEST_SEARCH = 3;      // averages in a row
 
     using profile = std::vector<fc32>;
 
@@ -62,14 +63,14 @@ private:
     int judge(const profile& now);
 
     const std::uint64_t d_length;
-    const bool d_watches;
+    const bool d_is_active;
     const std::uint64_t d_origin;
     std::uint64_t d_begin;    // of the frames that are averaged
     std::vector<float> d_sum; // real and imaginary parts of a frame
-    int d_doubts = 0;
-    profile d_usual;  // as it should be; empty at first
-    profile d_next;   // to be so, unless frames moved while it was averaged
-    profile d_latest; // the last one that was not so
+    int d_searching = 0;      // averages in a row that do not match
+    profile d_reference;      // empty at first
+    profile d_candidate; // the next reference, unless frames moved while it was averaged
+    profile d_mismatch;  // the last average that did not match; empty when one did
 };
 
 } // namespace gr::wiforce::kernel

@@ -45,13 +45,14 @@ void timeline::expect_loss(std::uint64_t lost, std::uint64_t frame_length)
     d_frame_length = frame_length;
 }
 
-// Samples lost before an item beside those foretold; below 0 for a time that goes back.
+// Samples lost before an item besides the expected ones; below 0 for a time that goes
+// back.
 double timeline::lost_before(const mark& now) const
 {
     const double lost = lead(now, *d_last) - d_expected;
-    const bool foretold = lost < 0 && lost >= -static_cast<double>(d_expected_most) &&
+    const bool expected = lost < 0 && lost >= -static_cast<double>(d_expected_most) &&
                           std::fmod(lost, d_frame_length) == 0;
-    return foretold ? 0 : lost;
+    return expected ? 0 : lost;
 }
 
 timeline::judgement timeline::note(std::uint64_t item, time time)
@@ -62,16 +63,16 @@ timeline::judgement timeline::note(std::uint64_t item, time time)
     const double lost = d_last ? lost_before(now) : 0;
     judgement judgement{ lost > 0 ? verdict::gap : verdict::agrees, lost };
     if (!is_loss(lost, LONGEST_GAP_S)) {
-        // A loss foretold since the doubtful time lies before it: it came with that loss.
-        const double anew = d_doubtful ? lead(now, *d_doubtful) : -1;
-        if (!is_loss(anew, LONGEST_NEW_GAP_S)) {
-            d_doubtful = now;
+        // A loss that the frames showed since then lies before the implausible time.
+        const double since_reset = d_implausible ? lead(now, *d_implausible) : -1;
+        if (!is_loss(since_reset, LONGEST_NEW_GAP_S)) {
+            d_implausible = now;
             return { verdict::ignored, lost };
         }
-        judgement = { verdict::restarts, anew };
+        judgement = { verdict::restarts, since_reset };
     }
     d_last = now;
-    d_doubtful.reset();
+    d_implausible.reset();
     d_expected = d_expected_most = 0;
     return judgement;
 }

@@ -7,20 +7,20 @@
 namespace gr::wiforce::kernel {
 
 /*
- * Where the items of a stream lie on the device's count of samples, by times given for
- * some of them.
+ * Relates the items of a stream to the device's sample count, by times reported for some
+ * of them.
  *
  * A time later than the items since the one before account for means lost samples. One
- * that is earlier, or later by more than LONGEST_GAP_S, is a slip of the device or of the
- * way here: it is ignored. When the next one does not go on from before the slip but from
- * the slip itself, or at most LONGEST_NEW_GAP_S later, the device's clock was set anew: a
- * device gives times where it lost samples, and hardly elsewhere.
+ * that is earlier, or later by more than LONGEST_GAP_S, is implausible and ignored. When
+ * the next time follows on from the implausible one, or at most LONGEST_NEW_GAP_S later,
+ * the device's clock was reset: a device reports times where it lost samples and hardly
+ * elsewhere.
  */
 class timeline
 {
 public:
     static constexpr double LONGEST_GAP_S = 3600;
-    // Of a gap on a clock set anew: two slips lie rarely so close.
+    // Of a gap after a reset: two implausible times are rarely so close.
     static constexpr double LONGEST_NEW_GAP_S = 1;
 
     struct time {
@@ -30,12 +30,12 @@ public:
     enum class verdict {
         agrees,
         gap,     // `off` samples were lost just before the item
-        ignored, // no time, or `off` samples beside what it should be
-        restarts // the clock was set anew; `off` samples were lost since its first time
+        ignored, // malformed, or `off` samples from what was expected
+        restarts // the clock was reset; `off` samples were lost since its first time
     };
     struct judgement {
         timeline::verdict verdict;
-        double off; // samples; NaN for what is no time
+        double off; // samples; NaN for a malformed time
     };
 
     // Throws std::invalid_argument unless sample_rate is positive and finite.
@@ -44,8 +44,8 @@ public:
     // Takes the time of an item; items come in order.
     judgement note(std::uint64_t item, time time);
 
-    // Frames show that samples were lost since the last time, or came twice: `lost`, but
-    // for whole frames. The next time tells how many.
+    // Samples were lost or repeated since the last time, as the frames show: `lost`,
+    // known modulo the frame length. The next time includes them.
     void expect_loss(std::uint64_t lost, std::uint64_t frame_length);
 
     // Time of an item at or after the last that had one; empty before any.
@@ -63,7 +63,7 @@ private:
 
     const double d_sample_rate;
     std::optional<mark> d_last;
-    std::optional<mark> d_doubtful;    // the next decides
+    std::optional<mark> d_implausible; // the next one decides
     std::uint64_t d_expected = 0;      // samples lost since d_last, ...
     std::uint64_t d_expected_most = 0; // or fewer by whole frames up to this
     std::uint64_t d_frame_length = 1;

@@ -10,6 +10,7 @@
 #include <gnuradio/wiforce/recording_source.h>
 
 #include "refusal.h"
+#include "rx_time.h"
 
 namespace py = pybind11;
 using namespace py::literals;
@@ -41,13 +42,12 @@ static void bind_preamble_fold(py::module& m)
     py::class_<preamble_fold, gr::block, gr::basic_block, std::shared_ptr<preamble_fold>>(
         m,
         "preamble_fold",
-        "Folds the repeated part of each sounding frame into one vector of 64 "
-        "samples.\n\n"
+        "Averages the repeated part of each sounding frame.\n\n"
         "Input: samples, fc32 or sc16 (scaled by 1/32768). Output: a vector of 64 "
         "complex\n"
         "per frame; the tag `snapshot` holds its index on the frame grid, on the first "
         "one\n"
-        "and after every gap that an `rx_time` tag tells of.")
+        "and after every gap that an `rx_time` tag reports.")
         .def(py::init(&preamble_fold::make),
              "frame_length"_a,
              "first_averaged"_a = 64,
@@ -82,19 +82,19 @@ static void bind_preamble_fold(py::module& m)
             "sample_rate"_a = 12.5e6,
             "frame_offset"_a = 0,
             "item_type"_a = "fc32",
-            "Tones of phase groups at once, as of phase_group_doppler behind this block.")
+            "Tones of phase groups: this block and phase_group_doppler in one.")
         .def("snapshots", &preamble_fold::snapshots, "Frames folded so far.")
-        .def("gaps", &preamble_fold::gaps, "Times that `rx_time` told of lost samples.")
-        .def("samples_lost", &preamble_fold::samples_lost, "Samples lost then.")
+        .def("gaps", &preamble_fold::gaps, "Gaps that `rx_time` reported.")
+        .def("samples_lost", &preamble_fold::samples_lost, "Samples lost in them.")
         .def("times_ignored",
              &preamble_fold::times_ignored,
-             "Values of `rx_time` that were no time, or one that could not be.")
+             "Values of `rx_time` that were malformed or implausible, and ignored.")
         .def("frames_moved",
              &preamble_fold::frames_moved,
-             "Times that frames came elsewhere, of which no `rx_time` told.")
+             "Times that frame timing slipped without a report by `rx_time`.")
         .def("samples_moved",
              &preamble_fold::samples_moved,
-             "Samples that count as lost then: as many as were, but for whole frames.");
+             "Samples that count as lost in these slips, known modulo the frame length.");
 }
 
 static void bind_ofdm_channel_estimator(py::module& m)
@@ -184,13 +184,24 @@ static void bind_recording_source(py::module& m)
              "Samples that the segments promise and the file does not hold.");
 }
 
+static py::object rx_time_or_none(const pmt::pmt_t& value)
+{
+    const auto time = rx_time_value(value);
+    return time ? py::make_tuple(time->seconds, time->fraction) : py::object(py::none());
+}
+
 PYBIND11_MODULE(wiforce_python, m)
 {
     py::register_local_exception_translator(translate_refusal);
     // The base classes' Python types.
     py::module::import("gnuradio.gr");
+    py::module::import("pmt");
     bind_preamble_fold(m);
     bind_ofdm_channel_estimator(m);
     bind_phase_group_doppler(m);
     bind_recording_source(m);
+    m.def("rx_time_value",
+          &rx_time_or_none,
+          "value"_a,
+          "(whole seconds, fraction) in the value of an `rx_time` tag, or None.");
 }

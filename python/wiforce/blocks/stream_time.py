@@ -4,20 +4,12 @@
 import pmt
 
 from ..wiforce_kernels import timeline
+from ..wiforce_python import rx_time_value
 
 
 def time_value(seconds, fraction):
     """Value of an ``rx_time`` tag: tuple of whole seconds and the rest."""
     return pmt.make_tuple(pmt.from_uint64(seconds), pmt.from_double(fraction))
-
-
-def _is_time(value):
-    """As gr-uhd makes it; preamble_fold has the same rule (input_events.cc)."""
-    if not pmt.is_tuple(value) or pmt.length(value) != 2:
-        return False
-    seconds = pmt.tuple_ref(value, 0)
-    whole = pmt.is_uint64(seconds) or (pmt.is_integer(seconds) and pmt.to_long(seconds) >= 0)
-    return whole and pmt.is_real(pmt.tuple_ref(value, 1))
 
 
 class Timeline:
@@ -56,10 +48,10 @@ class Timeline:
         int
             Samples lost just before the item.
         """
-        if not _is_time(value):
+        time = rx_time_value(value)
+        if time is None:
             return 0
-        seconds, fraction = pmt.tuple_ref(value, 0), pmt.tuple_ref(value, 1)
-        lost = self._timeline.note(offset, pmt.to_uint64(seconds), pmt.to_double(fraction))
+        lost = self._timeline.note(offset, *time)
         self.lost += lost
         return lost
 

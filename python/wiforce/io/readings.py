@@ -76,6 +76,15 @@ def _words(flags: Flag) -> tuple[str, ...]:
 def flag_words(bits: int) -> tuple[str, ...]:
     """The words of flags that are given as the sum of their values.
 
+    Parameters
+    ----------
+    bits : int
+
+    Returns
+    -------
+    tuple of str
+        In the order of the members.
+
     Examples
     --------
     >>> flag_words(Flag.GAP.value + Flag.WEAK.value)
@@ -86,7 +95,15 @@ def flag_words(bits: int) -> tuple[str, ...]:
 
 @cache
 def flag_bits(words: tuple[str, ...]) -> int:
-    """The sum of the values of some flags' words.
+    """The sum of the values of flags that are given by their words.
+
+    Parameters
+    ----------
+    words : tuple of str
+
+    Returns
+    -------
+    int
 
     Examples
     --------

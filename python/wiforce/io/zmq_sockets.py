@@ -3,16 +3,35 @@
 
 import json
 import re
+from collections.abc import Callable, Mapping
+from typing import Any
 
-from gnuradio.wiforce.errors import InputError
+from ..errors import InputError
+from .readings import Reading
 
 
-def endpoint_of(text, option):
+def endpoint_of(text: str, option: str) -> str:
     """A ZMQ endpoint from ``PORT`` (on loopback) or ``tcp://ADDRESS:PORT``.
+
+    Parameters
+    ----------
+    text : str
+    option : str
+        Name of the option, for the message.
+
+    Returns
+    -------
+    str
 
     Raises
     ------
     InputError
+        For anything else.
+
+    Examples
+    --------
+    >>> endpoint_of("5555", "--zmq")
+    'tcp://127.0.0.1:5555'
     """
     address, _, port = text.rpartition(":")
     if not address:
@@ -22,7 +41,7 @@ def endpoint_of(text, option):
     return f"{address}:{port}"
 
 
-def _is_port(text):
+def _is_port(text: str) -> bool:
     return re.fullmatch("[0-9]{1,5}", text) is not None and 0 < int(text) < 65536
 
 
@@ -33,7 +52,7 @@ _LONGEST_REQUEST = 4096
 class _Endpoint:
     """A bound ZMQ socket of its own context."""
 
-    def __init__(self, endpoint, kind, option):
+    def __init__(self, endpoint: str, kind: str, option: str) -> None:
         try:
             import zmq
         except ImportError as error:
@@ -49,7 +68,7 @@ class _Endpoint:
                 raise
             raise InputError(option, f"cannot be bound ({error})", endpoint) from error
 
-    def close(self):
+    def close(self) -> None:
         """Give the endpoint back; what was just sent still has a moment to leave."""
         self._socket.close(linger=200)
         self._context.term()
@@ -58,16 +77,28 @@ class _Endpoint:
 class ReadingsPublisher(_Endpoint):
     """Readings as JSON on a PUB socket.
 
+    Parameters
+    ----------
+    endpoint : str
+        As for :func:`endpoint_of`.
+    option : str
+        Name of the option, for messages.
+
     Raises
     ------
     InputError
         When pyzmq is missing or the endpoint cannot be bound.
+
+    Examples
+    --------
+    >>> publisher = ReadingsPublisher("5555")  # doctest: +SKIP
+    >>> publisher.publish(Reading(0.018, "arm"), device_time_s=1.5)  # doctest: +SKIP
     """
 
-    def __init__(self, endpoint, option="--zmq"):
+    def __init__(self, endpoint: str, option: str = "--zmq") -> None:
         super().__init__(endpoint, "PUB", option)
 
-    def publish(self, reading, device_time_s):
+    def publish(self, reading: Reading, device_time_s: float | None) -> None:
         """Send one reading: the keys of a JSON line, and ``device_time_s``."""
         message = {**reading.row(), "device_time_s": device_time_s}
         self._socket.send_string(json.dumps(message, allow_nan=False))
@@ -82,24 +113,34 @@ class Replies(_Endpoint):
     Parameters
     ----------
     endpoint : str
+        As for :func:`endpoint_of`.
     answer : callable
-        Takes the text of a request.
+        From the text of a request to that of its answer.
+    option : str
+        Name of the option, for messages.
 
     Raises
     ------
     InputError
         When pyzmq is missing or the endpoint cannot be bound.
+
+    Examples
+    --------
+    >>> replies = Replies("5556", str.upper)  # doctest: +SKIP
+    >>> replies.serve(most=10)  # doctest: +SKIP
     """
 
-    def __init__(self, endpoint, answer, option="--control"):
+    def __init__(
+        self, endpoint: str, answer: Callable[[str], str], option: str = "--control"
+    ) -> None:
         super().__init__(endpoint, "ROUTER", option)
         self._answer = answer
 
-    def fileno(self):
+    def fileno(self) -> int:
         """Descriptor that becomes readable when requests may have come in."""
         return self._socket.fileno()
 
-    def serve(self, most):
+    def serve(self, most: int) -> bool:
         """Answer what has come in, so many requests at most; never waits.
 
         Returns
@@ -119,10 +160,26 @@ class Replies(_Endpoint):
         return True
 
 
-def answer_words(handlers):
-    """An answer for `Replies`: JSON of what the handler of a word returns, a dict."""
+def answer_words(handlers: Mapping[str, Callable[[], dict[str, Any]]]) -> Callable[[str], str]:
+    """An answer for :class:`Replies`: JSON of the dict that the handler of a word returns.
 
-    def answer(word):
+    Parameters
+    ----------
+    handlers : mapping of str to callable
+        Handler of each word.
+
+    Returns
+    -------
+    callable
+        From the text of a request to that of its answer.
+
+    Examples
+    --------
+    >>> answer_words({"tare": dict})("tare")
+    '{"ok": true}'
+    """
+
+    def answer(word: str) -> str:
         if word not in handlers:
             rule = f"must be one of {', '.join(handlers)}, got {word[:80]!r}"
             return json.dumps({"ok": False, "error": rule})

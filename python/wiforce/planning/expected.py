@@ -12,7 +12,7 @@ import numpy as np
 
 from ..scene import Scene
 from ..scene.schema import SceneSensor
-from ..sensor import LineModel
+from ..sensor import SensorModel
 from ..sensor.curves import CurveModel
 from ..signal.bound import phase_bound_deg
 from ..signal.carrier import same_carrier
@@ -30,7 +30,6 @@ _LONGEST = 1250
 _GROUPS, _DRAWS = 300, 16
 
 
-_Model = CurveModel | LineModel
 # Median errors of phases, force and location.
 _Medians = tuple[tuple[float, ...] | None, float | None, float | None]
 
@@ -134,7 +133,7 @@ def phase_std_deg(scene: Scene, plan: Plan) -> np.ndarray:
 def _phase_std(
     scene: Scene,
     plan: Plan,
-    models: Sequence[_Model],
+    models: Sequence[SensorModel],
     points: Sequence[np.ndarray | None],
     levels: ReceivedLevels,
 ) -> np.ndarray:
@@ -202,7 +201,7 @@ def _presses(scene: Scene, index: int) -> np.ndarray | None:
     return np.concatenate(rows) if rows else None
 
 
-def _span(model: _Model) -> np.ndarray:
+def _span(model: SensorModel) -> np.ndarray:
     """Force and location over a model's calibrated span; shape (9, 2)."""
     forces, locations = (
         np.linspace(low, high, 3) for low, high in (model.force_span_n, model.location_span_mm)
@@ -210,7 +209,7 @@ def _span(model: _Model) -> np.ndarray:
     return np.stack(np.meshgrid(forces, locations, indexing="ij"), axis=-1).reshape(-1, 2)
 
 
-def _drawn(model: _Model, carrier_hz: float, points: np.ndarray, std: np.ndarray) -> _Medians:
+def _drawn(model: SensorModel, carrier_hz: float, points: np.ndarray, std: np.ndarray) -> _Medians:
     """Median errors of phases, force and location when the presses are known."""
     noise = std * np.random.default_rng(0).standard_normal((_DRAWS, len(points), 2))
     phases = points[:, 2:4] + model.untouched_deg(carrier_hz) + noise
@@ -226,7 +225,7 @@ def _median(error: np.ndarray) -> float | None:
     return float(np.median(np.abs(error[known]))) if known.any() else None
 
 
-def _stated(model: _Model, carrier_hz: float, points: np.ndarray, std: np.ndarray) -> _Medians:
+def _stated(model: SensorModel, carrier_hz: float, points: np.ndarray, std: np.ndarray) -> _Medians:
     """The same from the errors that the calibration states."""
     untouched = np.array(model.noise_deg(carrier_hz)) / np.sqrt(_UNTOUCHED_SWEEPS)
     spread = _spread(model, carrier_hz, points, np.hypot(std, untouched))
@@ -270,7 +269,7 @@ def _reading_std(sensor: SceneSensor, phases: np.ndarray, bound: np.ndarray) -> 
 
 
 def _spread(
-    model: _Model, frequency_hz: float, points: np.ndarray, phase_std_deg: np.ndarray
+    model: SensorModel, frequency_hz: float, points: np.ndarray, phase_std_deg: np.ndarray
 ) -> np.ndarray:
     """Standard deviations of force and location at each press; shape (n, 2)."""
     forward = model.inverter(frequency_hz).forward
@@ -285,7 +284,7 @@ def _spread(
 
 
 def _model_variance(
-    model: _Model, frequency_hz: float, force_n: np.ndarray, location_mm: np.ndarray
+    model: SensorModel, frequency_hz: float, force_n: np.ndarray, location_mm: np.ndarray
 ) -> np.ndarray:
     """Expected variance of the model's phases; shape (n, 2).
 

@@ -28,7 +28,22 @@ ACCEPTED_LOSS_DB = 0.1
 
 @dataclass(frozen=True)
 class PlannedSensor:
-    """A sensor to read: name, loaded model, and G_off / rho per switch."""
+    """A sensor to read.
+
+    Attributes
+    ----------
+    name : str
+    model : SensorModel
+        Loaded.
+    off_reflection : ndarray of complex, shape (2,)
+        G_off / rho per switch.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.scene import load_scene
+    >>> plan(load_scene("demo")).sensors[0].name
+    'arm'
+    """
 
     name: str
     model: SensorModel = field(repr=False)
@@ -93,17 +108,24 @@ class Plan:
         return self.table.group_period_s
 
     @property
-    def center_frequency_hz(self):
-        """Carrier of the scene."""
-        return self.scene.radio.center_frequency_hz
+    def center_frequency_hz(self) -> float:
+        """Carrier of the scene, in Hz."""
+        return self._planned_scene.radio.center_frequency_hz
 
     @cached_property
-    def sensors(self):
-        """The scene's sensors with their models: a tuple of PlannedSensor."""
+    def sensors(self) -> tuple[PlannedSensor, ...]:
+        """The scene's sensors with their models."""
+        scene = self._planned_scene
         return tuple(
-            PlannedSensor(s.name, s.load_model(self.scene), np.asarray(s.off_reflection))
-            for s in self.scene.sensors
+            PlannedSensor(s.name, s.load_model(scene), np.asarray(s.off_reflection))
+            for s in scene.sensors
         )
+
+    @property
+    def _planned_scene(self) -> Scene:
+        if self.scene is None:
+            raise ValueError("a plan without a scene has no sensors to read")
+        return self.scene
 
     @cached_property
     def table(self) -> ToneTable:

@@ -181,6 +181,11 @@ class SensorModel:
             self._inverters[carriers] = self._inverters[frequency_hz] = found
         return found
 
+    def noise_deg(self, frequency_hz=None):
+        """Scatter of the calibrated phases of both ends; none without a calibration."""
+        self.carrier_index(frequency_hz)
+        return (0.0, 0.0)
+
     def tracker(self, group_period_s, frequency_hz=None, **settings):
         """A :class:`~.tracker.PressTracker` of this sensor."""
         from .tracker import PressTracker
@@ -219,8 +224,3 @@ class LineModel(SensorModel):
 
     def _model_std_deg(self, force, location, carrier):
         return np.zeros((*np.shape(force), 2))
-
-    def noise_deg(self, frequency_hz=None):
-        """No calibration, no scatter."""
-        self.carrier_index(frequency_hz)
-        return (0.0, 0.0)

@@ -84,13 +84,25 @@ def switch_averages(phase: np.ndarray, half_window: float, clock2_delay: float =
     return np.minimum(cycles, 1.0, out=cycles)
 
 
-def switch_slopes(phase, half_window, clock2_delay=0.0):
-    """Derivatives of :func:`switch_averages` by the clock's phase; same parameters.
+def switch_slopes(phase: np.ndarray, half_window: float, clock2_delay: float = 0.0) -> np.ndarray:
+    """Derivatives of :func:`switch_averages` by the clock's phase.
+
+    Parameters
+    ----------
+    phase, half_window, clock2_delay
+        As in :func:`switch_averages`.
 
     Returns
     -------
-    ndarray, shape (n, 2)
+    ndarray of float, shape (n, 2)
         Per radian; 0 where the window holds no edge.
+
+    Examples
+    --------
+    >>> half_window = np.pi / 16
+    >>> (switch_slopes(np.array([0.0, np.pi / 4]), half_window) * half_window).round(3) + 0
+    array([[ 0. ,  0. ],
+           [-0.5,  0. ]])
     """
     cycles = _cycles_from_pulse(phase, clock2_delay)
     half = half_window / (2 * np.pi) * np.array([1.0, 2.0])
@@ -100,7 +112,7 @@ def switch_slopes(phase, half_window, clock2_delay=0.0):
     return np.where(on_ramp, -np.sign(cycles) * steepness, 0.0)
 
 
-def _cycles_from_pulse(phase, clock2_delay):
+def _cycles_from_pulse(phase: np.ndarray, clock2_delay: float) -> np.ndarray:
     """Cycles from the nearest pulse's centre, each clock in its own: pulses are 1/4 wide."""
     cycles = np.empty((len(phase), 2))
     np.multiply(phase, 1 / (2 * np.pi), out=cycles[:, 0])

@@ -21,7 +21,7 @@ from .tag import SwitchedTag
 
 if TYPE_CHECKING:
     from ..scene import Scene
-    from ..scene.schema import Simulation
+    from ..scene.simulated import Simulation
 
 _Scatterer = TypeVar("_Scatterer")
 
@@ -81,9 +81,8 @@ class AirChannel:
         self._rate, self._waveform = scene.radio.sample_rate_hz, scene.waveform()
         self._amplitude = amplitude
         self._ramp = Ramp(self._rate)
-        self._tag_line = (
-            0.25 * np.sinc(0.25) * np.sinc(scene.sensors[0].clock_hz * self._waveform.averaging_s)
-        )
+        averaging_cycles = scene.sensors[0].clock_hz * self._waveform.averaging_s
+        self._tag_line = float(0.25 * np.sinc(0.25) * np.sinc(averaging_cycles))
         self._set_noise(simulation.snr_db)
 
         sources = _RandomSources(simulation.seed, antenna)
@@ -261,7 +260,7 @@ class AirChannel:
         frame = self._amplitude * np.tile(self._waveform.frame(), 2)
         paths = _padded([static, *movers, *tags])
         total = np.sum([np.abs(np.convolve(frame, taps)) for taps in paths], axis=0)
-        return total.max() + NOISE_PEAK * self._noise / np.sqrt(2)
+        return float(total.max() + NOISE_PEAK * self._noise / np.sqrt(2))
 
 
 class _RandomSources:

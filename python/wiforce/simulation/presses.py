@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from ..signal.carrier import SPEED_OF_LIGHT_M_S
 
 if TYPE_CHECKING:
-    from ..scene.schema import Move, Press
+    from ..scene.simulated import Move, Press
     from ..sensor import SensorModel
 
 # Physiological tremor of a hand lies between 8 and 12 Hz.

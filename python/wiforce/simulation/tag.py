@@ -12,7 +12,8 @@ from .switching import SWITCHES, SwitchingClock, switch_states
 
 if TYPE_CHECKING:
     from ..scene import Scene
-    from ..scene.schema import SceneSensor, Tag
+    from ..scene.schema import SceneSensor
+    from ..scene.simulated import Tag
 
 
 class SwitchedTag:

@@ -119,7 +119,7 @@ class RecordedTones:
         return np.concatenate(batches)
 
 
-# The size that ``read`` uses: more is no faster.
+# Larger batches are no faster.
 _GROUPS_PER_BATCH = 256
 
 chain("file-fc32", item_type="fc32")(RecordedTones)
