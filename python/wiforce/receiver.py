@@ -50,6 +50,7 @@ class Receiver:
 
     Examples
     --------
+    >>> import numpy as np
     >>> from gnuradio import wiforce
     >>> receiver = wiforce.Receiver(wiforce.plan(wiforce.load_scene("demo")))
     >>> receiver.process(wiforce.Groups(np.arange(2), np.zeros((2, 24, 62))))

@@ -152,8 +152,8 @@ def inverse_of(gram: Array) -> Array:
 
     Examples
     --------
-    >>> inverse_of(np.diag([2.0 + 0j, 4.0])).real.tolist()
-    [[0.5, 0.0], [0.0, 0.25]]
+    >>> inverse_of(np.diag([2.0 + 0j, 4.0])).diagonal().real.tolist()
+    [0.5, 0.25]
     """
     size = len(gram)
     smallest = 1e-12 * float(gram.diagonal().real.max())
