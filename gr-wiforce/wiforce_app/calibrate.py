@@ -8,7 +8,7 @@ import numpy as np
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.textfile import check_output
 
-from .ranges import CARRIER_HZ
+from .options import CARRIER_HZ
 
 _REPORTED_FORCES_N = (2.0, 4.0, 6.0, 8.0)
 _FORMS = ("auto", "auto-beyond", "cubic", "power", "spline")

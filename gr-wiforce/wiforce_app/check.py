@@ -12,7 +12,8 @@ from gnuradio.wiforce.io.samples import samples_of
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.schema import Scene
 
-from .live import leave, open_radio, radio_options
+from .live import leave, open_radio
+from .options import radio_options
 from .stream_events import describe_events
 
 _FRAMES = 2000

@@ -6,14 +6,13 @@ import math
 import click
 import numpy as np
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.estimation.quality import WEAK_FORCE_N, WEAK_PHASE_DEG
-from gnuradio.wiforce.io.readings import Reading
+from gnuradio.wiforce.io.readings import WEAK_FORCE_N, WEAK_PHASE_DEG, Reading
 from gnuradio.wiforce.io.textfile import read_csv
 from gnuradio.wiforce.io.writers import open_writer
 from gnuradio.wiforce.sensor.inversion import DEFAULT_STD_DEG
 from gnuradio.wiforce.signal.carrier import wrap_deg
 
-from .ranges import CARRIER_HZ
+from .options import CARRIER_HZ
 
 _NEEDED = ("phase1_deg", "phase2_deg")
 _LARGEST = 1e12  # of any number: phases of more have no digits left for degrees

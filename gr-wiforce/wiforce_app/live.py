@@ -16,50 +16,16 @@ from gnuradio.wiforce.io.zmq_sockets import (
 )
 from gnuradio.wiforce.scene import load_scene
 
-from .ranges import FiniteRange
+from .options import FiniteRange, radio_options, readings_output, tracked_presses
 
 _LOOK_S = 0.1
 # So that a flood of requests does not delay the warnings.
 _REQUESTS_A_LOOK = 100
 
 
-def radio_options(command):
-    """Add the options that open a device, which are the same for every command."""
-    for option in reversed(
-        [
-            click.option(
-                "--scene",
-                "scene_path",
-                required=True,
-                help="Scene file, or name of a shipped scene.",
-            ),
-            click.option("--args", required=True, help="UHD device arguments: addr=192.168.10.2."),
-            click.option("--tx-gain", type=float, metavar="DB", help="Default: the device's own."),
-            click.option("--rx-gain", type=float, metavar="DB", help="Default: the device's own."),
-            click.option("--antenna", help="Receive antenna, for example RX2."),
-            click.option("--tx-antenna", help="Transmit antenna, for example TX/RX."),
-            click.option("--reference", help="Clock source: internal, external, ..."),
-            click.option(
-                "--amplitude",
-                type=FiniteRange(0, 1, min_open=True),
-                default=0.5,
-                show_default=True,
-                help="Transmit amplitude: root of the mean preamble power over full scale.",
-            ),
-        ]
-    ):
-        command = option(command)
-    return command
-
-
 @click.command()
 @radio_options
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(),
-    help="OUT.csv or OUT.jsonl. Default: CSV on standard output.",
-)
+@readings_output
 @click.option("--record", metavar="NAME", help="Record to NAME.sigmf-data and NAME.sigmf-meta.")
 @click.option(
     "--zmq",
@@ -72,7 +38,7 @@ def radio_options(command):
     metavar="ENDPOINT",
     help="Accept requests (tare, status, stop) by ZMQ: PORT or tcp://ADDRESS:PORT.",
 )
-@click.option("--tracked", is_flag=True, help="Track each press over time.")
+@tracked_presses
 @click.option(
     "--duration", type=FiniteRange(0, min_open=True), help="Seconds to read. Default: until Ctrl-C."
 )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Types of numeric options."""
+"""Options that several commands share, and the type of their numbers."""
 
 import math
 
@@ -17,3 +17,40 @@ class FiniteRange(click.FloatRange):
 
 
 CARRIER_HZ = FiniteRange(0, 1e12, min_open=True)
+
+readings_output = click.option(
+    "-o",
+    "--output",
+    type=click.Path(),
+    help="OUT.csv or OUT.jsonl. Default: CSV on standard output.",
+)
+tracked_presses = click.option("--tracked", is_flag=True, help="Track each press over time.")
+
+_OF_A_RADIO = (
+    click.option(
+        "--scene",
+        "scene_path",
+        required=True,
+        help="Scene file, or name of a shipped scene.",
+    ),
+    click.option("--args", required=True, help="UHD device arguments: addr=192.168.10.2."),
+    click.option("--tx-gain", type=float, metavar="DB", help="Default: the device's own."),
+    click.option("--rx-gain", type=float, metavar="DB", help="Default: the device's own."),
+    click.option("--antenna", help="Receive antenna, for example RX2."),
+    click.option("--tx-antenna", help="Transmit antenna, for example TX/RX."),
+    click.option("--reference", help="Clock source: internal, external, ..."),
+    click.option(
+        "--amplitude",
+        type=FiniteRange(0, 1, min_open=True),
+        default=0.5,
+        show_default=True,
+        help="Transmit amplitude: root of the mean preamble power over full scale.",
+    ),
+)
+
+
+def radio_options(command):
+    """Add the options that open a device."""
+    for option in reversed(_OF_A_RADIO):
+        command = option(command)
+    return command

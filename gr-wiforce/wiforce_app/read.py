@@ -8,6 +8,7 @@ from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.recording import RecordingReader
 from gnuradio.wiforce.scene import load_capture_scene, load_scene
 
+from .options import readings_output, tracked_presses
 from .progress import progress
 from .stream_events import describe_events
 
@@ -20,12 +21,7 @@ from .stream_events import describe_events
     type=click.Path(),
     help="Scene file, or name of a shipped scene. Default: the scene in the capture's metadata.",
 )
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(),
-    help="OUT.csv or OUT.jsonl. Default: CSV on standard output.",
-)
+@readings_output
 @click.option(
     "--plot",
     "plot_path",
@@ -42,7 +38,7 @@ from .stream_events import describe_events
     type=click.IntRange(0),
     help="Samples before the first frame. Default: detected.",
 )
-@click.option("--tracked", is_flag=True, help="Track each press over time.")
+@tracked_presses
 @click.option("--follow", is_flag=True, help="Keep reading while the capture grows, until ^C.")
 def read(capture, scene_path, output, plot_path, datatype, frame_offset, tracked, follow):
     """Read force and location from a CAPTURE (SigMF pair, or raw samples with --datatype)."""

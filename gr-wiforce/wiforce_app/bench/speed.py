@@ -9,8 +9,8 @@ import tempfile
 import click
 import numpy as np
 
+from ..options import FiniteRange
 from ..progress import progress
-from ..ranges import FiniteRange
 
 # Row, number of tones, share of the recording that it reads.
 _CHAINS = (

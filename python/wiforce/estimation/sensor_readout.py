@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from ..io.readings import Flag, flag_bits
+from ..io.readings import WEAK_FORCE_N, WEAK_PHASE_DEG, Flag, flag_bits
 from .groups import Array, Groups
 from .motion import TouchedMotion
 from .off_state import corrected_phase_deg
-from .quality import WEAK_FORCE_N, WEAK_PHASE_DEG
 from .touch import TouchDetector
 
 _NAN = math.nan

@@ -9,6 +9,10 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
+# A reading is flagged WEAK where the standard deviation of a phase or of the force is larger.
+WEAK_PHASE_DEG = 3.0
+WEAK_FORCE_N = 1.5
+
 
 class Flag(enum.Flag):
     """Conditions that a user of a reading should know of.
