@@ -37,7 +37,6 @@ def read(samples, tags=(), chunk=None, rewire=None):
     flowgraph = gr.top_block()
     flowgraph.connect(source, reader)
     flowgraph.run()
-    reader.finish()
     assert reader.failure is None
     return readings
 
@@ -74,7 +73,6 @@ def test_reader_clipped_groups_are_flagged_for_every_input(codes, tmp_path, way)
     flowgraph = gr.top_block()
     flowgraph.connect(*chain)
     flowgraph.run()
-    reader.finish()
     assert reader.failure is None
     flagged = [i for i, reading in enumerate(readings) if "saturated" in reading.flags]
     assert flagged == [12, 19, 20]

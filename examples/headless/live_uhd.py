@@ -77,7 +77,6 @@ def main(device, scene):
     reader = wiforce.reader(scene, input_type="sc16", on_reading=print)
     usrp.connect(flowgraph, reader)
     run(flowgraph, usrp)
-    reader.finish()
 
 
 if __name__ == "__main__":

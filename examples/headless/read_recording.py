@@ -20,7 +20,6 @@ def main(capture, scene, output):
         reader = wiforce.reader(scene, input_type="folded", on_reading=writer.write)
         flowgraph.connect(source, reader)
         flowgraph.run()
-        reader.finish()
         if reader.failure is not None:
             raise reader.failure
 

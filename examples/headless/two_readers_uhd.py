@@ -38,8 +38,6 @@ def main(*devices_and_scenes):
         )
         usrps[-1].connect(flowgraph, readers[-1])
     run(flowgraph, *usrps)
-    for reader in readers:
-        reader.finish()
 
 
 if __name__ == "__main__":

@@ -143,7 +143,7 @@ def _run(session, args, outputs, control, duration):
                 break
         session.stop()
     except DeviceLost:
-        session.reader.finish()
+        session.read_rest()
         raise
     finally:
         watch.finish()

@@ -143,14 +143,15 @@ class LiveSession:
 
     def stop(self) -> None:
         """End in good order: `on_reading` has been called for all samples received."""
-        try:
-            self.meter.end()
-            if self.samples:
-                self.reader.ended.wait(_LAST_READINGS_S)
-            self._flowgraph.stop()
-            self._flowgraph.wait()
-        finally:
-            self.reader.finish()
+        self.meter.end()
+        if self.samples:
+            self.reader.ended.wait(_LAST_READINGS_S)
+        self._flowgraph.stop()
+        self._flowgraph.wait()
+
+    def read_rest(self) -> None:
+        """Read the groups held back when the device is lost, since it cannot be stopped then."""
+        self.reader.groups.end()
 
     @property
     def latest(self):

@@ -334,7 +334,6 @@ def read(stream):
     flowgraph = gr.top_block()
     flowgraph.connect(source, reader)
     flowgraph.run()
-    reader.finish()
     return readings, reader
 
 

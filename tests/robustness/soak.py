@@ -103,7 +103,6 @@ def main(seconds=3600):
     source = endless_source(codes, seconds * faults.RATE)  # GNU Radio keeps no reference
     flowgraph.connect(source, reader)
     flowgraph.run()
-    reader.finish()
     if reader.failure is not None:
         raise reader.failure
     print(reader.counts)

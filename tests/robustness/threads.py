@@ -33,7 +33,6 @@ def main():
         reader.fold.snapshots(), reader.fold.gaps(), reader.fold.samples_lost()
         reader.fold.frames_moved(), reader.fold.samples_moved(), reader.fold.times_ignored()
     flowgraph.wait()
-    reader.finish()
     if reader.failure is not None:
         raise reader.failure
     counted = reader.counts.groups

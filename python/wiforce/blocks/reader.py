@@ -128,11 +128,6 @@ class reader(gr.hier_block2):
         """A threading.Event: the stream has ended and its last group is read."""
         return self.groups.ended
 
-    def finish(self):
-        """Nothing is left to do when a flowgraph has ended; for one that never ran to its end."""
-        if self.failure is None and not self.ended.is_set():
-            self.groups.finish()
-
     def tare(self):
         """Take the untouched reference anew from the groups that follow."""
         self.groups.to_basic_block()._post(pmt.intern(names.TARE), pmt.PMT_T)

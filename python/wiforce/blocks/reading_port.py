@@ -11,6 +11,8 @@ from .. import names
 class ReadingPort:
     """Mixed into a block that ends the chain; it implements ``finish``.
 
+    When the stream has ended, ``finish`` publishes the readings of the groups held back.
+
     Attributes
     ----------
     ended : threading.Event
@@ -35,11 +37,15 @@ class ReadingPort:
         return True
 
     def stop(self):
+        self.end()
+        return True
+
+    def end(self):
+        """Read the groups held back; called by hand where the flowgraph cannot be stopped."""
         try:
-            if self.failure is None:
+            if self.failure is None and not self.ended.is_set():
                 self.finish()
         except Exception as error:
             # Raised through the scheduler it would abort the process.
-            self.failure = self.failure or error
+            self.failure = error
         self.ended.set()
-        return True
