@@ -30,13 +30,13 @@ _REPEATS, _RUNS = 20, 3
 _BATCH = 64  # groups
 
 
-def measure_steps(scene, plan):
+def measure_steps(plan):
     """Processor time of each step, or the saving when it is skipped.
 
     Parameters
     ----------
-    scene : Scene
     plan : Plan
+        Of a scene.
 
     Returns
     -------
@@ -46,7 +46,7 @@ def measure_steps(scene, plan):
     # Read by GNU Radio when it is imported.
     os.environ["GR_CONF_PERFCOUNTERS_ON"] = "True"
     os.environ["GR_CONF_PERFCOUNTERS_CLOCK"] = "thread"
-    scene = _pressed(scene)
+    scene = _pressed(plan.require_scene())
     with tempfile.TemporaryDirectory(prefix="gr-wiforce-") as folder:
         capture = Path(folder) / "capture"
         simulate(scene, capture)
@@ -54,15 +54,15 @@ def measure_steps(scene, plan):
         signal_s = samples.stat().st_size / 4 / scene.radio.sample_rate_hz
         chain = _Chain(samples, plan)
         took, tones = _reader_times(samples, plan_of(scene)), chain.tones()
-        took["preamble_fold"] = chain.fold()
-        took["phase_group_doppler"] = tones - took["preamble_fold"]
+        took["fold"] = chain.fold()
+        took["tones"] = tones - took["fold"]
         took["guard and first repetition"] = chain.whole_frames() - tones
-        per_snapshot = chain.channel_first() - took["ofdm_channel_estimator"]
+        per_snapshot = chain.channel_first() - took["channel"]
         took["channel per snapshot"] = per_snapshot
-        if any(step.name == "more lines" for step in steps(scene, plan)):
+        if any(step.name == "more lines" for step in steps(plan)):
             took["more lines"] = chain.most_lines() - tones
     took = {name: seconds / signal_s for name, seconds in took.items()}
-    took |= _group_skips(scene, plan)
+    took |= _group_skips(plan)
     return {name: max(seconds, 0.0) for name, seconds in took.items()}
 
 
@@ -106,24 +106,18 @@ def _reader_times(samples, plan):
     flowgraph.run()
     tones = np.array(sink.data(), np.complex64).reshape(-1, rows, FFT_LENGTH)
     took = _stage_times(plan, tones[:, :, plan.waveform.bins])
-    return took | {"ofdm_channel_estimator": _seconds(reader.estimator)}
+    return took | {"channel": _seconds(reader.estimator)}
 
 
 def _stage_times(plan, tones):
     receiver = Receiver(plan)
-    stages = {
-        "end_separation": receiver.separation.process,
-        "conjugate_difference": receiver.reference.process,
-        "subcarrier_average": receiver.average.process,
-        "force_inversion": receiver.readout.process,
-    }
-    took = dict.fromkeys(stages, 0.0)
+    took = dict.fromkeys(("separation", "reference", "average", "readout"), 0.0)
     for first in range(0, len(tones), _BATCH):
         batch = tones[first : first + _BATCH]
         groups = Groups(first + np.arange(len(batch)), batch)
-        for name, stage in stages.items():
+        for name in took:
             start = time.thread_time()
-            groups = stage(groups)
+            groups = getattr(receiver, name).process(groups)
             took[name] += time.thread_time() - start
     return took
 
@@ -198,16 +192,16 @@ class _Chain:
         return _seconds(block)
 
 
-def _group_skips(scene, plan):
+def _group_skips(plan):
     """Savings per group: averaging over a single group, inverting untouched groups."""
-    rate, sensors = 1 / plan.group_period_s, len(scene.sensors)
+    rate, sensors = 1 / plan.group_period_s, len(plan.sensors)
     took = {}
     if plan.smoothing_groups == 1:
         average, ratio = AdaptiveAverage(1), np.ones(2, complex)
         took["average over groups"] = _each(lambda: average.update(ratio, np.ones(2))) * sensors
-    carrier_hz, inversion = scene.radio.center_frequency_hz, 0.0
-    for sensor in scene.sensors:
-        model = sensor.load_model(scene)
+    carrier_hz, inversion = plan.center_frequency_hz, 0.0
+    for sensor in plan.sensors:
+        model = sensor.model
         phases = np.array([model.untouched_deg(carrier_hz)])
         model.inverter(carrier_hz).prepare()
         inversion += _each(lambda m=model, p=phases: m.invert(p, 1.0, frequency_hz=carrier_hz))

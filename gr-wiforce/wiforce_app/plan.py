@@ -27,18 +27,18 @@ def plan(scene, improve, measure, as_json):
     settings = plan_of(scene)
     report = {
         "settings": _settings(settings),
-        "steps": [dataclasses.asdict(step) for step in steps_of(scene, settings)],
-        "expected": [dataclasses.asdict(sensor) for sensor in expect(scene, settings)],
-        "warnings": list(warnings_of(scene, settings)),
+        "steps": [dataclasses.asdict(step) for step in steps_of(settings)],
+        "expected": [dataclasses.asdict(sensor) for sensor in expect(settings)],
+        "warnings": list(warnings_of(settings)),
     }
     if measure:
         from .measure import measure_steps
 
-        took = measure_steps(scene, settings)
+        took = measure_steps(settings)
         for step in report["steps"]:
             step["seconds_per_s"] = took[step["name"]]
     if improve:
-        report["proposals"] = [dataclasses.asdict(p) for p in proposals_for(scene, settings)]
+        report["proposals"] = [dataclasses.asdict(p) for p in proposals_for(settings)]
     if as_json:
         click.echo(json.dumps(report, indent=2))
     else:

@@ -39,7 +39,6 @@ class Setting:
     """One setting: scene and plan with one change from the planner's choice."""
 
     name: str
-    scene: object
     plan: object
     source: str = "file-sc16"
     order: str = "tones first"
@@ -48,7 +47,7 @@ class Setting:
 def settings_of(scene):
     """Settings of a scene; the first one is the planner's choice."""
     chosen = plan(scene)
-    found = [Setting("plan", scene, chosen)]
+    found = [Setting("plan", chosen)]
 
     def vary(name, group=None, environment=None, **changes):
         other = scene
@@ -65,7 +64,7 @@ def settings_of(scene):
             varied.check_lines()
         except InputError:
             return
-        found.append(Setting(name, other, varied))
+        found.append(Setting(name, varied))
 
     for length in _GROUP_LENGTHS:
         if length != chosen.group_length:
@@ -82,13 +81,13 @@ def settings_of(scene):
     for step, label in ((2, "every second"), (4, "every fourth")):
         vary(f"{label} subcarrier", waveform=_thinned(chosen.waveform, step))
     for source in ("file-fc32", "stream-sc16", "stream-fc32"):
-        found.append(Setting(source, scene, chosen, source))
+        found.append(Setting(source, chosen, source))
     for order in ("block by block", "channel first"):
-        found.append(Setting(order, scene, chosen, "stream-fc32", order))
+        found.append(Setting(order, chosen, "stream-fc32", order))
     if chosen.waveform.frame_length == WAVEFORM.frame_length and (
         chosen.waveform.name == WAVEFORM.name and chosen.group_length == GROUP_LENGTH
     ):
-        found.append(Setting("stock blocks", scene, chosen, "stream-fc32", "stock"))
+        found.append(Setting("stock blocks", chosen, "stream-fc32", "stock"))
     if scene.environment.receive_antennas == 2:
         # The ratio of two antennas is taken from folded frames, which only files provide here.
         return [setting for setting in found if setting.source.startswith("file")]
@@ -130,7 +129,7 @@ def measure_scene(name, folder, runs):
             _both_types(open_capture(path)) for path in written if path.suffix == ".sigmf-meta"
         ]
         signal_s = recordings[0].samples / scene.radio.sample_rate_hz
-        scene_run = _SceneRun(scene, recordings, place / "truth.csv", signal_s, runs)
+        scene_run = _SceneRun(recordings, place / "truth.csv", signal_s, runs)
         points = scene_run.measure(settings_of(scene))
     return {
         "scene": str(name), "signal_s": signal_s, "points": points, "skips": _skips(scene),
@@ -142,8 +141,8 @@ def _skips(scene):
     chosen = plan(scene)
     # GNU Radio measures the time of blocks only if configured before its import.
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
-        took = pool.submit(measure_steps, scene, chosen).result()
-    return {step.name: took[step.name] for step in steps(scene, chosen) if not step.needed}
+        took = pool.submit(measure_steps, chosen).result()
+    return {step.name: took[step.name] for step in steps(chosen) if not step.needed}
 
 
 def _both_types(capture):
@@ -188,7 +187,7 @@ def _group_work(setting):
 class _SceneRun:
     """Measures settings on one capture; shared results are computed once."""
 
-    def __init__(self, scene, recordings, truth_path, signal_s, runs):
+    def __init__(self, recordings, truth_path, signal_s, runs):
         self._recordings, self._signal_s, self._runs = recordings, signal_s, runs
         self._truth_path = truth_path
         self._known = {}
@@ -227,7 +226,7 @@ class _SceneRun:
             "group_length": setting.plan.group_length,
             "bound_deg": self._bound_deg(setting),
         }
-        return point | _errors(setting, readings, self._truth(setting.scene))
+        return point | _errors(setting, readings, self._truth(setting.plan.scene))
 
     def _truth(self, scene):
         key = "truth", scene.phase_group.snapshots
@@ -241,7 +240,7 @@ class _SceneRun:
         )  # fmt: skip
 
         def bound():
-            std = phase_std_deg(setting.scene, settings)
+            std = phase_std_deg(settings)
             return float(MEDIAN * np.sqrt(np.mean(np.square(std))))
 
         return self._once(key, bound)
@@ -255,9 +254,10 @@ class _SceneRun:
 def _errors(setting, readings, truth):
     """Median errors over all sensors, without the calibration error of the untouched phases."""
     phase, force, location = [], [], []
-    for i, sensor in enumerate(setting.scene.sensors):
+    scene = setting.plan.scene
+    for i, sensor in enumerate(scene.sensors):
         found = score(readings, truth, sensor.name)
-        phase.append(wrap_deg(found.phase_error_deg - calibration_bias_deg(setting.scene, i)))
+        phase.append(wrap_deg(found.phase_error_deg - calibration_bias_deg(scene, i)))
         force.append(found.force_error_n)
         location.append(found.location_error_mm)
     pooled = {"phase_deg": np.concatenate([p.ravel() for p in phase])}

@@ -52,8 +52,7 @@ def run(scene_name, work_folder):
         read_capture(recording, scene, readings.append)
         changes = paper_changes(recording, scene)
         spectrum = doppler_spectrum(recording, scene)
-    settings = plan(scene)
-    expected = expect(scene, settings)
+    expected = expect(plan(scene))
     sensors = [
         _sensor(scene, i, readings, changes, truth, expected[i]) for i in range(len(scene.sensors))
     ]

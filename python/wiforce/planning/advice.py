@@ -58,13 +58,13 @@ class Proposal:
     time_resolution_s: tuple[float, float]
 
 
-def warnings(scene: Scene, plan: Plan) -> list[str]:
+def warnings(plan: Plan) -> list[str]:
     """What may go wrong in a scene.
 
     Parameters
     ----------
-    scene : Scene
     plan : Plan
+        Of the scene.
 
     Returns
     -------
@@ -75,10 +75,10 @@ def warnings(scene: Scene, plan: Plan) -> list[str]:
     --------
     >>> from gnuradio.wiforce.planning.plan import plan
     >>> from gnuradio.wiforce.scene import load_scene
-    >>> scene = load_scene("two_sensors")
-    >>> warnings(scene, plan(scene))[0][:59]
+    >>> warnings(plan(load_scene("two_sensors")))[0][:59]
     "clock collision: line 7 of 'left' falls on line 5 of 'right"
     """
+    scene = plan.require_scene()
     return [
         *_clock_warnings(scene, plan),
         *_motion_warnings(scene, plan),
@@ -176,13 +176,13 @@ def _sensor_warnings(scene: Scene) -> Iterator[str]:
                 )
 
 
-def improve(scene: Scene, plan: Plan) -> list[Proposal]:
+def improve(plan: Plan) -> list[Proposal]:
     """Changes to a scene that would make its readings better, each by itself.
 
     Parameters
     ----------
-    scene : Scene
     plan : Plan
+        Of the scene.
 
     Returns
     -------
@@ -192,16 +192,15 @@ def improve(scene: Scene, plan: Plan) -> list[Proposal]:
     --------
     >>> from gnuradio.wiforce.planning.plan import plan
     >>> from gnuradio.wiforce.scene import load_scene
-    >>> scene = load_scene("demo")
-    >>> improve(scene, plan(scene))[0].change
+    >>> improve(plan(load_scene("demo")))[0].change
     'sounding.frame_length: 320, phase_group.snapshots: 1406'
     """
-    now = _worst_std(scene, plan)
+    now = _worst_std(plan)
     found = []
-    for change, reason, better in _changes(scene, plan):
+    for change, reason, better in _changes(plan.require_scene(), plan):
         try:
             changed = plan_of(better)
-            std = _worst_std(better, changed)
+            std = _worst_std(changed)
         except InputError:
             continue
         faster = changed.group_period_s < _WORTHWHILE_TIME * plan.group_period_s
@@ -211,8 +210,8 @@ def improve(scene: Scene, plan: Plan) -> list[Proposal]:
     return found
 
 
-def _worst_std(scene: Scene, plan: Plan) -> float:
-    return max(max(sensor.phase_std_deg) for sensor in expect(scene, plan))
+def _worst_std(plan: Plan) -> float:
+    return max(max(sensor.phase_std_deg) for sensor in expect(plan))
 
 
 def _changes(scene: Scene, plan: Plan) -> Iterator[tuple[str, str, Scene]]:

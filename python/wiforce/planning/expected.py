@@ -11,14 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..scene import Scene
-from ..scene.schema import SceneSensor
 from ..sensor import SensorModel
 from ..sensor.curves import CurveModel
 from ..signal.bound import phase_bound_deg
 from ..signal.carrier import same_carrier
 from ..simulation.presses import PressedSensor
 from .levels import ReceivedLevels, line_amplitude, receive_levels, why_not_readable
-from .plan import Plan
+from .plan import Plan, PlannedSensor
 
 # Median of |x| for a Gaussian x of unit standard deviation.
 MEDIAN = 0.6745
@@ -63,16 +62,15 @@ class Expected:
     location_error_mm: float | None
 
 
-def expect(scene: Scene, plan: Plan) -> tuple[Expected, ...]:
-    """Expected errors of every sensor of a scene.
+def expect(plan: Plan) -> tuple[Expected, ...]:
+    """Expected errors of every sensor of a plan.
 
     Parameters
     ----------
-    scene : Scene
-        Its ``simulation`` gives noise, clutter, presses, moves and the sensor that is pressed.
-        Where nothing is pressed, the calibrated span of force and location counts, with the
-        errors that the calibration itself states.
     plan : Plan
+        The ``simulation`` of its scene gives noise, clutter, presses, moves and the sensor that is
+        pressed. Where nothing is pressed, the calibrated span of force and location counts, with
+        the errors that the calibration itself states.
 
     Returns
     -------
@@ -83,18 +81,17 @@ def expect(scene: Scene, plan: Plan) -> tuple[Expected, ...]:
     --------
     >>> from gnuradio.wiforce.planning.plan import plan
     >>> from gnuradio.wiforce.scene import load_scene
-    >>> scene = load_scene("demo")
-    >>> bool(expect(scene, plan(scene))[0].force_error_n < 0.2)
+    >>> bool(expect(plan(load_scene("demo")))[0].force_error_n < 0.2)
     True
     """
+    scene = plan.require_scene()
     levels = receive_levels(scene)
-    carrier_hz = scene.radio.center_frequency_hz
-    models = [sensor.load_model(scene) for sensor in scene.sensors]
+    carrier_hz = plan.center_frequency_hz
     points = _pressed_points(scene)
     found = []
-    stds = _phase_std(scene, plan, models, points, levels)
-    for i, (sensor, model, std) in enumerate(zip(scene.sensors, models, stds, strict=True)):
-        pressed = points[i]
+    stds = _phase_std(plan, points, levels)
+    for i, (sensor, std) in enumerate(zip(plan.sensors, stds, strict=True)):
+        model, pressed = sensor.model, points[i]
         medians: _Medians = (None, None, None)
         if not why_not_readable(scene, i, levels):
             if pressed is None:
@@ -105,13 +102,13 @@ def expect(scene: Scene, plan: Plan) -> tuple[Expected, ...]:
     return tuple(found)
 
 
-def phase_std_deg(scene: Scene, plan: Plan) -> np.ndarray:
+def phase_std_deg(plan: Plan) -> np.ndarray:
     """Noise of the phases alone, without the errors of force and location.
 
     Parameters
     ----------
-    scene : Scene
     plan : Plan
+        Of a scene.
 
     Returns
     -------
@@ -122,32 +119,24 @@ def phase_std_deg(scene: Scene, plan: Plan) -> np.ndarray:
     --------
     >>> from gnuradio.wiforce.planning.plan import plan
     >>> from gnuradio.wiforce.scene import load_scene
-    >>> scene = load_scene("demo")
-    >>> phase_std_deg(scene, plan(scene)).shape
+    >>> phase_std_deg(plan(load_scene("demo"))).shape
     (1, 2)
     """
-    models = [sensor.load_model(scene) for sensor in scene.sensors]
-    return _phase_std(scene, plan, models, _pressed_points(scene), receive_levels(scene))
+    scene = plan.require_scene()
+    return _phase_std(plan, _pressed_points(scene), receive_levels(scene))
 
 
 def _phase_std(
-    scene: Scene,
-    plan: Plan,
-    models: Sequence[SensorModel],
-    points: Sequence[np.ndarray | None],
-    levels: ReceivedLevels,
+    plan: Plan, points: Sequence[np.ndarray | None], levels: ReceivedLevels
 ) -> np.ndarray:
     """Noise of the phases of readings; shape (S, 2)."""
-    carrier_hz = scene.radio.center_frequency_hz
     phases = [
-        model.phases_deg(where[:, 0], where[:, 1], carrier_hz)
-        for model, p in zip(models, points, strict=True)
-        for where in [_span(model) if p is None else p]
+        sensor.model.phases_deg(where[:, 0], where[:, 1], plan.center_frequency_hz)
+        for sensor, p in zip(plan.sensors, points, strict=True)
+        for where in [_span(sensor.model) if p is None else p]
     ]
-    bound = _bound_deg(scene, plan, phases, levels.noise + levels.quantisation).reshape(-1, 2)
-    return np.array(
-        [_reading_std(*each) for each in zip(scene.sensors, phases, bound, strict=True)]
-    )
+    bound = _bound_deg(plan, phases, levels.noise + levels.quantisation).reshape(-1, 2)
+    return np.array([_reading_std(*each) for each in zip(plan.sensors, phases, bound, strict=True)])
 
 
 def _curvature_deg(scene: Scene) -> float:
@@ -233,20 +222,18 @@ def _stated(model: SensorModel, carrier_hz: float, points: np.ndarray, std: np.n
     return tuple((MEDIAN * std).tolist()), float(force), float(location)
 
 
-def _bound_deg(
-    scene: Scene, plan: Plan, phases: Sequence[np.ndarray], variance: float
-) -> np.ndarray:
+def _bound_deg(plan: Plan, phases: Sequence[np.ndarray], variance: float) -> np.ndarray:
     """Standard deviation of arg R of every end; shape (2S,)."""
-    waveform = plan.waveform
+    waveform, tags = plan.waveform, plan.require_scene().simulation.tags
     length = min(plan.group_length, _LONGEST)
     times_s = np.arange(length) * waveform.snapshot_period_s
     subcarriers = len(waveform.bins)
     ends, clocks = [], []
-    for i, (sensor, tag) in enumerate(zip(scene.sensors, scene.simulation.tags, strict=True)):
+    for i, (sensor, tag) in enumerate(zip(plan.sensors, tags, strict=True)):
         reflections = np.exp(1j * np.radians(phases[i]))
         size = np.sqrt(np.mean(np.abs(reflections - sensor.off_reflection) ** 2, axis=0))
         ends += [np.full(subcarriers, 10 ** (tag.level_db / 20) * s, complex) for s in size]
-        clocks.append((sensor.clock_hz, 1.0 + 2.4 * i))
+        clocks.append((plan.clocks_hz[i], 1.0 + 2.4 * i))
     bound = phase_bound_deg(
         np.array(ends),
         np.full(subcarriers, variance),
@@ -262,7 +249,7 @@ def _bound_deg(
     return bound * np.sqrt(loss * share / groups)
 
 
-def _reading_std(sensor: SceneSensor, phases: np.ndarray, bound: np.ndarray) -> np.ndarray:
+def _reading_std(sensor: PlannedSensor, phases: np.ndarray, bound: np.ndarray) -> np.ndarray:
     """From arg R to psi, whose slope is |D| / |G| on average over the presses; shape (2,)."""
     reflections = np.exp(1j * np.radians(phases))
     return bound * np.sqrt(np.mean(np.abs(reflections - sensor.off_reflection) ** 2, axis=0))

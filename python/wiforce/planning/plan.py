@@ -110,19 +110,25 @@ class Plan:
     @property
     def center_frequency_hz(self) -> float:
         """Carrier of the scene, in Hz."""
-        return self._planned_scene.radio.center_frequency_hz
+        return self.require_scene().radio.center_frequency_hz
 
     @cached_property
     def sensors(self) -> tuple[PlannedSensor, ...]:
         """The scene's sensors with their models."""
-        scene = self._planned_scene
+        scene = self.require_scene()
         return tuple(
             PlannedSensor(s.name, s.load_model(scene), np.asarray(s.off_reflection))
             for s in scene.sensors
         )
 
-    @property
-    def _planned_scene(self) -> Scene:
+    def require_scene(self) -> Scene:
+        """The scene that was planned.
+
+        Raises
+        ------
+        ValueError
+            When there is none.
+        """
         if self.scene is None:
             raise ValueError("a plan without a scene has no sensors to read")
         return self.scene

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..scene import Scene
 from ..signal.clutter import clutter_order
 from ..signal.lines import tag_lines
 from ..signal.waveform import FFT_LENGTH
@@ -28,7 +27,7 @@ class Step:
     Attributes
     ----------
     name : str
-        The block, or a part of its work.
+        The stage, or a part of its work.
     needed : bool
         False for a step that this scene skips.
     reason : str
@@ -47,13 +46,13 @@ class Step:
     operations: float
 
 
-def steps(scene: Scene, plan: Plan) -> tuple[Step, ...]:
-    """The steps of a scene, in the order of the signal path.
+def steps(plan: Plan) -> tuple[Step, ...]:
+    """The steps of a plan, in the order of the signal path.
 
     Parameters
     ----------
-    scene : Scene
     plan : Plan
+        Of a scene.
 
     Returns
     -------
@@ -63,11 +62,10 @@ def steps(scene: Scene, plan: Plan) -> tuple[Step, ...]:
     --------
     >>> from gnuradio.wiforce.planning.plan import plan
     >>> from gnuradio.wiforce.scene import load_scene
-    >>> scene = load_scene("demo")
-    >>> [step.name for step in steps(scene, plan(scene)) if step.needed][:2]
-    ['preamble_fold', 'phase_group_doppler']
+    >>> [step.name for step in steps(plan(load_scene("demo"))) if step.needed][:3]
+    ['fold', 'tones', 'channel']
     """
-    return (*_snapshot_steps(plan), *_group_steps(scene, plan))
+    return (*_snapshot_steps(plan), *_group_steps(plan))
 
 
 def _snapshot_steps(plan: Plan) -> Iterator[Step]:
@@ -77,7 +75,7 @@ def _snapshot_steps(plan: Plan) -> Iterator[Step]:
     folded = waveform.repetitions * FFT_LENGTH
     skipped = waveform.frame_length - folded
     yield Step(
-        "preamble_fold",
+        "fold",
         True,
         f"{waveform.repetitions} repetitions of a symbol are added: {folded} samples become 64",
         2 * (folded - FFT_LENGTH) * rate,
@@ -96,7 +94,7 @@ def _snapshot_steps(plan: Plan) -> Iterator[Step]:
     )
     # The two tones of a pair share their products.
     per_tone = _MULTIPLY_ADD * FFT_LENGTH / 2 * rate
-    yield Step("phase_group_doppler", True, _doppler_reason(plan), per_tone * tones)
+    yield Step("tones", True, _tones_reason(plan), per_tone * tones)
     most = _most_tones(plan)
     if plan.loss_db and tones < most < plan.group_length / 2:
         yield Step(
@@ -107,7 +105,7 @@ def _snapshot_steps(plan: Plan) -> Iterator[Step]:
         )
 
 
-def _doppler_reason(plan: Plan) -> str:
+def _tones_reason(plan: Plan) -> str:
     lines = f"lines +-1..+-{plan.harmonics} of {len(plan.clocks)} tag(s)"
     reason = f"{len(plan.table.tones)} tones hold {lines}"
     if plan.loss_db:
@@ -123,17 +121,16 @@ def _most_tones(plan: Plan) -> int:
     return len(tag_lines(plan.clocks_hz, period_s, length, HARMONICS[-1], plan.clutter_hz))
 
 
-def _group_steps(scene: Scene, plan: Plan) -> Iterator[Step]:
+def _group_steps(plan: Plan) -> Iterator[Step]:
     """Steps that run per phase group: tens of times per second."""
-    rate = 1 / plan.group_period_s
+    scene, rate = plan.require_scene(), 1 / plan.group_period_s
     tones, ends = len(plan.table.tones), 2 * len(plan.clocks)
     subcarriers = len(plan.waveform.bins)
     yield Step(
-        "ofdm_channel_estimator", True, "derotation, FFT and division per tone",
-        _estimator_operations(plan),
-    )  # fmt: skip
+        "channel", True, "derotation, FFT and division per tone", _estimator_operations(plan)
+    )
     yield Step(
-        "end_separation",
+        "separation",
         True,
         f"{len(plan.clocks)} clock(s) tracked; mixing matrix of {tones} x {ends} per group",
         rate
@@ -143,13 +140,13 @@ def _group_steps(scene: Scene, plan: Plan) -> Iterator[Step]:
         ),
     )
     yield Step(
-        "conjugate_difference",
+        "reference",
         True,
         f"against {plan.reference_groups} untouched groups ({scene.reference_s:g} s)",
         rate * _MULTIPLY_ADD * ends * subcarriers,
     )
     yield Step(
-        "subcarrier_average", True, f"{subcarriers} subcarriers, weighted by their noise",
+        "average", True, f"{subcarriers} subcarriers, weighted by their noise",
         rate * _MULTIPLY_ADD * ends * subcarriers,
     )  # fmt: skip
     several = plan.smoothing_groups > 1
@@ -164,7 +161,7 @@ def _group_steps(scene: Scene, plan: Plan) -> Iterator[Step]:
     off = any(np.any(sensor.off_reflection) for sensor in scene.sensors)
     inversion = rate * _INVERSION * len(plan.clocks)
     reason = "phases to force and location" + ("; corrected for the off state" if off else "")
-    yield Step("force_inversion", True, reason, inversion)
+    yield Step("readout", True, reason, inversion)
     yield Step("inversion while untouched", False, "force and location are not defined", inversion)
 
 
