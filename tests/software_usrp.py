@@ -41,12 +41,14 @@ class SoftwareUsrp:
             _, reason = self.process.communicate(timeout=_STOP_S)
             if "is in use" not in reason:
                 raise RuntimeError(reason)
+        self._ending = False  # on request; a signal might then find Python without its handlers
         # With the type UHD skips the search for other kinds of devices, which takes 0.5 s.
         self.args = f"addr={self.address},type=usrp2"
 
     def command(self, line):
         """The answer to a line of its control, as a dict."""
         try:
+            self._ending = line == "stop"
             self.process.stdin.write(line + "\n")
             self.process.stdin.flush()
             return json.loads(self.process.stdout.readline())
@@ -55,7 +57,7 @@ class SoftwareUsrp:
 
     def stop(self):
         """End it; (exit status, standard error)."""
-        if self.process.poll() is None:
+        if not self._ending and self.process.poll() is None:
             self.process.terminate()
         try:
             _, said = self.process.communicate(timeout=_STOP_S)

@@ -114,6 +114,8 @@ class RecordingReader:
     ----------
     frame_offset : int
     receiver : Receiver
+    source : object
+        Its ``read()`` gives the next Groups of tones, an empty one at the end.
     times_ignored : int
         Of a stream; a recording has none.
 
@@ -148,11 +150,11 @@ class RecordingReader:
         self.frame_offset = frame_offset
         self._check_length()
         self.receiver = Receiver(plan, tracked, on_groups=on_groups)
-        self._source: _Tones | _AntennaRatio
+        self.source: _Tones | _AntennaRatio
         if plan.scene.environment.receive_antennas == 2:
-            self._source = _AntennaRatio(recording, plan, frame_offset)
+            self.source = _AntennaRatio(recording, plan, frame_offset)
         else:
-            self._source = _Tones(recording, plan, frame_offset)
+            self.source = _Tones(recording, plan, frame_offset)
 
     def _check_length(self) -> None:
         groups = self.groups
@@ -182,18 +184,18 @@ class RecordingReader:
 
     def samples_missing(self) -> dict[Path, int]:
         """Samples that each file lacked because it was cut short while it was read."""
-        return self._source.samples_missing()
+        return self.source.samples_missing()
 
     def frames_moved(self) -> dict[Path, int]:
         """How often the frames of each file were found at another place than before."""
-        return self._source.frames_moved()
+        return self.source.frames_moved()
 
     def __iter__(self) -> Iterator[list[Reading]]:
         # The next batch is folded, without Python's lock, while this one is read.
         with ThreadPoolExecutor(1, "tones") as pool:
-            coming = pool.submit(self._source.read)
+            coming = pool.submit(self.source.read)
             while len(groups := coming.result()):
-                coming = pool.submit(self._source.read)
+                coming = pool.submit(self.source.read)
                 yield self.receiver.process(groups)
         yield self.receiver.finish()
 

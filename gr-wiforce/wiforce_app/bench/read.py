@@ -1,0 +1,242 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``gr-wiforce bench read``: the complete path from a capture's file to readings, timed."""
+
+import json
+import os
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import click
+import numpy as np
+
+from ..markdown import markdown_table
+from ..progress import progress
+from ..ranges import FiniteRange
+
+# Clocks of up to eight tags, none of whose lines lies near one of another's. In the piece of signal
+# that is repeated all make whole cycles, so that a recording of any length has no break.
+_CLOCKS_HZ = (1000.0, 1400.0, 1790.0, 820.0, 1180.0, 1610.0, 1930.0, 1100.0)
+_PIECE_FRAMES = 62_500  # 3.6 s
+_SENSORS = (1, 2, 4, 8)
+_GROUP_LENGTHS = (63, 125, 625)
+_SINGLE_GROUPS = 200  # timed one by one
+
+
+@dataclass(frozen=True)
+class Row:
+    """One number of sensors and one length of the phase groups.
+
+    Attributes
+    ----------
+    sensors, snapshots, tones : int
+        S, N_g and M.
+    signal_s : float
+        Length of the recording.
+    read_s, cpu_s : float
+        Wall time of ``gr-wiforce read``, start-up included, and processor time of all its threads.
+    real_time : float
+        ``signal_s`` over ``read_s``.
+    samples_ms : float
+        Processor time from samples to tones, per second of signal.
+    group_us, single_us : float
+        Processor time from tones to readings per group, in batches and one group at a time.
+    """
+
+    sensors: int
+    snapshots: int
+    tones: int
+    signal_s: float
+    read_s: float
+    cpu_s: float
+    real_time: float
+    samples_ms: float
+    group_us: float
+    single_us: float
+
+
+@click.command()
+@click.option("--json", "as_json", is_flag=True, help="Rows as JSON.")
+@click.option(
+    "--seconds", default=60.0, type=FiniteRange(4.0), help="Length of each recording. Default: 60."
+)
+@click.option(
+    "--sensors",
+    multiple=True,
+    type=click.Choice([str(count) for count in _SENSORS]),
+    help="Only this number of sensors.",
+)
+@click.option("--folder", type=click.Path(exists=True, file_okay=False), help="For recordings.")
+def read(as_json, seconds, sensors, folder):
+    """Measure the complete path from a capture's file to readings, and its stages.
+
+    Recordings of 12.5 Msps (ci16_le, in the page cache) hold one to eight sensors, pressed in
+    turns. The command is timed with its start-up; samples and groups are timed by themselves, by
+    processor time. A combination that the plan refuses, because its groups are too short to
+    separate the tags, is left out.
+    """
+    rows = []
+    counts = [int(count) for count in sensors] or _SENSORS
+    with (
+        tempfile.TemporaryDirectory(prefix="wiforce-read-", dir=folder) as place,
+        progress("measuring", len(counts) * len(_GROUP_LENGTHS)) as step,
+    ):
+        for count in counts:
+            capture = _record(Path(place), count, seconds)
+            for snapshots in _GROUP_LENGTHS:
+                row = _measure(capture, count, snapshots)
+                rows += [] if row is None else [row]
+                step(1)
+            for path in Path(place).iterdir():
+                path.unlink()
+    click.echo(json.dumps([asdict(row) for row in rows], indent=1) if as_json else table(rows))
+
+
+def table(rows):
+    """Rows as a table in Markdown."""
+    head = ["sensors", "N_g", "tones", "x real time", "wall (s)", "processor (s)"]
+    head += ["samples (ms/s)", "batches (us/group)", "single (us/group)"]
+    cells = [
+        [
+            str(row.sensors),
+            str(row.snapshots),
+            str(row.tones),
+            f"{row.real_time:.1f}",
+            f"{row.read_s:.2f}",
+            f"{row.cpu_s:.2f}",
+            f"{row.samples_ms:.1f}",
+            f"{row.group_us:.0f}",
+            f"{row.single_us:.0f}",
+        ]
+        for row in rows
+    ]
+    return markdown_table(head, cells)
+
+
+def scene_of(sensors, snapshots, duration_s=1.0):
+    """The scene of a row, as a mapping."""
+    names = [f"sensor{i + 1}" for i in range(sensors)]
+    return {
+        "phase_group": {"snapshots": snapshots},
+        "sensors": [
+            {"name": name, "model": "line-900mhz", "clock_hz": clock_hz}
+            for name, clock_hz in zip(names, _CLOCKS_HZ, strict=False)
+        ],
+        "simulation": {
+            "duration_s": duration_s,
+            "seed": 1,
+            "snr_db": 15,
+            "static_clutter_db": 50,
+            "clock_offset_ppm": 0,
+            "clock_drift_ppm_per_s": 0,
+            "presses": [
+                {
+                    "sensor": name,
+                    "start_s": 0.8 + 0.3 * i,
+                    "rise_s": 0.02,
+                    "hold_s": 0.5,
+                    "force_n": 4.0,
+                    "end_force_n": 5.0,
+                    "location_mm": 30.0 + 3 * i,
+                }
+                for i, name in enumerate(names)
+            ],
+        },
+    }
+
+
+def _record(folder, sensors, seconds):
+    """A capture of some sensors: a simulated piece, repeated."""
+    from gnuradio.wiforce.scene import load_scene
+    from gnuradio.wiforce.simulation.simulator import simulate
+
+    period_s = 720 / 12.5e6
+    scene = load_scene(scene_of(sensors, 625, (_PIECE_FRAMES + 0.5) * period_s))
+    capture = folder / "capture"
+    simulate(scene, capture)
+    data = capture.with_suffix(".sigmf-data")
+    piece = data.read_bytes()
+    pieces = int(np.ceil(seconds / (_PIECE_FRAMES * period_s)))
+    if len(piece) * pieces > shutil.disk_usage(folder).free:
+        rule = f"must leave room for recordings of {len(piece) * pieces / 1e9:.1f} GB"
+        raise click.BadParameter(f"{rule}, got {seconds:g}", param_hint="--seconds")
+    with open(data, "ab") as stream:
+        for _ in range(pieces - 1):
+            stream.write(piece)
+    return capture
+
+
+def _measure(capture, sensors, snapshots):
+    """The row of a capture read in groups of some length; None when the plan refuses it."""
+    from gnuradio.wiforce.errors import InputError
+    from gnuradio.wiforce.io.capture import open_capture
+    from gnuradio.wiforce.planning.plan import plan
+    from gnuradio.wiforce.scene import load_scene
+
+    scene = load_scene(scene_of(sensors, snapshots))
+    try:
+        settings = plan(scene)
+    except InputError:
+        return None
+    recording = open_capture(capture)
+    signal_s = recording.span / recording.sample_rate_hz
+    read_s, cpu_s = _time_command(capture, sensors, snapshots)
+    samples_s, group_s, single_s = _time_stages(recording, settings)
+    return Row(
+        sensors,
+        snapshots,
+        len(settings.table.tones),
+        signal_s,
+        read_s,
+        cpu_s,
+        signal_s / read_s,
+        1e3 * samples_s / signal_s,
+        1e6 * group_s,
+        1e6 * single_s,
+    )
+
+
+def _time_command(capture, sensors, snapshots):
+    """Wall and processor time of ``gr-wiforce read``."""
+    import yaml
+
+    scene = capture.with_name("scene.yaml")
+    scene.write_text(yaml.safe_dump(scene_of(sensors, snapshots)), encoding="utf-8")
+    command = [sys.executable, "-c", "from wiforce_app.main import run; raise SystemExit(run())"]
+    command += ["read", str(capture), "--scene", str(scene), "-o", str(capture) + ".csv"]
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    start = time.perf_counter()
+    subprocess.run(command, check=True, stderr=subprocess.DEVNULL, env=os.environ)
+    wall = time.perf_counter() - start
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return wall, sum(after[:2]) - sum(before[:2])
+
+
+def _time_stages(recording, settings):
+    """Processor time from samples to tones, and per group from tones to readings."""
+    from gnuradio.wiforce.receiver import Receiver
+    from gnuradio.wiforce.recording import RecordingReader
+
+    source, batches = RecordingReader(recording, settings, 0).source, []
+    start = time.process_time()
+    while len(groups := source.read()):
+        batches.append(groups)
+    samples_s = time.process_time() - start
+    receiver = Receiver(settings)
+    started = batches.pop(0)  # clocks and reference are found once
+    receiver.process(started)
+    groups = batches.pop() if len(batches) > 1 else batches[-1]
+    start = time.process_time()
+    for batch in batches:
+        receiver.process(batch)
+    group_s = (time.process_time() - start) / max(sum(map(len, batches)), 1)
+    single = [groups[i : i + 1] for i in range(min(len(groups), _SINGLE_GROUPS))]
+    start = time.process_time()
+    for group in single:
+        receiver.process(group)
+    return samples_s, group_s, (time.process_time() - start) / len(single)
