@@ -16,8 +16,8 @@ import click
 import numpy as np
 
 from ..markdown import markdown_table
+from ..options import FiniteRange
 from ..progress import progress
-from ..ranges import FiniteRange
 
 # Clocks of up to eight tags, none of whose lines lies near one of another's. In the piece of signal
 # that is repeated all make whole cycles, so that a recording of any length has no break.
