@@ -209,6 +209,11 @@ def first_frame(recording: Capture, waveform: Waveform) -> int:
     -------
     int
         0 where frames taken from sample 0 hold their preambles, and where none stands out.
+
+    Examples
+    --------
+    >>> first_frame(open_capture("press"), plan("demo").waveform)  # doctest: +SKIP
+    0
     """
     samples = recording.read(SEARCHED_FRAMES * waveform.frame_length)
     return frame_offset_in(samples[: recording.segments[0].length], waveform)
