@@ -8,8 +8,9 @@ import time
 
 from gnuradio import gr, wiforce
 from gnuradio.wiforce.blocks.capture_stream import capture_stream
-from gnuradio.wiforce.estimation.frame import SEARCHED_FRAMES, frame_offset_in
+from gnuradio.wiforce.estimation.frame import SEARCHED_FRAMES
 from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.recording import first_frame
 
 # Its log would mix with readings on standard output; failures are raised all the same.
 gr.logging().set_default_level(gr.log_levels.off)
@@ -36,8 +37,7 @@ class GrowingCapture:
         recording = _with_frames(capture, datatype, plan.waveform)
         recording.check_against(plan.scene)
         if frame_offset is None:
-            samples = recording.read(SEARCHED_FRAMES * plan.waveform.frame_length)
-            frame_offset = frame_offset_in(samples[: recording.segments[0].length], plan.waveform)
+            frame_offset = first_frame(recording, plan.waveform)
         self.frame_offset = frame_offset
         self._path = recording.path
         self._readings = queue.SimpleQueue()

@@ -160,22 +160,17 @@ class _Chain:
     def _fold(self):
         from gnuradio import wiforce
 
-        return wiforce.preamble_fold(**self._frame(), item_type="sc16")
+        return wiforce.preamble_fold(**self._plan.waveform.folding, item_type="sc16")
 
     def _tones(self, plan, **frame):
         from gnuradio import wiforce
 
         return wiforce.preamble_fold.tones(
-            plan.table.weights, plan.group_length, **self._frame() | frame, item_type="sc16"
+            plan.table.weights,
+            plan.group_length,
+            **self._plan.waveform.folding | frame,
+            item_type="sc16",
         )
-
-    def _frame(self):
-        waveform = self._plan.waveform
-        return {
-            "frame_length": waveform.frame_length,
-            "first_averaged": waveform.first_averaged,
-            "repetitions": waveform.repetitions,
-        }
 
     def _time(self, make, behind=None):
         """The shortest time of a block in several runs, each with new blocks."""

@@ -15,13 +15,14 @@ from .errors import InputError
 from .estimation.antennas import folded_ratio
 from .estimation.folded_groups import FoldedGroups
 from .estimation.frame import SEARCHED_FRAMES, frame_offset_in
-from .estimation.groups import CLIPPED_SHARE, Groups
+from .estimation.groups import Groups, is_clipped
 from .io.capture import Capture, open_capture, second_antenna
 from .io.readings import COLUMNS, GroupCounts, Reading
 from .planning.plan import Plan
 from .planning.plan import plan as plan_of
 from .receiver import Receiver
 from .scene import Scene, load_capture_scene, load_scene
+from .signal.waveform import Waveform
 from .wiforce_kernels import folded_reader, tone_reader
 
 if TYPE_CHECKING:
@@ -140,18 +141,16 @@ class RecordingReader:
         tracked: bool = False,
         on_groups: Callable[[Groups], None] | None = None,
     ) -> None:
-        assert plan.scene is not None
-        recording.check_against(plan.scene)
+        scene = plan.require_scene()
+        recording.check_against(scene)
         self._recording, self._plan = recording, plan
         if frame_offset is None:
-            waveform = plan.waveform
-            samples = recording.read(SEARCHED_FRAMES * waveform.frame_length)
-            frame_offset = frame_offset_in(samples[: recording.segments[0].length], waveform)
+            frame_offset = first_frame(recording, plan.waveform)
         self.frame_offset = frame_offset
         self._check_length()
         self.receiver = Receiver(plan, tracked, on_groups=on_groups)
         self.source: _Tones | _AntennaRatio
-        if plan.scene.environment.receive_antennas == 2:
+        if scene.environment.receive_antennas == 2:
             self.source = _AntennaRatio(recording, plan, frame_offset)
         else:
             self.source = _Tones(recording, plan, frame_offset)
@@ -200,15 +199,34 @@ class RecordingReader:
         yield self.receiver.finish()
 
 
+def first_frame(recording: Capture, waveform: Waveform) -> int:
+    """Samples of a recording before its first frame, searched at its start.
+
+    Parameters
+    ----------
+    recording : Capture
+    waveform : Waveform
+
+    Returns
+    -------
+    int
+        0 where frames taken from sample 0 hold their preambles, and where none stands out.
+
+    Examples
+    --------
+    >>> first_frame(open_capture("press"), plan("demo").waveform)  # doctest: +SKIP
+    0
+    """
+    samples = recording.read(SEARCHED_FRAMES * waveform.frame_length)
+    return frame_offset_in(samples[: recording.segments[0].length], waveform)
+
+
 def _frame_settings(recording: Capture, plan: Plan, frame_offset: int) -> dict[str, Any]:
-    waveform = plan.waveform
     return {
         "path": os.fsencode(recording.path),
         "datatype": recording.datatype,
         "segments": [(s.file_sample, s.global_index, s.length) for s in recording.segments],
-        "frame_length": waveform.frame_length,
-        "first_averaged": waveform.first_averaged,
-        "repetitions": waveform.repetitions,
+        **plan.waveform.folding,
         "frame_offset": frame_offset,
     }
 
@@ -222,7 +240,6 @@ class _Tones:
         self._folded = FoldedGroups(table, waveform)
         self._kernel = tone_reader(
             **_frame_settings(recording, plan, frame_offset),
-            header_bytes=0,
             weights=table.weights,
             factors=waveform.equalizer(),
             rotation=table.derotation(waveform.sample_rate_hz),
@@ -235,14 +252,12 @@ class _Tones:
             found["index"],
             found["tones"],
             found["missing"],
-            found["saturated"] >= max(1.0, CLIPPED_SHARE * self._length),
+            is_clipped(found["saturated"], self._length),
         )
         if found["incomplete"]:
             weights = np.ones((len(groups), self._length), bool)
             for row, present, folded in found["incomplete"]:
-                tones = self._folded.tones(present, folded)
-                weights[row] = False if tones is None else present
-                found["tones"][row] = 0.0 if tones is None else tones
+                found["tones"][row], weights[row] = self._folded.solve(present, folded)
             groups.snapshot_weights = weights
         return groups
 
@@ -258,15 +273,14 @@ class _AntennaRatio:
 
     def __init__(self, recording: Capture, plan: Plan, frame_offset: int) -> None:
         beside = open_capture(second_antenna(recording.path.with_suffix("")))
-        if plan.scene is not None:
-            beside.check_against(plan.scene)
+        beside.check_against(plan.require_scene())
         self._paths = (recording.path, beside.path)
         self._length = plan.group_length
         self._shape = (len(plan.table.tones), len(plan.waveform.bins))
         self._waveform = plan.waveform
         self._folded = FoldedGroups(plan.table, plan.waveform)
         self._kernels = [
-            folded_reader(**_frame_settings(each, plan, frame_offset), header_bytes=0)
+            folded_reader(**_frame_settings(each, plan, frame_offset))
             for each in (recording, beside)
         ]
         self._kept: tuple[np.ndarray, ...] = self._read_frames()
@@ -305,17 +319,20 @@ class _AntennaRatio:
         index, starts = np.unique(places, return_index=True)
         tones = np.zeros((len(index), *self._shape), complex)
         weights = np.zeros((len(index), self._length), bool)
-        clipped = np.zeros(len(index), bool)
+        clipped = np.zeros(len(index), np.int64)
         bounds = [*starts, len(snapshots)]
         for row, (start, end) in enumerate(zip(bounds, bounds[1:], strict=False)):
             present = np.zeros(self._length, bool)
             present[snapshots[start:end] % self._length] = True
-            solved = self._folded.tones(present, folded[start:end])
-            if solved is not None:
-                tones[row], weights[row] = solved, present
-            clipped[row] = saturated[start:end].sum() >= max(1.0, CLIPPED_SHARE * self._length)
-        missing = self._length - np.diff(bounds)
-        return Groups(index, tones, missing, clipped, snapshot_weights=weights)
+            tones[row], weights[row] = self._folded.solve(present, folded[start:end])
+            clipped[row] = saturated[start:end].sum()
+        return Groups(
+            index,
+            tones,
+            self._length - np.diff(bounds),
+            is_clipped(clipped, self._length),
+            snapshot_weights=weights,
+        )
 
     def samples_missing(self) -> dict[Path, int]:
         return {

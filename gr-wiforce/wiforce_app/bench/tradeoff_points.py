@@ -283,16 +283,11 @@ def _flowgraph(setting, recordings):
     kind, item_type = setting.source.split("-")
     files = [sample_type(recording, item_type) for recording in recordings]
     samples = recordings[0].samples
-    frame = {
-        "frame_length": waveform.frame_length,
-        "first_averaged": waveform.first_averaged,
-        "repetitions": waveform.repetitions,
-    }
     group = {"weights": table.weights, "group_length": setting.plan.group_length}
     flowgraph = Flowgraph()
     if len(files) == 2:
         folded = [
-            wiforce.recording_source(path, kind, [(0, 0, samples)], **frame)
+            wiforce.recording_source(path, kind, [(0, 0, samples)], **waveform.folding)
             for path, _, kind in files
         ]
         sounding = waveform.name, waveform.frame_length, waveform.sample_rate_hz
@@ -300,15 +295,19 @@ def _flowgraph(setting, recordings):
         flowgraph.top.connect(folded[1], (chain[1], 1))
     elif kind == "file":
         ((path, _, datatype),) = files
-        source = wiforce.recording_source(path, datatype, [(0, 0, samples)], **frame)
+        source = wiforce.recording_source(path, datatype, [(0, 0, samples)], **waveform.folding)
         chain = [source, wiforce.phase_group_doppler(**group)]
     else:
         ((path, size, _),) = files
         source = blocks.file_source(size, path, False, 0, samples)
+        frame = {**waveform.folding, "item_type": item_type}
         if setting.order == "tones first":
-            chain = [source, wiforce.preamble_fold.tones(**group, **frame, item_type=item_type)]
+            chain = [
+                source,
+                wiforce.preamble_fold.tones(**group, **frame),
+            ]
         else:
-            chain = [source, wiforce.preamble_fold(**frame, item_type=item_type)]
+            chain = [source, wiforce.preamble_fold(**frame)]
     factors = waveform.equalizer().astype(np.complex64)
     doppler = [] if setting.order == "tones first" else [wiforce.phase_group_doppler(**group)]
     if setting.order in _ROTATED:

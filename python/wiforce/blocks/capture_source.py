@@ -40,13 +40,10 @@ def capture_source(recording, scene, frame_offset=0, datatype=None):
         recording = open_capture(recording, datatype)
     scene = load_scene(scene)
     recording.check_against(scene)
-    waveform = scene.waveform()
     return recording_source(
         path=os.fsencode(recording.path),
         datatype=recording.datatype,
         segments=[(s.file_sample, s.global_index, s.length) for s in recording.segments],
-        frame_length=waveform.frame_length,
-        first_averaged=waveform.first_averaged,
-        repetitions=waveform.repetitions,
+        **scene.waveform().folding,
         frame_offset=frame_offset,
     )

@@ -2,15 +2,12 @@
 """Block: tones of a group to the complex channels of the tags' ends."""
 
 import numpy as np
-import pmt
 
-from .. import names
 from ..estimation.estimators import estimator_named
-from .group_block import GroupBlock
-from .tone_input import ToneInput
+from .tone_input import ToneBlock
 
 
-class end_separation(GroupBlock):
+class end_separation(ToneBlock):
     """Separates the ends of every tag in a group's tones, at the tracked clock.
 
     Input: vectors M x 64, the channel at each tone (``phase_group_doppler`` with the plan's
@@ -27,25 +24,15 @@ class end_separation(GroupBlock):
     """
 
     def __init__(self, plan, derotated=True):
-        self._input = ToneInput(plan, derotated)
         self._bins = plan.waveform.bins
         self.stage = estimator_named(plan.estimator).separator(
             plan.table, plan.clocks, plan.waveform, derotated
         )
         outputs = 2 * len(plan.clocks) * 64
-        GroupBlock.__init__(self, "end_separation", self._input.rows * 64, outputs)
-        self.message_port_register_in(pmt.intern(names.INCOMPLETE))
-        self.set_msg_handler(pmt.intern(names.INCOMPLETE), self._on_incomplete)
+        ToneBlock.__init__(self, "end_separation", plan, derotated, outputs)
 
-    def _on_incomplete(self, message):
-        try:
-            self._input.on_incomplete(message)
-        except Exception as error:
-            self.fail(error)
-
-    def take(self, items, tags):
-        count, groups = self._input.collect(items, tags)
-        return count, self.stage.process(groups)
+    def process(self, groups):
+        return self.stage.process(groups)
 
     def vectors(self, groups):
         items = np.zeros((*groups.ends.shape[:2], 64), complex)

@@ -5,12 +5,11 @@ import pmt
 
 from .. import names
 from ..receiver import Receiver
-from .group_block import GroupBlock
 from .reading_port import ReadingPort
-from .tone_input import ToneInput
+from .tone_input import ToneBlock
 
 
-class group_reader(ReadingPort, GroupBlock):
+class group_reader(ReadingPort, ToneBlock):
     """Reads all groups that have arrived in one call of the :class:`Receiver`.
 
     Input: vectors M x 64, the channel at each tone, tagged ``group`` and ``missing``.
@@ -30,31 +29,19 @@ class group_reader(ReadingPort, GroupBlock):
     """
 
     def __init__(self, plan, tracked=False, on_reading=None):
-        self._input = ToneInput(plan)
         self.receiver = Receiver(plan, tracked)
-        GroupBlock.__init__(self, "group_reader", self._input.rows * 64, 0)
+        ToneBlock.__init__(self, "group_reader", plan, derotated=True, outputs=0)
         self.open_port(on_reading)
-        for name, handler in (
-            (names.INCOMPLETE, self._on_incomplete),
-            (names.TARE, self._on_tare),
-        ):
-            self.message_port_register_in(pmt.intern(name))
-            self.set_msg_handler(pmt.intern(name), handler)
-
-    def _on_incomplete(self, message):
-        try:
-            self._input.on_incomplete(message)
-        except Exception as error:
-            self.fail(error)
+        self.message_port_register_in(pmt.intern(names.TARE))
+        self.set_msg_handler(pmt.intern(names.TARE), self._on_tare)
 
     def _on_tare(self, message):
         self.receiver.tare()
 
-    def take(self, items, tags):
-        count, groups = self._input.collect(items, tags)
-        if count:
+    def process(self, groups):
+        if len(groups):
             self.publish(self.receiver.process(groups))
-        return count, groups[:0]
+        return groups[:0]
 
     def finish(self):
         """Give the readings of the groups that are still held back."""

@@ -101,9 +101,7 @@ class reader(gr.hier_block2):
         return preamble_fold.tones(
             weights=self.plan.table.weights,
             group_length=self.plan.group_length,
-            frame_length=waveform.frame_length,
-            first_averaged=waveform.first_averaged,
-            repetitions=waveform.repetitions,
+            **waveform.folding,
             sample_rate=waveform.sample_rate_hz,
             frame_offset=frame_offset,
             item_type=input_type,

@@ -7,7 +7,8 @@ from gnuradio import gr
 
 from .. import names
 from ..estimation.folded_groups import FoldedGroups
-from ..estimation.groups import CLIPPED_SHARE, Groups
+from ..estimation.groups import Groups, is_clipped
+from .group_block import GroupBlock
 
 
 class ToneInput:
@@ -63,7 +64,7 @@ class ToneInput:
             index[:count],
             tones[:count],
             missing[:count],
-            saturated[:count] >= max(1.0, CLIPPED_SHARE * group_length),
+            is_clipped(saturated[:count], group_length),
             np.array([names.RETUNED in own for own in tags[:count]], bool),
             None if weights is None else weights[:count],
         )
@@ -78,8 +79,42 @@ class ToneInput:
             )
             return 0.0, 0.0
         present, folded = self._messages.pop(group)
-        tones = self._folded.tones(present, folded[present])
-        return (0.0, 0.0) if tones is None else (tones, present)
+        return self._folded.solve(present, folded[present])
+
+
+class ToneBlock(GroupBlock):
+    """A block behind the channel estimator, with the port ``incomplete``.
+
+    Subclasses implement ``process``, which takes a batch of Groups with tones and returns one.
+
+    Parameters
+    ----------
+    name : str
+    plan : Plan
+    derotated : bool
+        Whether the channel estimator was given the plan's derotation.
+    outputs : int
+        Length of the vectors; 0 for a sink.
+    """
+
+    def __init__(self, name, plan, derotated, outputs):
+        self._input = ToneInput(plan, derotated)
+        GroupBlock.__init__(self, name, self._input.rows * 64, outputs)
+        self.message_port_register_in(pmt.intern(names.INCOMPLETE))
+        self.set_msg_handler(pmt.intern(names.INCOMPLETE), self._on_incomplete)
+
+    def _on_incomplete(self, message):
+        try:
+            self._input.on_incomplete(message)
+        except Exception as error:
+            self.fail(error)
+
+    def process(self, groups):
+        raise NotImplementedError
+
+    def take(self, items, tags):
+        count, groups = self._input.collect(items, tags)
+        return count, self.process(groups)
 
 
 def _count(tags, name):

@@ -30,8 +30,8 @@ class FoldedGroups:
         self._factors = waveform.equalizer()[self._bins]
         self._rotation = table.derotation(waveform.sample_rate_hz) if derotated else 1.0
 
-    def tones(self, present: Array, folded: Array) -> Array | None:
-        """Tones of one group.
+    def solve(self, present: Array, folded: Array) -> tuple[Array, Array]:
+        """Tones of one group, and the weights of its snapshots in them.
 
         Parameters
         ----------
@@ -42,14 +42,17 @@ class FoldedGroups:
 
         Returns
         -------
-        ndarray of complex, shape (M, K), or None
-            None when the snapshots do not determine the tones.
+        tones : ndarray of complex, shape (M, K)
+        snapshot_weights : ndarray of bool, shape (N,)
+            As ``present``. Both are zeros when the snapshots do not determine the tones.
         """
         weights = self._table.weights
         if not np.all(present):
             partial = self._table.for_present(present)
             if partial is None:
-                return None
+                shape = len(weights), len(self._bins)
+                return np.zeros(shape, complex), np.zeros_like(present)
             weights = partial.weights
         tones = weights @ np.asarray(folded, complex)
-        return np.fft.fft(tones * self._rotation, axis=1)[:, self._bins] * self._factors
+        channel = np.fft.fft(tones * self._rotation, axis=1)[:, self._bins] * self._factors
+        return channel, present

@@ -14,7 +14,29 @@ Array = NDArray[Any]
 
 # Part of a group's snapshots with samples at full scale from which on it counts as saturated. A
 # recording that was scaled to its own peak reaches full scale here and there, and lost nothing.
-CLIPPED_SHARE = 0.01
+_CLIPPED_SHARE = 0.01
+
+
+def is_clipped(saturated: Array, group_length: int) -> Array:
+    """Whether groups count as saturated.
+
+    Parameters
+    ----------
+    saturated : ndarray of int, shape (G,)
+        Snapshots of each group with samples at full scale.
+    group_length : int
+        Snapshots per group, N.
+
+    Returns
+    -------
+    ndarray of bool, shape (G,)
+
+    Examples
+    --------
+    >>> is_clipped(np.array([0, 6, 7]), 625).tolist()
+    [False, False, True]
+    """
+    return saturated >= max(1.0, _CLIPPED_SHARE * group_length)
 
 
 @dataclass

@@ -107,6 +107,15 @@ class Waveform:
         factors[self.bins] = np.sqrt(power) / (FFT_LENGTH * self.reference)
         return factors
 
+    @property
+    def folding(self) -> dict[str, int]:
+        """Arguments by name of the blocks and kernels that fold frames."""
+        return {
+            "frame_length": self.frame_length,
+            "first_averaged": self.first_averaged,
+            "repetitions": self.repetitions,
+        }
+
     def frame(self) -> np.ndarray:
         """Transmit samples of one frame.
 

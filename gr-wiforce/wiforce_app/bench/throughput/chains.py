@@ -103,7 +103,7 @@ class RecordedTones:
         shape = WAVEFORM.frame_length, WAVEFORM.first_averaged, WAVEFORM.repetitions
         segments = [(0, 0, recording.samples)]
         group = weights, WAVEFORM.equalizer(), [], range(64)
-        self._open = lambda: tone_reader(path, datatype, segments, *shape, 0, 0, *group)
+        self._open = lambda: tone_reader(path, datatype, segments, *shape, 0, *group)
         self._captures = captures
         self.tones = []
 

@@ -37,44 +37,51 @@ static py::object as_flags(std::vector<std::uint8_t>&& values)
     return owned(std::move(values)).attr("view")("bool");
 }
 
-static std::unique_ptr<recorded_frames> open_frames(const std::string& path,
-                                                    const std::string& datatype,
-                                                    const segment_list& segments,
-                                                    int frame_length,
-                                                    int first_averaged,
-                                                    int repetitions,
-                                                    std::uint64_t frame_offset,
-                                                    std::uint64_t header_bytes)
+static std::unique_ptr<folded_reader> reader_of(std::unique_ptr<recorded_frames> frames)
+{
+    return std::make_unique<folded_reader>(std::move(frames));
+}
+
+static std::unique_ptr<tone_reader> reader_of(std::unique_ptr<recorded_frames> frames,
+                                              const complex_array& weights,
+                                              const complex_array& factors,
+                                              const complex_array& rotation,
+                                              const std::vector<int>& bins)
+{
+    if (weights.ndim() != 2)
+        throw std::invalid_argument(
+            "tone_reader: weights must have 2 dimensions, tones x snapshots, got " +
+            std::to_string(weights.ndim()));
+    return std::make_unique<tone_reader>(std::move(frames),
+                                         flat(weights),
+                                         weights.shape(1),
+                                         flat(factors),
+                                         flat(rotation),
+                                         bins);
+}
+
+// A reader of a recording's frames, made with further settings of its own.
+template <class... Settings>
+static auto make_reader(const std::string& path,
+                        const std::string& datatype,
+                        const segment_list& segments,
+                        int frame_length,
+                        int first_averaged,
+                        int repetitions,
+                        std::uint64_t frame_offset,
+                        const Settings&... settings)
 {
     std::vector<recording::segment> runs;
     for (const auto& [file_sample, global_index, length] : segments)
         runs.push_back({ file_sample, global_index, length });
-    return std::make_unique<recorded_frames>(
+    auto frames = std::make_unique<recorded_frames>(
         path,
         datatype,
         runs,
         preamble_folder(frame_length, first_averaged, repetitions),
         frame_offset,
-        header_bytes);
-}
-
-static std::unique_ptr<folded_reader> make_folded_reader(const std::string& path,
-                                                         const std::string& datatype,
-                                                         const segment_list& segments,
-                                                         int frame_length,
-                                                         int first_averaged,
-                                                         int repetitions,
-                                                         std::uint64_t frame_offset,
-                                                         std::uint64_t header_bytes)
-{
-    return std::make_unique<folded_reader>(open_frames(path,
-                                                       datatype,
-                                                       segments,
-                                                       frame_length,
-                                                       first_averaged,
-                                                       repetitions,
-                                                       frame_offset,
-                                                       header_bytes));
+        0); // captures with a header are refused
+    return reader_of(std::move(frames), settings...);
 }
 
 static py::dict read_folded(folded_reader& reader, std::size_t max_frames)
@@ -88,38 +95,6 @@ static py::dict read_folded(folded_reader& reader, std::size_t max_frames)
     return py::dict("snapshot"_a = owned(std::move(frames.snapshot)),
                     "folded"_a = owned(std::move(frames.folded), { count, FFT_LENGTH }),
                     "saturated"_a = as_flags(std::move(frames.saturated)));
-}
-
-static std::unique_ptr<tone_reader> make_tone_reader(const std::string& path,
-                                                     const std::string& datatype,
-                                                     const segment_list& segments,
-                                                     int frame_length,
-                                                     int first_averaged,
-                                                     int repetitions,
-                                                     std::uint64_t frame_offset,
-                                                     std::uint64_t header_bytes,
-                                                     const complex_array& weights,
-                                                     const complex_array& factors,
-                                                     const complex_array& rotation,
-                                                     const std::vector<int>& bins)
-{
-    if (weights.ndim() != 2)
-        throw std::invalid_argument(
-            "tone_reader: weights must have 2 dimensions, tones x snapshots, got " +
-            std::to_string(weights.ndim()));
-    return std::make_unique<tone_reader>(open_frames(path,
-                                                     datatype,
-                                                     segments,
-                                                     frame_length,
-                                                     first_averaged,
-                                                     repetitions,
-                                                     frame_offset,
-                                                     header_bytes),
-                                         flat(weights),
-                                         weights.shape(1),
-                                         flat(factors),
-                                         flat(rotation),
-                                         bins);
 }
 
 static py::dict read_tones(tone_reader& reader, std::size_t max_groups)
@@ -171,15 +146,14 @@ void bind_recordings(py::module& m)
         "folded_reader",
         "Reads the folded preambles of a recording, as recording_source does.");
     folded
-        .def(py::init(&make_folded_reader),
+        .def(py::init(&make_reader<>),
              "path"_a,
              "datatype"_a,
              "segments"_a,
              "frame_length"_a,
              "first_averaged"_a = 64,
              "repetitions"_a = 4,
-             "frame_offset"_a = 0,
-             "header_bytes"_a = 0)
+             "frame_offset"_a = 0)
         .def("read",
              &read_folded,
              "max_frames"_a,
@@ -199,7 +173,10 @@ void bind_recordings(py::module& m)
         "sqrt K).\n"
         "rotation: (M, 64), or empty for none. bins: (K,) FFT bins to keep.");
     tones
-        .def(py::init(&make_tone_reader),
+        .def(py::init(&make_reader<complex_array,
+                                   complex_array,
+                                   complex_array,
+                                   std::vector<int>>),
              "path"_a,
              "datatype"_a,
              "segments"_a,
@@ -207,7 +184,6 @@ void bind_recordings(py::module& m)
              "first_averaged"_a,
              "repetitions"_a,
              "frame_offset"_a,
-             "header_bytes"_a,
              "weights"_a,
              "factors"_a,
              "rotation"_a,
