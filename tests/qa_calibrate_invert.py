@@ -115,7 +115,7 @@ def test_readings_are_inverted_again_without_taking_their_location_as_known(fold
 def test_a_table_of_another_kind_is_told_how_to_be_read(folder, tmp_path):
     (tmp_path / "t.csv").write_text("phase1_deg,phase2_deg,force_n,location_mm\n1,2,3,40\n")
     done = run("calibrate", tmp_path / "t.csv", "-o", tmp_path / "s.yaml")
-    assert done.returncode == 2 and "must be given for taps" in done.stderr
+    assert done.returncode == 2 and "must be given for a table of taps" in done.stderr
     done = run("calibrate", tmp_path / "t.csv", "-o", tmp_path / "s.yaml", "--kind", "vna")
     assert done.returncode == 2 and "--kind taps" in done.stderr
 

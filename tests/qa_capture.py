@@ -2,11 +2,12 @@
 """Recordings: what their metadata may state, and what is refused before anything is read."""
 
 import json
+import os
 
 import pytest
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture import Segment, open_capture
-from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.scene import load_capture_scene, load_scene
 
 
 def write(folder, samples=1000, datatype="ci16_le", captures=None, name="x", **changes):
@@ -121,6 +122,28 @@ def test_open_capture_missing_file_is_named(tmp_path):
     (tmp_path / "x.sigmf-data").unlink()
     with pytest.raises(InputError, match="x.sigmf-data: no such file"):
         open_capture(stem)
+
+
+def test_open_capture_missing_metadata_key_is_named(tmp_path):
+    stem = write(tmp_path)
+    (tmp_path / "x.sigmf-meta").write_text("{}")
+    with pytest.raises(InputError, match="is not valid SigMF .key 'global' is missing"):
+        open_capture(stem)
+
+
+def test_open_capture_pipe_or_folder_is_refused(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for path in (tmp_path / "pipe", tmp_path):
+        with pytest.raises(InputError, match="must be a regular file"):
+            open_capture(path, "ci16_le")
+
+
+def test_load_capture_scene_not_a_mapping_is_named(tmp_path):
+    with pytest.raises(InputError, match="has no scene in its metadata"):
+        load_capture_scene(open_capture(write(tmp_path)))
+    capture = open_capture(write(tmp_path, **{"wiforce:scene": "demo"}))
+    with pytest.raises(InputError, match="wiforce:scene: must hold a mapping .*, got 'demo'"):
+        load_capture_scene(capture)
 
 
 def test_check_against_other_rate_or_carrier_raises(tmp_path):

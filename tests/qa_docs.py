@@ -95,6 +95,25 @@ def code_blocks(page, language):
     return re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL)
 
 
+def test_readme_notebook_selects_touched_readings(tmp_path):
+    """On the scene that is simulated fastest."""
+    (code,) = [c for c in code_blocks("../README.md", "python") if "wiforce.read(" in c]
+    program = (
+        "from gnuradio import wiforce\n"
+        "wiforce.simulate(wiforce.load_scene('tabletop'), 'press')\n"
+        f"{code.replace('demo', 'tabletop')}\nassert len(clear) > 50"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env=os.environ | {"MPLBACKEND": "Agg"},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=100,
+    )
+    assert done.returncode == 0, done.stderr
+
+
 def test_tutorial_code_reads_the_press():
     """The blocks form one program; the last one connects a source of the user's own."""
     program = "\n".join(code_blocks("tutorial.md", "python")[:-1])

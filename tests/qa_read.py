@@ -8,8 +8,11 @@ import signal
 import subprocess
 import time
 
+import numpy as np
 import pytest
 import yaml
+from gnuradio import wiforce
+from gnuradio.wiforce.errors import InputError
 
 
 def run(*arguments, cwd=None):
@@ -168,6 +171,20 @@ def test_read_invalid_option_is_refused_before_reading(read_args, tmp_path, opti
     done = run(*read_args, *options, cwd=tmp_path)
     assert done.returncode == 2 and message in done.stderr
     assert len(done.stderr.splitlines()) == 1 and list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("offset", [-1, 1.5, "0"])
+def test_read_function_bad_frame_offset_is_refused(demo, offset):
+    folder, _ = demo
+    with pytest.raises(InputError, match="frame_offset: must be an integer of at least 0"):
+        wiforce.read(folder / "demo", folder / "scene.yaml", frame_offset=offset)
+
+
+def test_read_function_capture_without_finite_samples_is_refused(tmp_path):
+    """An empty table without a word would look like a capture in which nothing was pressed."""
+    np.full(16 * 125 * 320, np.nan, np.complex64).tofile(tmp_path / "nan.cf32")
+    with pytest.raises(InputError, match="nan.cf32: holds no whole frame of finite samples"):
+        wiforce.read(tmp_path / "nan.cf32", "tabletop", datatype="cf32_le")
 
 
 def test_read_raw_samples_with_datatype_equals_sigmf(demo, printed, read_args):

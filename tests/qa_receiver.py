@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 from gnuradio import wiforce
+from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.receiver import Receiver
 from plain import make_air
@@ -225,6 +226,24 @@ def test_receiver_batches_without_groups_change_nothing():
         assert receiver.process(groups[:0]) == []
         found += receiver.process(groups[row : row + 10])
     assert_equal(found + receiver.finish(), readings_of(plan, groups, 30))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"tones": None}, r"groups.tones: must have shape .*, got \(\)"),
+        ({"tones": np.zeros((3, 5, 62))}, "groups.tones: must have shape"),
+        ({"tones": np.zeros((2, 24, 62))}, "groups.tones: must have shape"),
+        ({"snapshot_weights": np.ones((3, 7))}, "groups.snapshot_weights: must have shape"),
+        ({"index": np.array([2, 1, 0])}, "groups.index: must rise"),
+    ],
+)
+def test_receiver_batch_of_another_shape_is_refused(change, message):
+    """Arrays of another plan would broadcast, and give readings without meaning."""
+    plan = make_plan()
+    groups = recorded_groups(plan, 0, 3).having(**change)
+    with pytest.raises(InputError, match=message):
+        Receiver(plan, derotated=False).process(groups)
 
 
 def test_receiver_on_groups_sees_every_group_that_is_read():

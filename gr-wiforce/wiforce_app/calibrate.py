@@ -96,7 +96,7 @@ def _read(sensor, table, kind, frequency_hz):
     if kind == "vna":
         return sensor.read_vna_csv(table, frequency_hz)
     if frequency_hz is None:
-        rule = f"must be given for {kind} (by its columns the table is that; else see --kind)"
+        rule = f"must be given for a table of {kind}; if {table} is another kind, give --kind"
         raise InputError("--frequency-hz", rule)
     reader = {"touchstone": sensor.read_touchstone_index, "taps": sensor.read_tap_csv}[kind]
     return reader(table, frequency_hz)

@@ -5,8 +5,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
 from threadpoolctl import ThreadpoolController
 
+from .errors import InputError
 from .estimation.average import SubcarrierAverage
 from .estimation.estimators import estimator_named
 from .estimation.groups import Groups
@@ -93,7 +95,13 @@ class Receiver:
         list of Reading
             A reading per group and sensor; groups of which nothing was received are flagged
             ``gap``.
+
+        Raises
+        ------
+        InputError
+            For arrays of another shape than the plan asks for, and indices that do not rise.
         """
+        self._check(groups)
         # Threads cost more than they bring in matrices as small as these.
         with self._blas.limit(limits=1, user_api="blas"):
             return self._read(self.reference.process(self.separation.process(groups)))
@@ -108,6 +116,21 @@ class Receiver:
     def tare(self) -> None:
         """Take the untouched reference anew from the groups that follow."""
         self.reference.tare()
+
+    def _check(self, groups: Groups) -> None:
+        # Arrays of another plan often broadcast, and would give readings that mean nothing.
+        if not len(groups):
+            return
+        if np.any(np.diff(groups.index) <= 0):
+            raise InputError("groups.index", "must rise from group to group", groups.index)
+        shape = (len(groups), len(self.plan.table.tones), len(self.plan.waveform.bins))
+        if np.shape(groups.tones) != shape:
+            rule = f"must have shape {shape}: groups, tones and subcarriers of the plan"
+            raise InputError("groups.tones", rule, np.shape(groups.tones))
+        weights, shape = groups.snapshot_weights, (len(groups), self.plan.group_length)
+        if weights is not None and np.shape(weights) != shape:
+            rule = f"must have shape {shape}: groups and snapshots of the plan"
+            raise InputError("groups.snapshot_weights", rule, np.shape(weights))
 
     def _read(self, groups: Groups) -> list[Reading]:
         return self.readout.process(self.average.process(groups))

@@ -123,7 +123,8 @@ class RecordingReader:
     Raises
     ------
     InputError
-        When the capture disagrees with the scene, or holds no reading at all.
+        When the capture disagrees with the scene or holds no reading at all, or for a bad
+        ``frame_offset``.
 
     Examples
     --------
@@ -141,6 +142,10 @@ class RecordingReader:
         tracked: bool = False,
         on_groups: Callable[[Groups], None] | None = None,
     ) -> None:
+        if frame_offset is not None and not (
+            isinstance(frame_offset, int | np.integer) and frame_offset >= 0
+        ):
+            raise InputError("frame_offset", "must be an integer of at least 0", frame_offset)
         scene = plan.require_scene()
         recording.check_against(scene)
         self._recording, self._plan = recording, plan
@@ -193,6 +198,8 @@ class RecordingReader:
         # The next batch is folded, without Python's lock, while this one is read.
         with ThreadPoolExecutor(1, "tones") as pool:
             coming = pool.submit(self.source.read)
+            if not len(coming.result()):
+                raise InputError(self._recording.path, "holds no whole frame of finite samples")
             while len(groups := coming.result()):
                 coming = pool.submit(self.source.read)
                 yield self.receiver.process(groups)

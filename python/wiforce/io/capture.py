@@ -162,8 +162,7 @@ def open_capture(path: str | Path, datatype: str | None = None) -> Capture:
     if path.is_file() and not meta.is_file():
         raise InputError(path, "has no .sigmf-meta file next to it; raw samples need --datatype")
     for file in (meta, data):
-        if not file.is_file():
-            raise InputError(file, "no such file")
+        _check_file(file)
     return _open_sigmf(meta, data)
 
 
@@ -191,10 +190,17 @@ def second_antenna(name: str | Path) -> str:
 def _open_raw(path: Path, datatype: str) -> Capture:
     if datatype not in DATATYPES:
         raise InputError("datatype", f"must be one of {', '.join(DATATYPES)}", datatype)
-    if not path.is_file():
-        raise InputError(path, "no such file")
+    _check_file(path)
     samples = _count(path, datatype, path.stat().st_size)
     return Capture(path, datatype, None, None, (Segment(0, 0, samples),))
+
+
+def _check_file(path: Path) -> None:
+    if not path.exists():
+        raise InputError(path, "no such file")
+    # The samples are read from several places of the file at once, as no pipe allows.
+    if not path.is_file():
+        raise InputError(path, "must be a regular file; a folder or a pipe cannot be read")
 
 
 def _count(path: Path, datatype: str, size: int) -> int:
@@ -245,7 +251,9 @@ def _metadata(meta: Path) -> tuple[Mapping[str, Any], Sequence[Mapping[str, Any]
         if isinstance(error, InputError):
             raise
         raise InputError(meta, f"is not valid SigMF ({_first_line(error)})") from error
-    except (SigMFError, KeyError, TypeError, AttributeError) as error:
+    except KeyError as error:
+        raise InputError(meta, f"is not valid SigMF (key {error} is missing)") from error
+    except (SigMFError, TypeError, AttributeError) as error:
         raise InputError(meta, f"is not valid SigMF ({_first_line(error)})") from error
     except Exception as error:
         # jsonschema's errors have no common base class with SigMF's.

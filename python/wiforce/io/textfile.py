@@ -108,11 +108,13 @@ def check_output(path: str | Path) -> None:
     try:
         if not folder.is_dir():
             raise InputError(path, "cannot be written (folder does not exist)")
-        writable = os.access(path if path.exists() else folder, os.W_OK) and not path.is_dir()
+        if path.is_dir():
+            raise InputError(path, "cannot be written (is a folder)")
+        writable = os.access(path if path.exists() else folder, os.W_OK)
     except OSError as error:  # a name that is too long
         raise InputError(path, f"cannot be written ({error.strerror})") from error
     if not writable:
-        raise InputError(path, "cannot be written")
+        raise InputError(path, "cannot be written (permission denied)")
 
 
 def write_whole(path: str | Path, text: str) -> None:

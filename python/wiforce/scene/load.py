@@ -71,9 +71,12 @@ def load_capture_scene(capture: Capture) -> Scene:
     InputError
         When there is none, or for a mistake in it (see :func:`load_scene`).
     """
-    if not isinstance(capture.scene, dict):
+    if capture.scene is None:
         raise InputError(capture.path, "has no scene in its metadata: give one")
-    return _checked(capture.scene, KeyPath(f"{capture.path}: wiforce:scene"), capture.path)
+    where = KeyPath(f"{capture.path}: wiforce:scene")
+    if not isinstance(capture.scene, dict):
+        raise InputError(where.source, "must hold a mapping of keys to values", capture.scene)
+    return _checked(capture.scene, where, capture.path)
 
 
 def _checked(values: dict[str, Any], where: KeyPath, path: Path | None) -> Scene:
