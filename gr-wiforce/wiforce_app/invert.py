@@ -6,8 +6,7 @@ import math
 import click
 import numpy as np
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.estimation.quality import WEAK_FORCE_N, WEAK_PHASE_DEG
-from gnuradio.wiforce.io.readings import Reading
+from gnuradio.wiforce.io.readings import WEAK_FORCE_N, WEAK_PHASE_DEG, Reading
 from gnuradio.wiforce.io.textfile import read_csv
 from gnuradio.wiforce.io.writers import open_writer
 from gnuradio.wiforce.sensor.inversion import DEFAULT_STD_DEG

@@ -280,7 +280,7 @@ def _any_setting(name, path, search, seed):
 def _searched(name, path, search, trial, label, read_case):
     """Worst of many trials: the largest unflagged error in stated standard deviations."""
     from gnuradio.wiforce.errors import InputError
-    from gnuradio.wiforce.estimation.quality import WEAK_PHASE_DEG
+    from gnuradio.wiforce.io.readings import WEAK_PHASE_DEG
 
     worst, cause, refused, not_finite, discarded = 0.0, "", 0, 0, 0
     for run in range(search):

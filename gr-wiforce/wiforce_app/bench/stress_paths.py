@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from gnuradio.wiforce.estimation.groups import Groups
-from gnuradio.wiforce.estimation.quality import WEAK_PHASE_DEG
+from gnuradio.wiforce.io.readings import WEAK_PHASE_DEG
 from gnuradio.wiforce.signal.waveform import FFT_LENGTH, sounding_waveform
 
 from .chain import SnapshotChain

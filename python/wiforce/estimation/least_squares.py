@@ -72,7 +72,6 @@ class ToneModel:
 
     def prepare(self, groups: Groups) -> list[GroupTones]:
         """The groups of a batch one by one, their tones whitened."""
-        assert groups.tones is not None
         tones = groups.tones.astype(complex)
         with np.errstate(invalid="ignore", over="ignore"):
             white = self._complete.whitener @ tones

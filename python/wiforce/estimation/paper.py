@@ -66,7 +66,6 @@ class _LineReader:
         """A batch separated at once; see :meth:`separation.EndSeparator.process`."""
         if not len(groups):
             return groups
-        assert groups.tones is not None
         count, _, subcarriers = groups.tones.shape
         ends = np.zeros((count, 2 * self._tags, subcarriers), complex)
         gain = np.full((count, 2 * self._tags), np.inf)

@@ -91,8 +91,6 @@ class Readout:
     @staticmethod
     def _columns(groups: Groups, sensor: int) -> list[tuple]:
         """The fields of one sensor's readings behind its name, row by row."""
-        assert groups.touch is not None and groups.snr_db is not None
-        assert groups.phases_deg is not None and groups.flags is not None
         touch = groups.touch[:, sensor]
         snr_db = groups.snr_db[:, 2 * sensor : 2 * sensor + 2].min(axis=1)
         arrays = [

@@ -162,7 +162,6 @@ class ConjugateDifference:
     def _difference(
         self, groups: Groups, in_reference: Array, reference: Array, reference_gain: Array
     ) -> Groups:
-        assert groups.ends is not None and groups.noise is not None and groups.gain is not None
         count = len(groups)
         weights = subcarrier_weights(groups.noise)
         # The weighted mean of the noise itself: K over the sum of 1 / sigma_k^2.

@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from ..io.readings import Flag, flag_bits
+from ..io.readings import WEAK_FORCE_N, WEAK_PHASE_DEG, Flag, flag_bits
 from .groups import Array, Groups
 from .motion import TouchedMotion
 from .off_state import corrected_phase_deg
-from .quality import WEAK_FORCE_N, WEAK_PHASE_DEG
 from .touch import TouchDetector
 
 _NAN = math.nan
@@ -70,7 +69,6 @@ class SensorReadout:
         dict of str to ndarray, shape (G,) or (G, 2)
             By the names of the arrays in Groups; all flags but ``transition``.
         """
-        assert groups.ratios is not None and groups.phase_std_deg is not None
         ends = slice(2 * sensor, 2 * sensor + 2)
         ratios, std = groups.ratios[:, ends], groups.phase_std_deg[:, ends]
         flags, there = self._what_is_known(groups, sensor, ratios, std)
@@ -113,9 +111,6 @@ class SensorReadout:
         self, groups: Groups, sensor: int, ratios: Array, std: Array
     ) -> tuple[Array, Array]:
         """Flags of each group before it is read, and whether it can be; shape (G,)."""
-        assert groups.in_reference is not None and groups.late_reference is not None
-        assert groups.reshaped is not None and groups.new_reference is not None
-        assert groups.locked is not None and groups.overlapping is not None
         ends = slice(2 * sensor, 2 * sensor + 2)
         # The oscillator's phase is another one: without a new reference both ends are turned.
         retuned = np.full(len(groups), self._retuned)
@@ -152,7 +147,6 @@ class SensorReadout:
         there: Array,
     ) -> tuple[Array, Array]:
         """Touch (G,), -1 where it is unknown, and the drift (G, 2) that the tare takes off."""
-        assert groups.in_reference is not None and groups.new_reference is not None
         touch, drift = np.full(len(groups), -1), np.zeros((len(groups), 2))
         times_s = ((groups.index + 0.5) * self._period_s).tolist()
         changes = np.degrees(np.angle(ratios)).tolist()

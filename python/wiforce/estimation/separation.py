@@ -104,7 +104,6 @@ class EndSeparator:
         """Separate groups, from which clocks and noise have still to be learned when ``fresh``."""
         if not len(groups):
             return groups
-        assert groups.tones is not None
         count, tags = len(groups), self._model.tags
         subcarriers = groups.tones.shape[2]
         ends = np.zeros((count, 2 * len(tags), subcarriers), complex)

@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..io.readings import WEAK_PHASE_DEG
 from .groups import Array
-from .quality import WEAK_PHASE_DEG
 from .tare import SlowTare
 
 # Spread of phases that counts as the same state however good the SNR, in degrees.

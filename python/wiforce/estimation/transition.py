@@ -47,8 +47,6 @@ class TransitionFlags:
 
 def _flagged(groups: Groups) -> Groups:
     """Groups with the flag; the first and last of them know one neighbour only."""
-    assert groups.ratios is not None and groups.phase_std_deg is not None
-    assert groups.touch is not None and groups.flags is not None
     count, sensors = groups.touch.shape
     adjacent = np.diff(groups.index) == 1
     # Row g: whether the group before and the one behind are neighbours.

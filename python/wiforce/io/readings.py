@@ -9,6 +9,11 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
+# Standard deviations of a phase and of the force above which a reading is flagged ``weak``
+# (docs/sensors.md).
+WEAK_PHASE_DEG = 3.0
+WEAK_FORCE_N = 1.5
+
 
 class Flag(enum.Flag):
     """Conditions that a user of a reading should know of.
