@@ -167,12 +167,10 @@ def _search(
     paths = np.multiply.outer(nominal_rate + rates, elapsed)
     profiles = _profile(np.array([turned_by(coefficients, path).sum(axis=0) for path in paths]))
     best, peak = np.unravel_index(np.argmax(profiles), profiles.shape)
-    return rates[best], 2 * np.pi * peak / _PHASES
+    return float(rates[best]), float(2 * np.pi * peak / _PHASES)
 
 
-def _fit_clock2_delay(
-    likelihood: PhaseLikelihood, block: Array
-) -> tuple[PhaseLikelihood, float]:
+def _fit_clock2_delay(likelihood: PhaseLikelihood, block: Array) -> tuple[PhaseLikelihood, float]:
     """Likelihood with the delay of clock 2 that fits the block best, and the clock's phase.
 
     A true 75 % clock 2 about the same centres equals an inverted one that is Ts/4 late: the sign
@@ -182,7 +180,7 @@ def _fit_clock2_delay(
 
     def best(delay: float) -> tuple[float, float]:
         coefficients = likelihood.delayed(delay).coefficients(block)
-        return _climb(coefficients, 2 * np.pi * np.argmax(_profile(coefficients)) / _PHASES)
+        return _climb(coefficients, float(2 * np.pi * np.argmax(_profile(coefficients)) / _PHASES))
 
     at_nominal, phase = best(0.0)
     delays, projections = likelihood.delays
@@ -211,8 +209,8 @@ def _climb(coefficients: Array, phase: float) -> tuple[float, float]:
         _, slope, curvature = evaluate(turned_by(coefficients, phase))
         if curvature >= 0:
             break
-        phase = phase - np.clip(slope / curvature, -0.01, 0.01)
-    return evaluate(turned_by(coefficients, phase))[0], phase
+        phase -= float(np.clip(slope / curvature, -0.01, 0.01))
+    return float(evaluate(turned_by(coefficients, phase))[0]), phase
 
 
 def _refine(
@@ -239,9 +237,7 @@ def _refine(
     return phase, rate
 
 
-def _is_tag(
-    energy: float, total: float, coefficients: Array, lines: int, subcarriers: int
-) -> bool:
+def _is_tag(energy: float, total: float, coefficients: Array, lines: int, subcarriers: int) -> bool:
     """Whether a fit is a tag: more energy than noise explains, and groups that agree on it."""
     dimensions = subcarriers * len(coefficients)
     explained = energy / (2 * dimensions)

@@ -83,7 +83,7 @@ def _top(coefficients: Array, phase: float) -> float:
         _, slope, curvature = evaluate(turned_by(coefficients, phase))
         if curvature >= 0:
             break
-        phase = phase - np.clip(slope / curvature, -0.05, 0.05)
+        phase -= float(np.clip(slope / curvature, -0.05, 0.05))
     return phase
 
 
@@ -134,21 +134,22 @@ def phase_information(
     >>> ends, error_rad = rng.standard_normal((2, 62)), 1e-3
     >>> tones = (mixing + error_rad * slopes) @ ends
     >>> solver = np.linalg.pinv(mixing)
-    >>> residual = tones - mixing @ (solver @ tones)
-    >>> found = phase_information(mixing, solver, slopes, solver @ tones, residual, np.full(62, 1e8))
+    >>> fitted = solver @ tones
+    >>> residual = tones - mixing @ fitted
+    >>> found = phase_information(mixing, solver, slopes, fitted, residual, np.full(62, 1e8))
     >>> bool(np.isclose(phase_errors(*found)[0][0], error_rad, rtol=0.02))
     True
     """
     tags = len(ends) // 2
     # The part of a rotation that a change of the ends cannot compensate.
-    projected = slopes - mixing @ (solver @ slopes)
+    projected: Array = slopes - mixing @ (solver @ slopes)
     turns = [projected[:, 2 * t : 2 * t + 2] @ ends[2 * t : 2 * t + 2] for t in range(tags)]
     gradient = np.array([2 * np.sum((t.conj() * residual).real @ inverse_noise) for t in turns])
     information = np.array(
         [[2 * np.sum((a.conj() * b).real @ inverse_noise) for b in turns] for a in turns]
     )
     spread = solver @ solver.conj().T
-    gram = projected.conj().T @ projected
+    gram: Array = projected.conj().T @ projected
     excess = np.array(
         [
             2 * ends.shape[1] * np.sum(gram[own, own] * spread[own, own].T).real
@@ -158,9 +159,7 @@ def phase_information(
     return gradient, information - np.diag(excess), excess
 
 
-def phase_errors(
-    gradient: Array, information: Array, excess: Array
-) -> tuple[Array, Array]:
+def phase_errors(gradient: Array, information: Array, excess: Array) -> tuple[Array, Array]:
     """Gauss-Newton step of each clock phase, and its variance.
 
     Parameters
