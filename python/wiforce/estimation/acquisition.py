@@ -1,31 +1,36 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A tag's clock found in a block of groups: phase, offset, and how the two clocks lie.
+"""Acquisition of a tag's clock in a block of groups: phase, offset and the delay of clock 2.
 
-Nothing is known but the nominal frequency: phase, offset, channels and levels are not.
+Only the nominal frequency is known; phase, offset, channels and levels are not.
 """
+
+from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from .groups import Array
 from .likelihood import PhaseLikelihood, evaluate, turned_by
 
+# Phases at which J is evaluated: 32 per period of its highest term, 2 x 8 cycles per turn.
 _PHASES = 512
-# By how much (in log-likelihood) clock 2 must fit better elsewhere for its place to be believed.
+# Gain of log-likelihood from which on a delay of clock 2 is accepted (docs/estimation.md, step 2).
 DELAY_EVIDENCE = 12.0
-# A delay of clock 2 beyond which the pulses, pi/2 and pi/4 wide and pi/2 apart, overlap.
+# A delay of clock 2 beyond which the pulses, pi/2 and pi/4 wide and pi/2 apart, overlap: Ts/16.
 OVERLAP = np.pi / 8
-# A tag is there when its waveforms explain so much more than noise would, per dimension, ...
+# A tag is present when its waveforms explain this much more energy per dimension than the residual
+# has, and when the groups agree on the clock by this many standard deviations. Both are measured
+# in docs/estimation.md, section "Thresholds".
 _ENERGY_RATIO = 1.25
-# ... and the groups agree on the clock by so many standard deviations.
 _AGREEMENT = 5.0
-# Standard deviations by which its rate may lie beyond what is tried.
+# Standard deviations by which the rate found may exceed the rates searched.
 _RATE_SLACK = 4.0
 
 
 @dataclass(frozen=True)
 class ClockFit:
-    """A clock over a block of groups.
+    """The clock found over a block of groups.
 
     Attributes
     ----------
@@ -36,9 +41,17 @@ class ClockFit:
     likelihood : PhaseLikelihood
         With the delay of clock 2 found.
     coefficients : ndarray of complex, shape (L, D+1)
-        Of each group.
+        Of J of each of the L groups.
     found : bool
-        Whether there is a tag at all.
+        Whether a tag was received.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.signal.weights import design_weights
+    >>> table = design_weights([1000.0], 625, 57.6e-6)
+    >>> late = PhaseLikelihood(table, 0, 0.02048, clock2_delay=0.5)
+    >>> ClockFit(0.2, 1.0, 0.3, 1e-4, late, np.zeros((12, 17)), True).overlapping
+    True
     """
 
     time_s: float
@@ -46,40 +59,72 @@ class ClockFit:
     rate: float
     variance: float
     likelihood: PhaseLikelihood
-    coefficients: np.ndarray
+    coefficients: Array
     found: bool
 
     @property
-    def clock2_delay(self):
-        """Radians of clock 1 by which clock 2's pulses come late; 0 when nothing speaks for it."""
+    def clock2_delay(self) -> float:
+        """Delay of clock 2's pulses in radians of clock 1; 0 unless the evidence is clear."""
         return self.likelihood.clock2_delay
 
     @property
-    def overlapping(self):
-        """Whether the two switches are on together."""
+    def overlapping(self) -> bool:
+        """Whether both switches are on at the same time."""
         return abs(self.clock2_delay) > OVERLAP
 
 
-def acquire(times_s, covariances, likelihood, nominal_rate, tolerance_ppm, subcarriers):
-    """Fits phase, offset and the delay of clock 2 to a block of groups.
+def acquire(
+    times_s: Array,
+    covariances: Array,
+    likelihood: PhaseLikelihood,
+    nominal_rate: float,
+    tolerance_ppm: float,
+    subcarriers: int,
+) -> ClockFit:
+    """Fit phase, offset and the delay of clock 2 to a block of groups.
 
     Parameters
     ----------
     times_s : ndarray, shape (L,)
-        Centres of the groups.
+        Centres of the groups, in s.
     covariances : ndarray of complex, shape (L, lines, lines)
         ``likelihood.covariance`` of each.
     likelihood : PhaseLikelihood
         With no delay.
     nominal_rate : float
-        2 pi fs.
+        2 pi fs, in rad/s.
     tolerance_ppm : float
-        Offsets up to 1.5 times this are tried.
+        Offsets up to 1.5 times this are searched.
     subcarriers : int
+        K.
 
     Returns
     -------
     ClockFit
+
+    Notes
+    -----
+    Maximises the sum of J(theta_0 + 2 pi f t) over the groups (docs/estimation.md, step 2): a grid
+    over the offset, with a Fourier transform over the phase, then Newton steps.
+
+    Examples
+    --------
+    A clock that is 50 ppm fast, over twelve groups on two subcarriers without noise:
+
+    >>> from gnuradio.wiforce.signal.switching import switch_averages
+    >>> from gnuradio.wiforce.signal.weights import design_weights
+    >>> table = design_weights([1000.0], 625, 57.6e-6)
+    >>> nominal = PhaseLikelihood(table, 0, 1000.0 * 20.48e-6)
+    >>> rate, times_s = 2 * np.pi * 1000 * (1 + 50e-6), 0.036 * np.arange(12)
+    >>> covariances = []
+    >>> for center_s in times_s:
+    ...     phases = 0.3 + rate * (center_s + table.times_s)
+    ...     waveforms = switch_averages(phases, np.pi * 1000 * 20.48e-6)
+    ...     tones = table.weights @ waveforms @ np.array([[1, 1j], [1j, 1]])
+    ...     covariances.append(nominal.covariance(tones, np.full(2, 1e-6)))
+    >>> fit = acquire(times_s, np.array(covariances), nominal, 2 * np.pi * 1000, 100.0, 2)
+    >>> fit.found, round(fit.rate / (2 * np.pi * 1000) * 1e6)
+    (True, 50)
     """
     center = times_s.mean()
     elapsed = times_s - center
@@ -88,7 +133,7 @@ def acquire(times_s, covariances, likelihood, nominal_rate, tolerance_ppm, subca
     rate, phase = _search(coefficients, elapsed, nominal_rate, limit)
     path = (nominal_rate + rate) * elapsed
     block = likelihood.turned(covariances, path).sum(axis=0)
-    likelihood, phase = _place_clock_2(likelihood, block)
+    likelihood, phase = _fit_clock2_delay(likelihood, block)
     coefficients = likelihood.coefficients(covariances)
     phase, rate = _refine(coefficients, elapsed, nominal_rate, phase, rate)
     phases = phase + (nominal_rate + rate) * elapsed
@@ -96,14 +141,14 @@ def acquire(times_s, covariances, likelihood, nominal_rate, tolerance_ppm, subca
     kappa = max(-curvatures.mean(), 1e-9)
     variance = (kappa + subcarriers * likelihood.noise_variance) / kappa**2
     total = np.trace(covariances, axis1=1, axis2=2).real.sum()
-    found = _believable(values.sum(), total, coefficients, len(likelihood.lines), subcarriers)
-    # A clock that jumps within the block seems to run at a rate which no such crystal has.
+    found = _is_tag(values.sum(), total, coefficients, len(likelihood.lines), subcarriers)
+    # A clock that jumps within the block appears to run at a rate beyond its tolerance.
     rate_std = np.sqrt(variance / np.sum(elapsed**2))
-    found = found and abs(rate) <= limit + _RATE_SLACK * rate_std
+    found = bool(found and abs(rate) <= limit + _RATE_SLACK * rate_std)
     return ClockFit(center, phase, rate, variance, likelihood, coefficients, found)
 
 
-def _profile(coefficients):
+def _profile(coefficients: Array) -> Array:
     """J on a circle of phases, by a Fourier transform of its coefficients (..., D+1)."""
     spectrum = np.zeros((*coefficients.shape[:-1], _PHASES), complex)
     spectrum[..., : coefficients.shape[-1]] = 2 * coefficients
@@ -111,35 +156,37 @@ def _profile(coefficients):
     return (np.fft.ifft(spectrum) * _PHASES).real
 
 
-def _search(coefficients, elapsed, nominal_rate, limit):
+def _search(
+    coefficients: Array, elapsed: Array, nominal_rate: float, limit: float
+) -> tuple[float, float]:
     """Rate and phase of the highest likelihood on a grid."""
     degree = coefficients.shape[1] - 1
-    # At the top degree the block must not turn by more than a quarter radian between two trials.
+    # The highest term rotates by at most half a radian over the block between two rates.
     step = 0.5 / (degree * max(np.ptp(elapsed), 1e-3))
     rates = np.linspace(-limit, limit, 2 * int(np.ceil(limit / step)) + 1)
     paths = np.multiply.outer(nominal_rate + rates, elapsed)
     profiles = _profile(np.array([turned_by(coefficients, path).sum(axis=0) for path in paths]))
     best, peak = np.unravel_index(np.argmax(profiles), profiles.shape)
-    return rates[best], 2 * np.pi * peak / _PHASES
+    return float(rates[best]), float(2 * np.pi * peak / _PHASES)
 
 
-def _place_clock_2(likelihood, block):
-    """Likelihood with the delay of clock 2 that the block speaks for, and the clock's phase.
+def _fit_clock2_delay(likelihood: PhaseLikelihood, block: Array) -> tuple[PhaseLikelihood, float]:
+    """Likelihood with the delay of clock 2 that fits the block best, and the clock's phase.
 
-    A true 75 % clock 2 about the same centres is one that comes a quarter of Ts late and is
-    inverted: the line's sign goes with its unknown channel.
+    A true 75 % clock 2 about the same centres equals an inverted one that is Ts/4 late: the sign
+    of the line is part of its unknown channel.
     """
     from scipy.optimize import minimize_scalar
 
-    def best(delay):
+    def best(delay: float) -> tuple[float, float]:
         coefficients = likelihood.delayed(delay).coefficients(block)
-        return _climb(coefficients, 2 * np.pi * np.argmax(_profile(coefficients)) / _PHASES)
+        return _climb(coefficients, float(2 * np.pi * np.argmax(_profile(coefficients)) / _PHASES))
 
     at_nominal, phase = best(0.0)
     delays, projections = likelihood.delays
     values = _profile(likelihood.coefficients(block, projections)).max(axis=1)
     coarse = delays[np.argmax(values)]
-    # What a finer search could still gain is less than the curvature of line 8 over half a step.
+    # A finer search can gain no more than the curvature of line 8 allows over half a step.
     if values.max() * 1.05 - at_nominal < DELAY_EVIDENCE:
         return likelihood, phase
     step = delays[1] - delays[0]
@@ -152,22 +199,29 @@ def _place_clock_2(likelihood, block):
     if best(delay)[0] - at_nominal < DELAY_EVIDENCE:
         return likelihood, phase
     phase = best(delay)[1]
-    # A delay of half a period of clock 2 is none.
+    # Clock 2 has half the period of clock 1: its delay is known modulo pi.
     return likelihood.delayed((delay + np.pi / 2) % np.pi - np.pi / 2), phase
 
 
-def _climb(coefficients, phase):
-    """J and phase at the top of the hill on whose side ``phase`` lies."""
+def _climb(coefficients: Array, phase: float) -> tuple[float, float]:
+    """J and phase at the local maximum next to ``phase``."""
     for _ in range(3):
         _, slope, curvature = evaluate(turned_by(coefficients, phase))
         if curvature >= 0:
             break
-        phase = phase - np.clip(slope / curvature, -0.01, 0.01)
-    return evaluate(turned_by(coefficients, phase))[0], phase
+        phase -= float(np.clip(slope / curvature, -0.01, 0.01))
+    return float(evaluate(turned_by(coefficients, phase))[0]), phase
 
 
-def _refine(coefficients, elapsed, nominal_rate, phase, rate, iterations=6):
-    """Newton steps on J over phase and rate, held to the neighbourhood of the grid's best."""
+def _refine(
+    coefficients: Array,
+    elapsed: Array,
+    nominal_rate: float,
+    phase: float,
+    rate: float,
+    iterations: int = 6,
+) -> tuple[float, float]:
+    """Newton steps on J over phase and rate, limited to the neighbourhood of the grid's best."""
     sums = np.array([[len(elapsed), elapsed.sum()], [elapsed.sum(), (elapsed**2).sum()]])
     for _ in range(iterations):
         turned = turned_by(coefficients, phase + (nominal_rate + rate) * elapsed)
@@ -183,11 +237,11 @@ def _refine(coefficients, elapsed, nominal_rate, phase, rate, iterations=6):
     return phase, rate
 
 
-def _believable(energy, total, coefficients, lines, subcarriers):
+def _is_tag(energy: float, total: float, coefficients: Array, lines: int, subcarriers: int) -> bool:
     """Whether a fit is a tag: more energy than noise explains, and groups that agree on it."""
     dimensions = subcarriers * len(coefficients)
     explained = energy / (2 * dimensions)
-    rest = (total - energy) / ((lines - 2) * dimensions)
+    residual = (total - energy) / ((lines - 2) * dimensions)
     spread = np.sqrt(2 * np.sum(np.abs(coefficients[:, 1:]) ** 2))
     agreement = (energy - np.sum(coefficients[:, 0].real)) / max(spread, 1e-300)
-    return explained > _ENERGY_RATIO * rest and agreement > _AGREEMENT
+    return bool(explained > _ENERGY_RATIO * residual and agreement > _AGREEMENT)

@@ -10,45 +10,66 @@ from .groups import Array
 
 
 def channel_ratio(first: Array, second: Array) -> Array:
-    """H_1 / H_2 per snapshot and subcarrier.
-
-    A transmitter and a receiver on clocks of their own turn every snapshot by a phase that both
-    antennas share: H_a = exp(j phi) (S_a + r T_a), S_a what stands still and r T_a the tag. In
-    the ratio the phase is gone, and it is linear in r while the tag is weak beside the static
-    path; what is left of higher order turns a reading by up to 2 |T|/|S|. (Ratios of antennas:
-    Y. Zeng et al., FarSense, 2019.)
-
-    One antenna does not allow that: divided by its own static path, the part of the tag in
-    quadrature with it is taken for a turn of the oscillator.
+    """Ratio H_1 / H_2 of the channels of two antennas.
 
     Parameters
     ----------
     first, second : ndarray of complex, shape (n, K)
+        Channels per snapshot and subcarrier.
 
     Returns
     -------
     ndarray of complex, shape (n, K)
-        0 where the second antenna hears nothing.
+        0 where the second antenna receives nothing.
+
+    Notes
+    -----
+    Free-running oscillators rotate every snapshot by a phase that both antennas share: H_a =
+    exp(j phi) (S_a + r T_a) with the static path S_a and the tag r T_a. The ratio cancels this
+    phase and is linear in r while the tag is weak relative to the static path; terms of higher
+    order change a phase by up to 2 |T|/|S| rad. (Ratios of antennas: Y. Zeng et al., FarSense,
+    2019.)
+
+    A single antenna does not suffice: dividing by its own static path would attribute the tag's
+    component in quadrature with that path to the oscillator.
+
+    Examples
+    --------
+    >>> static, tag, phase = np.array([1.0, 2.0j]), np.array([0.01, 0.02]), np.exp(0.7j)
+    >>> antennas = phase * (static + tag)  # two antennas, one oscillator
+    >>> ratio = channel_ratio(antennas[:1, None], antennas[1:, None])
+    >>> bool(np.isclose(ratio[0, 0], 1.01 / (2j + 0.02)))
+    True
     """
-    heard = np.abs(second) > 0
-    return np.divide(first, second, out=np.zeros_like(first), where=heard)
+    received = np.abs(second) > 0
+    return np.divide(first, second, out=np.zeros_like(first), where=received)
 
 
 def folded_ratio(first: Array, second: Array, waveform: Waveform) -> Array:
-    """The ratio of two antennas' channels, folded as if one antenna had received it.
+    """Ratio of two antennas' channels as the folded frames of a single antenna.
 
-    The sounding symbol cancels in the ratio and is put back, so that what comes out is read as
-    the folded frames of a single antenna are.
+    The sounding symbol cancels in the ratio. It is multiplied back, so that the result is
+    processed like the frames of a single antenna.
 
     Parameters
     ----------
     first, second : ndarray of complex, shape (n, 64)
-        Folded frames.
+        Folded frames of the two antennas.
     waveform : Waveform
+        As it was sent.
 
     Returns
     -------
     ndarray of complex, shape (n, 64)
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
+    >>> waveform = sounding_waveform()
+    >>> symbol = waveform.frame()[None, 64:128]
+    >>> ratio = folded_ratio(3j * symbol, symbol, waveform)
+    >>> bool(np.allclose(ratio, 3j * symbol))
+    True
     """
     bins = waveform.bins
     channels = [np.fft.fft(folded, axis=1)[:, bins] for folded in (first, second)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Acquisition of all tags over a block of groups, where nothing is known but nominal clocks."""
+"""Acquisition of all tags over a block of groups, when only their nominal clocks are known."""
 
 from __future__ import annotations
 
@@ -13,34 +13,51 @@ from .group_tones import GroupTones, without_loud
 from .groups import Array
 from .joint_clock import likelihood_bias, phase_errors, phase_information
 from .least_squares import GroupFit, ToneModel
-from .noise import UNUSUAL, NoiseEstimate
+from .noise import OUTLIER_RATIO, NoiseEstimate
 from .tracked_tag import TrackedTag
 
-# At least so many groups and so much time.
+# A search takes at least this many groups and this much time: within 0.4 s a clock that drifts by
+# 0.5 ppm/s deviates from a constant rate by 0.014 deg at 1 kHz. docs/estimation.md, section
+# "Thresholds", states what other values cost.
 _LEAST_GROUPS = 8
 _LEAST_S = 0.4
-# Bias of a tag's likelihood, in radians, from which on clocks are tracked by the whole model.
+# Bias of a tag's likelihood above which clocks are tracked by the complete model: on line 4 it
+# causes errors of 0.4 deg, close to the bound of 0.55 deg at gamma 0 dB.
 _LARGEST_BIAS = np.radians(0.1)
+# Gauss-Newton steps from the likelihood's phases, which are wrong by less than a degree: the second
+# changes them by less than 0.001 deg.
 _REFINEMENTS = 3
 
 
 class ClockSearch:
-    """Finds the tags' clocks, their levels and the noise in groups of which nothing is known.
+    """Finds the tags' clocks, their levels and the noise in a block of groups.
 
     Parameters
     ----------
     model : ToneModel
+        Of the run, with its tags.
     noise : NoiseEstimate
         Set by every search.
     averaging_s : float
-        Ta of the waveform.
+        Ta of the waveform, in s.
 
     Attributes
     ----------
     groups : int
-        Groups that a search takes.
+        Groups per search.
     jointly : bool
-        Whether some tag's own lines mislead, so that all clocks follow from the whole model.
+        Whether the likelihood of some tag is biased, so that all clocks are estimated jointly from
+        the complete model.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.estimation.tracked_tag import TagClock
+    >>> from gnuradio.wiforce.signal.weights import design_weights
+    >>> table = design_weights([1000.0], 625, 57.6e-6)
+    >>> model = ToneModel(table, [TrackedTag(table, 0, TagClock(1000.0), 20.48e-6)], None)
+    >>> search = ClockSearch(model, NoiseEstimate(0.036), 20.48e-6)
+    >>> search.groups, search.jointly
+    (12, False)
     """
 
     def __init__(self, model: ToneModel, noise: NoiseEstimate, averaging_s: float) -> None:
@@ -54,8 +71,8 @@ class ClockSearch:
     def run(self, items: Sequence[GroupTones]) -> None:
         """Acquire every tag over a block of groups.
 
-        More than once: the noise, and what other tags put into a tag's lines, are known only
-        after a first pass.
+        Two or three passes, because the noise and the leakage of other tags into a tag's lines are
+        known only after the first.
         """
         usable = without_loud([item for item in items if item.usable])
         if len(usable) < 2:
@@ -73,14 +90,14 @@ class ClockSearch:
         self._noise.set(self._noise.variance, usable, len(usable))
 
     def retry(self, tag: TrackedTag, item: GroupTones) -> None:
-        """Try to acquire a tag that is lost over the latest groups."""
+        """Try to acquire a lost tag over the latest groups."""
         tag.waiting.append(item)
         del tag.waiting[: -self.groups]
         if len(tag.waiting) == self.groups and self.acquire(tag, without_loud(tag.waiting)):
             tag.waiting = []
 
     def acquire(self, tag: TrackedTag, items: Sequence[GroupTones]) -> bool:
-        """Acquire one tag over a block of usable groups; whether it is there."""
+        """Acquire one tag over a block of usable groups; whether it was found."""
         alone = len(self._model.tags) == 1
         covariances = np.array(
             [self.covariance(tag, item, None if alone else self._model.fit(item)) for item in items]
@@ -97,15 +114,14 @@ class ClockSearch:
         return fit.found
 
     def covariance(self, tag: TrackedTag, item: GroupTones, fit: GroupFit | None) -> Array:
-        """Covariance of a tag's lines in a group (L, L), the other tags taken out."""
-        assert self._noise.variance is not None
+        """Covariance of a tag's lines in a group (L, L), without the other tags."""
         tones = self._model.without_others(tag, item, fit)
         return tag.likelihood.covariance(tones, self._noise.variance * item.weights.loss)
 
     def measure_phases(
         self, item: GroupTones, fit: GroupFit | None
     ) -> dict[TrackedTag, tuple[float, float]]:
-        """Error of each locked tag's predicted phase and its variance, by the whole model."""
+        """Error of each locked tag's predicted phase and its variance, by the complete model."""
         if fit is None:
             return {}
         errors, variances = phase_errors(*self._information(item, fit))
@@ -124,43 +140,45 @@ class ClockSearch:
         )
 
     def _take_residuals(self, items: Sequence[GroupTones]) -> None:
-        """What a block of groups leaves unexplained is noise, but for accidents."""
+        """Estimate the noise from the residuals of a block of groups, without outliers."""
         residuals = np.array([self._model.solve(item)[2] for item in items])
         levels = residuals.mean(axis=1)
-        fitting = residuals[levels <= UNUSUAL * np.median(levels)]
+        fitting = residuals[levels <= OUTLIER_RATIO * np.median(levels)]
         self._noise.set(fitting.mean(axis=0), items)
 
     def _refine(self, items: Sequence[GroupTones]) -> None:
-        """Fit all clocks to a block of groups by the whole model, from where they are."""
+        """Fit all clocks to a block of groups by the complete model, from their present values."""
         for _ in range(_REFINEMENTS):
             self._step_clocks(items)
             self._take_residuals(items)
 
     def _step_clocks(self, items: Sequence[GroupTones]) -> None:
         """A Gauss-Newton step of the phases and offsets of all clocks over a block of groups."""
-        locked = self._model.locked
-        start_s = locked[0].tracker.time_s  # type: ignore[union-attr]
-        count = len(locked)
+        trackers = self._model.trackers
+        start_s = trackers[0].time_s
+        count = len(trackers)
         gradient, information = np.zeros(2 * count), np.zeros((2 * count, 2 * count))
         excess = np.zeros(2 * count)
         for item in items:
             fit = self._model.fit(item)
-            assert fit is not None
+            if fit is None:
+                continue
             slope, curvature, noise = self._information(item, fit)
             elapsed = np.array([1.0, item.center_s - start_s])
             gradient += np.kron(elapsed, slope)
             information += np.kron(np.outer(elapsed, elapsed), curvature)
             excess += np.kron(elapsed**2, noise)
         errors, variances = phase_errors(gradient, information, excess)
-        for i, tag in enumerate(locked):
+        for i, tracker in enumerate(trackers):
             own = [i, count + i]
-            tag.tracker.correct(errors[own], variances[own])  # type: ignore[union-attr]
+            tracker.correct(errors[own], variances[own])
 
     def _verify_delay(self, tag: TrackedTag, items: Sequence[GroupTones]) -> None:
-        """Take clock 2 for nominal unless the whole model, too, supports its delay."""
+        """Set the delay of clock 2 to 0 unless the complete model supports it as well."""
         locked = self._model.locked
-        delayed, noise = [copy(each.tracker) for each in locked], self._noise.variance
-        tag.tracker.likelihood = tag.likelihood  # type: ignore[union-attr]
+        delayed, noise = [copy(tracker) for tracker in self._model.trackers], self._noise.variance
+        if tag.tracker is not None:
+            tag.tracker.likelihood = tag.likelihood
         self._refine(items)
         tones, subcarriers = items[0].tones.shape
         freedom = len(items) * subcarriers * (tones - 2 * len(self._model.tags))

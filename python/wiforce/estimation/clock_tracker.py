@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A tag's free-running clock, tracked from group to group once it has been acquired."""
+"""Tracking of a tag's free-running clock from group to group after its acquisition."""
 
 from __future__ import annotations
 
@@ -11,15 +11,18 @@ from .acquisition import ClockFit
 from .groups import Array
 from .likelihood import evaluate, turned_by
 
-# Drift the tracker must follow, 0.5 ppm/s, taken as a random walk with this memory.
+# The drift of up to 0.5 ppm/s is modelled as a random walk of the rate that reaches it in 1 s.
 _DRIFT_PER_S = 0.5e-6
 _DRIFT_MEMORY_S = 1.0
+# Groups that energy and curvature of J are averaged over, and the largest correction of the phase in
+# rad: half a period of J's highest term, 2 pi / 16.
 _CURVATURE_MEMORY = 24
 _LARGEST_STEP = 0.2
-# Standard deviations from which an error is a jump of the phase, which says nothing of the rate.
-_JUMP = 6.0
-# A group whose tones carry less than this part of the expected excess energy has no tag in it. A
-# press changes the energy of a tag with an off reflection of .3 rho by 1.3 to .7 rho: to .29.
+# Standard deviations above which an error is a jump of the phase, which does not change the rate.
+_JUMP_STDS = 6.0
+# A group with less than this share of the expected excess energy does not contain the tag. A press
+# changes the amplitude of a tag with an off reflection of 0.3 rho from 1.3 to 0.7 rho, its energy
+# by a factor of 0.29.
 _PRESENCE = 0.1
 
 
@@ -28,15 +31,16 @@ class ClockTracker:
 
     Parameters
     ----------
-    fit : acquisition.ClockFit
-        Where to start.
+    fit : ClockFit
+        Initial phase and rate.
     times_s : ndarray, shape (L,)
-        Centres of the groups that ``fit`` came from.
+        Centres of the groups of ``fit``, in s.
     nominal_rate : float
-        2 pi fs.
+        2 pi fs, in rad/s.
     subcarriers : int
+        K.
     noise_level : float
-        Mean noise variance by which the likelihoods of ``fit`` are scaled.
+        Mean noise variance that the likelihoods of ``fit`` are scaled by.
 
     Attributes
     ----------
@@ -44,6 +48,18 @@ class ClockTracker:
         Phase in radians at a time, and its rate above nominal in rad/s.
     variances : (float, float, float)
         Variance of the phase, covariance, variance of the rate.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.estimation.likelihood import PhaseLikelihood
+    >>> from gnuradio.wiforce.signal.weights import design_weights
+    >>> table = design_weights([1000.0], 625, 57.6e-6)
+    >>> likelihood = PhaseLikelihood(table, 0, 0.02048)
+    >>> fit = ClockFit(0.2, 1.0, 0.3, 1e-6, likelihood, np.ones((12, 17), complex), True)
+    >>> tracker = ClockTracker(fit, 0.036 * np.arange(12), 2 * np.pi * 1000, 62, 1.0)
+    >>> phase, rate = tracker.predict(1.2)  # 1000 periods later, and 0.3 rad/s above nominal
+    >>> round((phase - 1.0) / (2 * np.pi), 3), rate
+    (1000.048, 0.3)
     """
 
     def __init__(
@@ -65,13 +81,13 @@ class ClockTracker:
         self._drift_power = (_DRIFT_PER_S * nominal_rate) ** 2 * _DRIFT_MEMORY_S
         phases = fit.phase + (nominal_rate + fit.rate) * elapsed
         energy, _, curvature = evaluate(turned_by(fit.coefficients, phases))
-        # J and J'' of a mean group, free of the noise's scale, which may change.
+        # J and J'' of a mean group, independent of the noise level, which may change.
         self._energy = noise_level * float(energy.mean())
         self._curvature = noise_level * float(curvature.mean())
         self._count = min(len(elapsed), _CURVATURE_MEMORY)
 
     def predict(self, time_s: float) -> tuple[float, float]:
-        """Phase and rate (deviation from nominal, rad/s) expected at ``time_s``."""
+        """Phase (rad) and rate (deviation from nominal, rad/s) expected at ``time_s``."""
         dt = time_s - self.time_s
         return self.phase + (self._nominal + self.rate) * dt, self.rate
 
@@ -88,19 +104,20 @@ class ClockTracker:
         Parameters
         ----------
         time_s : float
+            Centre of the group.
         tones : ndarray of complex, shape (M, K)
-            Of the group, other tags taken out.
+            P of the group without the other tags.
         inverse_noise : ndarray, shape (K,)
             1 / sigma_k^2 of a tone of unit noise gain.
         noise_level : float
-            Mean noise variance by which the energy of a mean group is to be scaled.
+            Mean noise variance that the energy of a mean group is scaled by.
         measured : (float, float), optional
             Error of the predicted phase and its variance, instead of the likelihood's.
 
         Returns
         -------
         present : bool
-            False when the group's tones do not hold the tag; the clock then coasts.
+            False when the group's tones do not contain the tag; the clock then coasts.
         """
         self._advance(time_s)
         energy, slope, curvature = self.likelihood.at(self.phase, tones, inverse_noise)
@@ -112,7 +129,7 @@ class ClockTracker:
         error, variance = measured or self._measured(slope, noise_level)
         p00, p01, p11 = self.variances
         spread = p00 + variance
-        jumped = error**2 > _JUMP**2 * spread
+        jumped = error**2 > _JUMP_STDS**2 * spread
         error = min(max(error, -_LARGEST_STEP), _LARGEST_STEP)
         self.phase += p00 / spread * error
         if jumped:
@@ -123,7 +140,7 @@ class ClockTracker:
         return True
 
     def correct(self, errors: Array, variances: Array) -> None:
-        """Correct phase and rate at the time of the fit by errors of known variances."""
+        """Correct phase and rate by their errors (2,) with known variances (2,)."""
         if not np.all(np.isfinite(variances)):
             return
         self.phase += float(errors[0])

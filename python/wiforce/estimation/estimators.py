@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The estimators that a scene can ask for, and what follows from the choice."""
+"""The estimators that a scene can select, and the settings that each of them implies."""
 
 from __future__ import annotations
 
@@ -20,14 +20,19 @@ class Estimator:
     Attributes
     ----------
     separator : type
-        Tones to the ends' vectors.
+        Stage from tones to the ends' channels.
     rectangular : bool
-        Tones by a plain Fourier sum over the group instead of the scene's weights.
+        Whether tones are plain Fourier sums over the group instead of the scene's weights.
     against : str
-        What vectors are compared with: ``untouched`` or ``previous`` (group).
+        The reference: the ``untouched`` sensor or the ``previous`` group.
     ratios : str
-        What the ratios R then are: the ``change`` against the untouched sensor, a ``step`` from
-        group to group, or a ``square`` of the change.
+        Meaning of the resulting ratios R: the ``change`` against the untouched sensor, a ``step``
+        from group to group, or a ``square`` of the change.
+
+    Examples
+    --------
+    >>> ESTIMATORS["paper"].against, ESTIMATORS["harmonic"].against
+    ('previous', 'untouched')
     """
 
     separator: type
@@ -44,12 +49,26 @@ ESTIMATORS = {
 
 
 def estimator_named(name: str) -> Estimator:
-    """The estimator of that name.
+    """Look up an estimator.
+
+    Parameters
+    ----------
+    name : str
+        One of ``ESTIMATORS``.
+
+    Returns
+    -------
+    Estimator
 
     Raises
     ------
     InputError
-        When there is none.
+        For any other name.
+
+    Examples
+    --------
+    >>> estimator_named("sideband").ratios
+    'square'
     """
     if name not in ESTIMATORS:
         raise InputError("estimator", f"must be one of {', '.join(ESTIMATORS)}", name)
@@ -57,10 +76,10 @@ def estimator_named(name: str) -> Estimator:
 
 
 class RatioUnfolder:
-    """Turns the ratios of any estimator into changes against the untouched sensor.
+    """Converts the ratios of any estimator to changes against the untouched sensor.
 
-    Steps are added up, and half the angle of a square is taken on the side where the group before
-    was. A step says nothing of the magnitude, which becomes 1.
+    Steps are accumulated. Of the two roots of a square the one nearer to the previous group is
+    taken. Steps contain no magnitude, which becomes 1.
 
     Parameters
     ----------
@@ -70,7 +89,18 @@ class RatioUnfolder:
     Raises
     ------
     InputError
-        For another word.
+        For any other word.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.estimation.groups import Groups
+    >>> steps = np.exp(1j * np.radians([[0.0, 0.0], [30.0, 10.0], [15.0, 5.0]]))
+    >>> groups = Groups(
+    ...     np.arange(3), ratios=steps, phase_std_deg=np.ones((3, 2)),
+    ...     new_reference=np.array([True, False, False]))
+    >>> changes = RatioUnfolder("step").process(groups).ratios
+    >>> np.degrees(np.angle(changes)).round(6).tolist()
+    [[0.0, 0.0], [30.0, 10.0], [45.0, 15.0]]
     """
 
     def __init__(self, ratios: str) -> None:
@@ -80,28 +110,26 @@ class RatioUnfolder:
         self._last: Array | None = None
 
     def process(self, groups: Groups) -> Groups:
-        """A batch with its ``ratios`` unfolded."""
+        """Convert the ``ratios`` and ``phase_std_deg`` of a batch."""
         if self._ratios == "change" or not len(groups):
             return groups
-        assert groups.ratios is not None and groups.phase_std_deg is not None
-        assert groups.new_reference is not None
-        there = np.isfinite(groups.phase_std_deg) & (np.abs(groups.ratios) > 0)
+        received = np.isfinite(groups.phase_std_deg) & (np.abs(groups.ratios) > 0)
         unfolded = np.empty_like(groups.ratios)
-        for row, anew in enumerate(groups.new_reference.tolist()):
-            if anew or self._last is None:  # the group counts as untouched
+        for row, restarts in enumerate(groups.new_reference.tolist()):
+            if restarts or self._last is None:  # the group counts as untouched
                 self._last = np.ones(groups.ratios.shape[1], complex)
-            follow = self._add_step if self._ratios == "step" else self._take_root
-            unfolded[row] = follow(groups.ratios[row], there[row], self._last)
+            unfold = self._add_step if self._ratios == "step" else self._take_root
+            unfolded[row] = unfold(groups.ratios[row], received[row], self._last)
         std = groups.phase_std_deg / (2 if self._ratios == "square" else 1)
         return groups.having(ratios=unfolded, phase_std_deg=std)
 
-    def _add_step(self, ratios: Array, there: Array, last: Array) -> Array:
-        steps = np.where(there, ratios, 1.0)
+    def _add_step(self, ratios: Array, received: Array, last: Array) -> Array:
+        steps = np.where(received, ratios, 1.0)
         self._last = last * steps / np.abs(steps)
-        return np.where(there, self._last, 0.0)
+        return np.where(received, self._last, 0.0)
 
-    def _take_root(self, ratios: Array, there: Array, last: Array) -> Array:
+    def _take_root(self, ratios: Array, received: Array, last: Array) -> Array:
         roots = np.sqrt(np.asarray(ratios, complex))
         roots = np.where((roots * last.conj()).real < 0, -roots, roots)
-        self._last = np.where(there, roots, last)
+        self._last = np.where(received, roots, last)
         return roots

@@ -11,17 +11,29 @@ from .groups import Array
 
 
 class FoldedGroups:
-    """Turns the folded frames of a group into its tones.
+    """Converts the folded frames of a group to its tones.
 
-    In an incomplete group, zeros for what is absent would let everything that stands still leak
-    into the tones: weights are solved for the snapshots that are there.
+    Zeros in place of missing snapshots would let static clutter leak into the tones. The weights
+    of an incomplete group are therefore solved for the snapshots that were received.
 
     Parameters
     ----------
     table : ToneTable
+        Weights of the run.
     waveform : Waveform
+        As it was sent.
     derotated : bool
-        Whether the tones of complete groups come derotated.
+        Whether the tones of complete groups are derotated.
+
+    Examples
+    --------
+    >>> from gnuradio import wiforce
+    >>> plan = wiforce.plan("demo")
+    >>> folded = np.tile(plan.waveform.frame()[64:128], (plan.group_length, 1))  # a static channel
+    >>> present = np.arange(plan.group_length) != 100
+    >>> tones = FoldedGroups(plan.table, plan.waveform).tones(present, folded[present])
+    >>> tones.shape, bool(np.abs(tones).max() < 1e-6)
+    ((24, 62), True)
     """
 
     def __init__(self, table: ToneTable, waveform: Waveform, derotated: bool = True) -> None:
@@ -36,9 +48,9 @@ class FoldedGroups:
         Parameters
         ----------
         present : ndarray of bool, shape (N,)
-            Which snapshots there are.
+            Which snapshots were received.
         folded : ndarray of complex, shape (count of present, 64)
-            The folded frames of those.
+            Folded frames of these snapshots.
 
         Returns
         -------

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A batch of phase groups, and everything that the receiver's stages find out about it."""
+"""A batch of phase groups, and everything that the receiver's stages compute for it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
@@ -39,12 +39,18 @@ def is_clipped(saturated: Array, group_length: int) -> Array:
     return saturated >= max(1.0, _CLIPPED_SHARE * group_length)
 
 
+def _set_by_stage() -> Any:
+    """A field that holds None until a stage sets it."""
+    return field(default=None, repr=False)
+
+
 @dataclass
 class Groups:
     """Arrays over the groups of a batch, in order of time; each stage adds its own.
 
-    G groups of N snapshots, M tones, K occupied subcarriers, S sensors with two ends each. What
-    no stage has found yet is None.
+    G groups of N snapshots, M tones, K occupied subcarriers, S sensors with two ends each. An
+    array is None until the stage that computes it has run. A batch is indexed like an array over
+    its groups; an index or an iteration gives batches of one group.
 
     Parameters
     ----------
@@ -52,7 +58,7 @@ class Groups:
         Index of each group on the grid of the run, rising.
     tones : ndarray of complex, shape (G, M, K)
         The channel at each tone (``signal.weights.ToneTable``) and occupied subcarrier; of
-        incomplete groups, solved over the snapshots that are there.
+        incomplete groups, solved over the snapshots that were received.
     missing : ndarray of int, shape (G,)
         Snapshots that are absent or not finite.
     saturated : ndarray of bool, shape (G,)
@@ -68,13 +74,13 @@ class Groups:
     ends : ndarray of complex, shape (G, 2S, K)
         By the separation: V_i, the channel of each end with the tag's clock taken out.
     gain : ndarray, shape (G, 2S)
-        Variance of V_i over that of H; infinite for an end that is not there.
+        Variance of V_i over that of H; infinite for an end that was not received.
     noise : ndarray, shape (G, K)
         Variance of the noise in H on each occupied subcarrier.
     snr_db : ndarray, shape (G, 2S)
         |c1[1] V_i|^2 against the noise in H, mean over the subcarriers.
     locked : ndarray of bool, shape (G, S)
-        Whether the tag's clock is tracked and the tag was there.
+        Whether the tag's clock is tracked and the tag was received.
     clock_phase, clock_offset_ppm, clock2_delay : ndarray, shape (G, S)
         Clock phase at the group's centre in radians, offset from nominal, and by how many radians
         of clock 1 the pulses of clock 2 come late.
@@ -83,10 +89,10 @@ class Groups:
     changes : ndarray of complex, shape (G, 2S, K)
         By the reference: V_i conj(V_ref,i) over the reference's power.
     new_reference : ndarray of bool, shape (G,)
-        Whether the reference is taken anew from this group on: the first one, or after a tare.
+        Whether a new reference begins with this group: the first one, or the first after a tare.
     in_reference, late_reference : ndarray of bool, shape (G, 2S)
-        Whether the group is part of the end's reference, and whether that was taken later than
-        the time for which the sensor was promised untouched.
+        Whether the group is part of the end's reference, and whether the reference was taken after
+        the time in which the scene says that the sensor is untouched.
     reshaped : ndarray of bool, shape (G, 2S)
         Whether the end's channel varies over the subcarriers unlike its reference.
     reference_power, reference_gain : ndarray, shape (G, 2S)
@@ -100,47 +106,50 @@ class Groups:
     phases_deg : ndarray, shape (G, S, 2)
         psi_1 and psi_2; NaN where unknown, as all that follow.
     force_n, force_std_n, location_mm, location_std_mm : ndarray, shape (G, S)
+        Force in N, location from port 1 in mm, and their standard deviations.
     flags : ndarray of int, shape (G, S)
         Bits of ``io.readings.Flag``.
 
     Examples
     --------
     >>> batch = Groups(np.arange(3), np.zeros((3, 16, 62), complex))
-    >>> len(batch), len(batch[1:]), int(batch[1:].index[0])
-    (3, 2, 1)
+    >>> len(batch), len(batch[1:]), batch[1:].index.tolist()
+    (3, 2, [1, 2])
+    >>> [group.tones.shape for group in batch]
+    [(1, 16, 62), (1, 16, 62), (1, 16, 62)]
     """
 
     index: Array
-    tones: Array | None = field(default=None, repr=False)
-    missing: Array = field(default=None, repr=False)  # type: ignore[assignment]
-    saturated: Array = field(default=None, repr=False)  # type: ignore[assignment]
-    retuned: Array = field(default=None, repr=False)  # type: ignore[assignment]
-    snapshot_weights: Array | None = field(default=None, repr=False)
-    ends: Array | None = field(default=None, repr=False)
-    gain: Array | None = field(default=None, repr=False)
-    noise: Array | None = field(default=None, repr=False)
-    snr_db: Array | None = field(default=None, repr=False)
-    locked: Array | None = field(default=None, repr=False)
-    clock_phase: Array | None = field(default=None, repr=False)
-    clock_offset_ppm: Array | None = field(default=None, repr=False)
-    clock2_delay: Array | None = field(default=None, repr=False)
-    overlapping: Array | None = field(default=None, repr=False)
-    changes: Array | None = field(default=None, repr=False)
-    new_reference: Array | None = field(default=None, repr=False)
-    in_reference: Array | None = field(default=None, repr=False)
-    late_reference: Array | None = field(default=None, repr=False)
-    reshaped: Array | None = field(default=None, repr=False)
-    reference_power: Array | None = field(default=None, repr=False)
-    reference_gain: Array | None = field(default=None, repr=False)
-    ratios: Array | None = field(default=None, repr=False)
-    phase_std_deg: Array | None = field(default=None, repr=False)
-    touch: Array | None = field(default=None, repr=False)
-    phases_deg: Array | None = field(default=None, repr=False)
-    force_n: Array | None = field(default=None, repr=False)
-    force_std_n: Array | None = field(default=None, repr=False)
-    location_mm: Array | None = field(default=None, repr=False)
-    location_std_mm: Array | None = field(default=None, repr=False)
-    flags: Array | None = field(default=None, repr=False)
+    tones: Array = _set_by_stage()
+    missing: Array = _set_by_stage()
+    saturated: Array = _set_by_stage()
+    retuned: Array = _set_by_stage()
+    snapshot_weights: Array | None = _set_by_stage()
+    ends: Array = _set_by_stage()
+    gain: Array = _set_by_stage()
+    noise: Array = _set_by_stage()
+    snr_db: Array = _set_by_stage()
+    locked: Array = _set_by_stage()
+    clock_phase: Array = _set_by_stage()
+    clock_offset_ppm: Array = _set_by_stage()
+    clock2_delay: Array = _set_by_stage()
+    overlapping: Array = _set_by_stage()
+    changes: Array = _set_by_stage()
+    new_reference: Array = _set_by_stage()
+    in_reference: Array = _set_by_stage()
+    late_reference: Array = _set_by_stage()
+    reshaped: Array = _set_by_stage()
+    reference_power: Array = _set_by_stage()
+    reference_gain: Array = _set_by_stage()
+    ratios: Array = _set_by_stage()
+    phase_std_deg: Array = _set_by_stage()
+    touch: Array = _set_by_stage()
+    phases_deg: Array = _set_by_stage()
+    force_n: Array = _set_by_stage()
+    force_std_n: Array = _set_by_stage()
+    location_mm: Array = _set_by_stage()
+    location_std_mm: Array = _set_by_stage()
+    flags: Array = _set_by_stage()
 
     def __post_init__(self) -> None:
         self.index = np.asarray(self.index, np.int64)
@@ -155,20 +164,27 @@ class Groups:
     def __len__(self) -> int:
         return len(self.index)
 
-    def __getitem__(self, rows: slice | Array) -> Groups:
-        """The groups of some rows: a slice, or an array of indices or of bool."""
+    def __iter__(self) -> Iterator[Groups]:
+        return (self[row] for row in range(len(self)))
+
+    def __getitem__(self, rows: int | slice | Array) -> Groups:
+        """The groups of some rows: an index, a slice, or an array of indices or of bool."""
+        if isinstance(rows, int | np.integer):
+            if not -len(self) <= rows < len(self):
+                raise IndexError(f"group {rows} of a batch of {len(self)}")
+            rows = np.array([rows])
         found = {name: values for name in _NAMES if (values := getattr(self, name)) is not None}
         return Groups(**{name: values[rows] for name, values in found.items()})
 
-    def having(self, **arrays: Array | None) -> Groups:
-        """The same groups with some arrays added or replaced."""
+    def having(self, **arrays: Any) -> Groups:
+        """The same groups with some arrays added or replaced, or removed where None is given."""
         return replace(self, **arrays)
 
     @staticmethod
     def concatenate(batches: Iterable[Groups]) -> Groups:
-        """Batches that follow each other, as one.
+        """Join batches that follow each other.
 
-        Empty batches are left out: they may come from before a stage has anything to say.
+        Empty batches are left out: a stage that holds groups back gives them without its arrays.
         """
         kept = [batch for batch in batches if len(batch)]
         if len(kept) == 1:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The least-squares fit of a group's tones by the tags' switching waveforms.
+"""Least-squares fit of the tags' switching waveforms to the tones of a group.
 
-The weights W of a run are fixed. What they make of each tag's two waveforms at the tracked clock,
+The weights W of a run are fixed. Their response to each tag's two waveforms at the tracked clock,
 M = W [s1, s2], is computed per group and inverted for all tags together, so that aliases, clock
-offsets and lines that tags share cost almost nothing.
+offsets and lines shared by tags cause no error (docs/estimation.md, step 3).
 """
 
 from __future__ import annotations
@@ -15,19 +15,43 @@ from functools import cached_property
 import numpy as np
 
 from ..signal.weights import ToneTable
+from .clock_tracker import ClockTracker
 from .group_tones import GroupTones, GroupWeights, power_of
 from .groups import Array, Groups
 from .tracked_tag import TrackedTag
 
-# A mixing matrix that amplifies noise above this cannot separate its ends.
+# Noise gain of an end, relative to a perfect one, above which it counts as not separable (20 dB).
 _WORST_GAIN = 100.0
 
 
 @dataclass(slots=True)
 class GroupFit:
-    """Tones = mixing @ ends + residual, for the rows of ends that were fitted.
+    """Tones = mixing @ ends + residual, for the E ends of the locked tags.
 
-    ``white`` is the whitened mixing, ``solver`` its pseudo-inverse; ``residual`` is whitened too.
+    Attributes
+    ----------
+    rows : ndarray of int, shape (E,)
+        The ends that were fitted, among those of all tags.
+    mixing : ndarray of complex, shape (M, E)
+        W [s1, s2, ...].
+    ends : ndarray of complex, shape (E, K)
+        V.
+    gain : ndarray, shape (E,)
+        Variance of V over that of H.
+    residual : ndarray of complex, shape (M, K)
+        Whitened.
+    white : ndarray of complex, shape (M, E)
+        The whitened mixing matrix.
+    solver : ndarray of complex, shape (E, M)
+        Its pseudo-inverse.
+
+    Examples
+    --------
+    >>> mixing, ends = np.eye(4)[:, :2], np.ones((2, 62))
+    >>> fit = GroupFit(
+    ...     np.arange(2), mixing, ends, np.ones(2), np.zeros((4, 62)), mixing, mixing.T)
+    >>> fit.ends.shape
+    (2, 62)
     """
 
     rows: Array
@@ -45,10 +69,22 @@ class ToneModel:
     Parameters
     ----------
     table : ToneTable
+        Weights of the run.
     tags : sequence of TrackedTag
         In the order in which the table was designed.
     sample_rate_hz : float or None
-        Given when the tones come derotated (``ToneTable.derotation``).
+        Given when the tones are derotated (``ToneTable.derotation``).
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.estimation.tracked_tag import TagClock
+    >>> from gnuradio.wiforce.signal.weights import design_weights
+    >>> table = design_weights([1000.0], 625, 57.6e-6)
+    >>> model = ToneModel(table, [TrackedTag(table, 0, TagClock(1000.0), 20.48e-6)], None)
+    >>> (item,) = model.prepare(Groups([0], np.ones((1, 16, 62))))
+    >>> ends, gain, noise = model.solve(item)  # no clock is known yet
+    >>> gain.tolist(), bool(np.allclose(noise, item.power()))
+    ([inf, inf], True)
     """
 
     def __init__(
@@ -70,9 +106,13 @@ class ToneModel:
         """Tags whose clock is tracked."""
         return [tag for tag in self.tags if tag.tracker is not None]
 
+    @property
+    def trackers(self) -> list[ClockTracker]:
+        """Clock trackers of the locked tags."""
+        return [tag.tracker for tag in self.tags if tag.tracker is not None]
+
     def prepare(self, groups: Groups) -> list[GroupTones]:
         """The groups of a batch one by one, their tones whitened."""
-        assert groups.tones is not None
         tones = groups.tones.astype(complex)
         with np.errstate(invalid="ignore", over="ignore"):
             white = self._complete.whitener @ tones
@@ -82,14 +122,16 @@ class ToneModel:
             zip(groups.index.tolist(), groups.missing.tolist(), strict=True)
         ):
             weights, whitened = self._complete, white[row]
-            there = bool(usable[row])
+            solvable = bool(usable[row])
             if missing:
-                partial = self._partial(groups, row) if there else None
-                there = partial is not None
+                partial = self._partial(groups, row) if solvable else None
+                solvable = partial is not None
                 if partial is not None:
                     weights, whitened = partial, partial.whitener @ tones[row]
             center_s = (index + 0.5) * self.group_period_s
-            items.append(GroupTones(index, center_s, tones[row], whitened, weights, missing, there))
+            items.append(
+                GroupTones(index, center_s, tones[row], whitened, weights, missing, solvable)
+            )
         return items
 
     def _partial(self, groups: Groups, row: int) -> GroupWeights | None:
@@ -103,7 +145,7 @@ class ToneModel:
         return GroupWeights(partial, self._line_gain, times_s, len(mask) / len(times_s))
 
     def fit(self, item: GroupTones) -> GroupFit | None:
-        """Least squares over the locked tags at their clocks; None without tag or tones."""
+        """Least squares over the locked tags at their clocks; None without a tag or tones."""
         locked = self.locked
         if not locked or not item.usable:
             return None
@@ -113,14 +155,25 @@ class ToneModel:
         inverse = inverse_of(adjoint @ white)
         solver = inverse @ adjoint
         ends = solver @ item.white
-        residual = item.white - white @ ends
+        residual: Array = item.white - white @ ends
         rows = np.array([row for tag in locked for row in tag.rows])
         return GroupFit(rows, mixing, ends, inverse.diagonal().real, residual, white, solver)
 
     def solve(self, item: GroupTones) -> tuple[Array, Array, Array]:
-        """Ends (2S, K), their gain (2S,), and the noise in the residual (K,).
+        """Solve a group for all ends.
 
-        Ends of tags that are not locked are zero, with infinite gain.
+        Parameters
+        ----------
+        item : GroupTones
+
+        Returns
+        -------
+        ends : ndarray of complex, shape (2S, K)
+            V; 0 for tags that are not locked.
+        gain : ndarray, shape (2S,)
+            Variance of V over that of H; infinite for tags that are not locked.
+        noise : ndarray, shape (K,)
+            Mean square of the whitened residual per degree of freedom.
         """
         count, subcarriers = 2 * len(self.tags), item.tones.shape[1]
         ends = np.zeros((count, subcarriers), complex)
@@ -140,7 +193,7 @@ class ToneModel:
         return ends, gain, power_of(fit.residual).sum(axis=0) / freedom
 
     def without_others(self, tag: TrackedTag, item: GroupTones, fit: GroupFit | None) -> Array:
-        """The group's tones less what a fit ascribes to the other tags."""
+        """The group's tones minus those of the other tags in a fit."""
         if fit is None or len(self.tags) == 1:
             return item.tones
         foreign = ~np.isin(fit.rows, tag.rows)
@@ -150,6 +203,14 @@ class ToneModel:
 def inverse_of(gram: Array) -> Array:
     """Inverse of a small Hermitian positive definite matrix; the pseudo-inverse of a singular one.
 
+    Parameters
+    ----------
+    gram : ndarray of complex, shape (n, n)
+
+    Returns
+    -------
+    ndarray of complex, shape (n, n)
+
     Examples
     --------
     >>> inverse_of(np.diag([2.0 + 0j, 4.0])).diagonal().real.tolist()
@@ -158,7 +219,7 @@ def inverse_of(gram: Array) -> Array:
     size = len(gram)
     smallest = 1e-12 * float(gram.diagonal().real.max())
     if size == 2:
-        # One tag, the common case: LAPACK's start-up would cost as much as all the rest.
+        # One tag, the common case: calling LAPACK would cost as much as all other steps together.
         a, b, d = gram[0, 0].real, gram[0, 1], gram[1, 1].real
         pivot = d - (b.real**2 + b.imag**2) / a if a > smallest else 0.0
         if pivot > smallest:

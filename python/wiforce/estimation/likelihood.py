@@ -1,56 +1,83 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The likelihood of a tag's clock phase, given a group's tones and nothing else.
+"""Likelihood of a tag's clock phase, given the tones of a group.
 
 With the two ends' channels unknown on every subcarrier, the energy that the tones P of a group
 have in the span of the tag's harmonics, J(theta) = sum_k P_k^H Pi(theta) P_k / sigma_k^2, is the
-log-likelihood of the clock phase theta up to a constant. Pi turns with theta as
-exp(j (m - m') theta), so J is a trigonometric polynomial, and a group is summed up in its few
-coefficients. Odd and even lines together also tell theta from theta + pi.
+log-likelihood of the clock phase theta up to a constant. The elements of Pi rotate with theta as
+exp(j (m - m') theta), so J is a trigonometric polynomial, and its few coefficients contain all
+information of a group. Odd and even lines together distinguish theta from theta + pi.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from functools import cached_property, lru_cache
 
 import numpy as np
 
 from ..errors import InputError
+from ..signal.lines import Tone
 from ..signal.switching import harmonics
+from ..signal.weights import ToneTable
+from .groups import Array
 
-# Lines beyond this carry too little energy to help the clock.
+# Lines above this are not used for the clock. Lines up to 24 would determine the phase of a single
+# group 3.8 dB better, but the tracking loop averages it over many groups; readings lose at most
+# half a dB to the bound in total (docs/estimation.md, section "Results").
 _HIGHEST_LINE = 8
+# Grid of the search over clock 2's delay: 16 points per period of line 8.
 _DELAYS = 64
-# Smallest part of a tag's signal by which a clock phase must be told from any other.
+# Share of a tag's signal that must change at any wrong clock phase; see :func:`phase_margin`.
 PHASE_MARGIN = 0.02
 
 
 class PhaseLikelihood:
-    """Turns the tones of a group into the coefficients of J(theta).
+    """Computes the coefficients of J(theta) from the tones of a group.
 
     Parameters
     ----------
     table : ToneTable
+        Weights of the run.
     tag : int
         Index of the tag among the table's.
     averaging_phase : float
-        fs Ta.
+        fs Ta, in cycles.
     clock2_delay : float
-        Radians of clock 1 by which clock 2's pulses come late.
+        Delay of clock 2's pulses, in radians of clock 1.
 
     Attributes
     ----------
     rows : ndarray of int, shape (L,)
-        Tones that this tag alone owns and that serve its clock.
+        Tones of this tag alone that are used for its clock.
     lines : ndarray of int, shape (L,)
         Harmonic number of each.
+    scale : ndarray, shape (L,)
+        Factors by which these tones have unit noise.
     projection : ndarray of complex, shape (L, L)
-        Pi(0), for tones scaled to unit noise.
+        Pi(0), for the scaled tones.
 
     Raises
     ------
     InputError
-        When the tag's own lines are too few to tell its clock's phase, or its ends.
+        When the tag's own lines do not determine its clock's phase, or its ends.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.signal.weights import design_weights
+    >>> table = design_weights([1000.0], 625, 57.6e-6)
+    >>> likelihood = PhaseLikelihood(table, 0, 1000.0 * 20.48e-6)
+    >>> likelihood.lines.tolist()
+    [-8, -7, -6, -5, -4, -3, -2, -1, 1, 2, 3, 4, 5, 6, 7, 8]
+    >>> tones = np.zeros((16, 1), complex)
+    >>> tones[[4, 11], 0] = np.exp(-4j * 0.3), np.exp(4j * 0.3)  # end 2 at a clock phase of 0.3
+    >>> energy, slope, _ = likelihood.at(0.3, tones, np.ones(1))
+    >>> bool(energy > likelihood.at(0.4, tones, np.ones(1))[0]), abs(slope) < 1e-9
+    (True, True)
     """
 
-    def __init__(self, table, tag, averaging_phase, clock2_delay=0.0):
+    def __init__(
+        self, table: ToneTable, tag: int, averaging_phase: float, clock2_delay: float = 0.0
+    ) -> None:
         self.rows, self.lines = _own_lines(table.tones, tag)
         self.clock2_delay = clock2_delay
         self._averaging_phase = averaging_phase
@@ -62,8 +89,8 @@ class PhaseLikelihood:
             raise InputError(f"clock_hz of tag {tag + 1}", rule + shown)
         self._set_basis()
 
-    def delayed(self, clock2_delay):
-        """The same for another delay of clock 2."""
+    def delayed(self, clock2_delay: float) -> PhaseLikelihood:
+        """The same likelihood for another delay of clock 2, in radians of clock 1."""
         other = object.__new__(PhaseLikelihood)
         other.rows, other.lines, other.scale = self.rows, self.lines, self.scale
         other._averaging_phase = self._averaging_phase
@@ -71,30 +98,33 @@ class PhaseLikelihood:
         other._set_basis()
         return other
 
-    def _spectra(self, clock2_delay):
-        """What the tag's own lines hold of each end; shape (L, 2)."""
+    def _spectra(self, clock2_delay: float) -> Array:
+        """Fourier coefficients of both ends at the tag's own lines, scaled; shape (L, 2)."""
         coefficients = harmonics(self.lines, self._averaging_phase).astype(complex)
         coefficients[:, 1] *= np.exp(-1j * self.lines * clock2_delay)
         return coefficients * self.scale[:, None]
 
-    def _basis(self, clock2_delay):
+    def _basis(self, clock2_delay: float) -> Array:
         return np.linalg.qr(self._spectra(clock2_delay))[0]
 
-    def _set_basis(self):
+    def _set_basis(self) -> None:
         basis = self._basis(self.clock2_delay)
         self.projection = basis @ basis.conj().T
         # u = B^H D^-1 P of the lines P, and its derivatives by theta, D = diag(exp(j m theta)).
         turns = (-1j * self.lines) ** np.arange(3)[:, None]
         self._derivatives = (basis.conj().T * turns[:, None, :]).reshape(6, -1) * self.scale
 
-    def at(self, phase, tones, inverse_noise):
-        """J, J' and J'' at one phase, without its coefficients.
+    def at(self, phase: float, tones: Array, inverse_noise: Array) -> tuple[float, float, float]:
+        """J, J' and J'' at one phase, without computing the coefficients.
 
         Parameters
         ----------
         phase : float
+            theta, in rad.
         tones : ndarray of complex, shape (M, K)
+            P of the group.
         inverse_noise : ndarray, shape (K,)
+            1 / sigma_k^2.
 
         Returns
         -------
@@ -116,23 +146,24 @@ class PhaseLikelihood:
         )
 
     @property
-    def degree(self):
+    def degree(self) -> int:
+        """Degree D of the trigonometric polynomial J: the largest difference of two lines."""
         return int(self._steps.max())
 
     @cached_property
-    def _steps(self):
+    def _steps(self) -> Array:
         return self.lines[:, None] - self.lines[None, :]
 
     @cached_property
-    def noise_variance(self):
+    def noise_variance(self) -> float:
         """Variance of dJ/dtheta per subcarrier from unit noise alone: tr (dPi/dtheta)^2."""
         return float(np.sum(self._steps**2 * np.abs(self.projection) ** 2))
 
     @cached_property
-    def _sorted(self):
-        """Places of an (L, L) matrix by difference d >= 0 of their lines.
+    def _sorted(self) -> tuple[Array, Array, Array]:
+        """Elements of an (L, L) matrix, sorted by the difference d >= 0 of their lines.
 
-        With where each d begins among them, and whether any pair of lines has it.
+        Their flat indices, the start of each d among them, and 1 where a pair of lines has this d.
         """
         steps = self._steps.ravel()
         places = np.argsort(steps, kind="stable")
@@ -141,12 +172,13 @@ class PhaseLikelihood:
         starts = np.searchsorted(steps[places], orders)
         return places, starts, np.isin(orders, steps).astype(float)
 
-    def covariance(self, tones, noise):
+    def covariance(self, tones: Array, noise: Array) -> Array:
         """sum_k conj(P_i) P_j / sigma_k^2 of the tag's scaled lines.
 
         Parameters
         ----------
         tones : ndarray of complex, shape (M, K)
+            P of the group.
         noise : ndarray, shape (K,)
             Noise variance of a tone of unit noise gain on each subcarrier.
 
@@ -158,23 +190,24 @@ class PhaseLikelihood:
         scaled = tones[self.rows] * self.scale[:, None]
         return (scaled.conj() / noise) @ scaled.T
 
-    def turned(self, covariances, phases):
-        """Covariances (..., L, L) as they would be with the clock set back by ``phases`` (...)."""
+    def turned(self, covariances: Array, phases: Array) -> Array:
+        """Covariances (..., L, L) with the clock set back by ``phases`` (...), in rad."""
         turns = np.exp(1j * np.multiply.outer(phases, self.lines))
         return covariances * turns[..., :, None] * turns[..., None, :].conj()
 
     @cached_property
-    def delays(self):
-        """Delays of clock 2 all over its period, and Pi(0) for each; (n,) and (n, L, L)."""
+    def delays(self) -> tuple[Array, Array]:
+        """Delays of clock 2 over its whole period, and Pi(0) for each; (n,) and (n, L, L)."""
         delays = np.pi * (np.arange(_DELAYS) / _DELAYS - 0.5)
         return delays, np.array([b @ b.conj().T for b in map(self._basis, delays)])
 
-    def coefficients(self, covariance, projection=None):
+    def coefficients(self, covariance: Array, projection: Array | None = None) -> Array:
         """Coefficients q of J(theta) = q_0 + 2 Re sum_d q_d exp(j d theta).
 
         Parameters
         ----------
         covariance : ndarray of complex, shape (..., L, L)
+            See :meth:`covariance`.
         projection : ndarray of complex, shape (..., L, L), optional
             Instead of the likelihood's own.
 
@@ -188,21 +221,30 @@ class PhaseLikelihood:
         return np.add.reduceat(terms[..., places], starts, axis=-1) * exists
 
 
-def phase_margin(spectra, lines):
-    """How well a clock's phase is told from any that is an eighth of a cycle or more away.
+def phase_margin(spectra: Array, lines: Array) -> float:
+    """How clearly a clock phase differs from any that is an eighth of a cycle or more away.
 
     Parameters
     ----------
     spectra : ndarray of complex, shape (L, 2)
-        The two ends' spectra, at the right phase.
+        The two ends' spectra at the correct phase.
     lines : ndarray of int, shape (L,)
         Harmonic number of each row.
 
     Returns
     -------
     float
-        Part of the ends' signals, on average over them, that changes at any such phase; 0 when the
-        ends could be swapped, or cannot be told apart.
+        Smallest share of the ends' signals, averaged over both, that changes at such a phase; 0
+        when the ends can be swapped or are not distinguishable.
+
+    Examples
+    --------
+    Lines +-1 and +-4 alone leave half a cycle open; lines +-2, which both ends share, decide:
+
+    >>> lines = np.array([-4, -2, -1, 1, 2, 4])
+    >>> spectra, read = harmonics(lines, 0.02), np.abs(lines) != 2
+    >>> round(phase_margin(spectra, lines), 2), round(phase_margin(spectra[read], lines[read]), 2)
+    (0.24, 0.0)
     """
     norms = np.linalg.norm(spectra, axis=0)
     if len(lines) < 2 or norms.min() <= 1e-9 * norms.max():
@@ -216,7 +258,7 @@ def phase_margin(spectra, lines):
     return max(0.0, float(1 - np.max(np.sum(np.abs(overlap) ** 2, axis=(1, 2))) / 2))
 
 
-def _own_lines(tones, tag):
+def _own_lines(tones: Sequence[Tone], tag: int) -> tuple[Array, Array]:
     rows, lines = [], []
     for row, tone in enumerate(tones):
         if len(tone.owners) == 1 and tone.owners[0][0] == tag:
@@ -228,19 +270,52 @@ def _own_lines(tones, tag):
     return np.array(rows, int), np.array(lines, int)
 
 
-def turned_by(coefficients, phases):
-    """Coefficients (..., D+1) of J(theta + phase), phases (...)."""
+def turned_by(coefficients: Array, phases: Array | float) -> Array:
+    """Shift the argument of J.
+
+    Parameters
+    ----------
+    coefficients : ndarray of complex, shape (..., D + 1)
+        Of J(theta).
+    phases : float or ndarray, shape (...)
+        In rad.
+
+    Returns
+    -------
+    ndarray of complex, shape (..., D + 1)
+        Of J(theta + phase).
+
+    Examples
+    --------
+    >>> turned_by(np.array([1, 1 + 0j]), np.pi).round(6).real.tolist()
+    [1.0, -1.0]
+    """
     return coefficients * np.exp(1j * np.multiply.outer(phases, _orders(coefficients.shape[-1])[0]))
 
 
-def evaluate(coefficients):
-    """J, J' and J'' at theta = 0 of coefficients (..., D+1); each of shape (...)."""
+def evaluate(coefficients: Array) -> tuple[Array, Array, Array]:
+    """J, J' and J'' at theta = 0.
+
+    Parameters
+    ----------
+    coefficients : ndarray of complex, shape (..., D + 1)
+        q_0 ... q_D; see :meth:`PhaseLikelihood.coefficients`.
+
+    Returns
+    -------
+    value, slope, curvature : ndarray, shape (...)
+
+    Examples
+    --------
+    >>> [float(x) for x in evaluate(np.array([3.0, 0.5 + 0j]))]  # 3 + cos(theta)
+    [4.0, 0.0, -1.0]
+    """
     _, value, slope, curvature = _orders(coefficients.shape[-1])
     return coefficients.real @ value, coefficients.imag @ slope, coefficients.real @ curvature
 
 
 @lru_cache
-def _orders(count):
-    """d = 0..D, and how each q_d counts in J, J' and J''."""
+def _orders(count: int) -> tuple[Array, Array, Array, Array]:
+    """d = 0..D, and the factor of each q_d in J, J' and J''."""
     d = np.arange(count, dtype=float)
     return d, np.where(d > 0, 2.0, 1.0), -2 * d, -2 * d**2

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The noise in H on each subcarrier, learned from what the tags leave unexplained."""
+"""Noise in H on each subcarrier, estimated from the residual of the least-squares fit."""
 
 from __future__ import annotations
 
@@ -12,23 +12,40 @@ import numpy as np
 from .group_tones import GroupTones
 from .groups import Array
 
+# Noise is averaged over two seconds, at least 32 groups: with M - 2S = 14 degrees of freedom per
+# group the estimate on a subcarrier then has a standard deviation of 5 %, which costs 0.01 dB.
 _MEMORY_S = 2.0
 _LEAST_MEMORY_GROUPS = 32
-# Smallest noise, relative to the mean tone, that counts as noise rather than rounding.
+# Smallest noise power relative to the mean tone. Tones in single precision have rounding errors of
+# (6e-8)^2 = 3.6e-15.
 _FLOOR = 1e-14
-# Residual of a group over the known noise above which the group says nothing of the noise.
-UNUSUAL = 3.0
-# So many groups decide whether the noise has changed, and by which factor it must have: a press
-# that changes disturbs fewer.
+# Ratio of a group's residual to the noise above which the group is an outlier; its value and those
+# of the two constants below are measured in docs/estimation.md, section "Thresholds".
+OUTLIER_RATIO = 3.0
+# The noise has changed when the median over this many groups has, by this factor. A press that
+# changes disturbs fewer groups.
 STEP_GROUPS = 8
 _STEP = 1.33
 
 
 class Verdict(Enum):
-    """What a group's residual says."""
+    """Result of comparing a group's residual with the noise.
+
+    Attributes
+    ----------
+    LEARNED
+        The group fits, or is a single outlier.
+    MODEL_LOST
+        ``STEP_GROUPS`` groups in a row do not fit: noise has risen, or a clock is tracked at a
+        wrong phase.
+
+    Examples
+    --------
+    >>> [verdict.name for verdict in Verdict]
+    ['LEARNED', 'MODEL_LOST']
+    """
 
     LEARNED = auto()
-    #: So many groups in a row do not fit that noise has risen, or a clock is held at a wrong phase.
     MODEL_LOST = auto()
 
 
@@ -38,27 +55,53 @@ class NoiseEstimate:
     Parameters
     ----------
     group_period_s : float
+        Length of a group, in s.
 
     Attributes
     ----------
-    variance : ndarray, shape (K,), or None
-        None while nothing is known.
+    known : bool
+        Whether there is an estimate yet; until then the arrays below are empty.
+    variance : ndarray, shape (K,)
+        sigma_k^2.
     inverse : ndarray, shape (K,)
+        1 / sigma_k^2.
     level : float
-        Its mean over the subcarriers.
+        Mean of the variance over the subcarriers.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.estimation.group_tones import GroupWeights
+    >>> from gnuradio.wiforce.signal.weights import design_weights
+    >>> table = design_weights([1000.0], 625, 57.6e-6)
+    >>> weights = GroupWeights(table, np.ones((16, 1)), table.times_s)
+    >>> item = GroupTones(0, 0.0, np.ones((16, 3)), np.ones((16, 3)), weights, 0, True)
+    >>> noise = NoiseEstimate(0.036)
+    >>> noise.set(np.array([1.0, 2.0, 3.0]), [item])
+    >>> noise.level, noise.ratio(np.array([2.0, 4.0, 6.0]))
+    (2.0, 2.0)
     """
 
     def __init__(self, group_period_s: float) -> None:
-        self.variance: Array | None = None
+        self.known = False
+        self.variance: Array = np.empty(0)
+        self.inverse: Array = np.empty(0)
+        self.level = 0.0
         self._groups = 0
         self._memory = max(_LEAST_MEMORY_GROUPS, int(_MEMORY_S / group_period_s))
         self._ratios: deque[float] = deque(maxlen=STEP_GROUPS)
 
     def set(self, variance: Array, items: Sequence[GroupTones], groups: int | None = None) -> None:
-        """Take a variance (K,) for the noise, but no less than the rounding of these groups.
+        """Set the variance of the noise, limited to the rounding errors of some groups.
 
-        ``groups`` says over how many it is a mean.
+        Parameters
+        ----------
+        variance : ndarray, shape (K,)
+        items : sequence of GroupTones
+            The groups that it was measured in.
+        groups : int, optional
+            Number of groups that it is a mean of; unchanged when not given.
         """
+        self.known = True
         floor = _FLOOR * max(item.level() for item in items)
         self.variance = np.maximum(variance, max(floor, 1e-300))
         self.inverse = 1 / self.variance
@@ -71,18 +114,30 @@ class NoiseEstimate:
         return float(residual @ self.inverse) / len(residual)
 
     def learn(self, residual: Array, ratio: float, item: GroupTones) -> Verdict:
-        """Take a complete group's residual variance (K,) and its ratio into account."""
-        assert self.variance is not None
+        """Update the estimate by a complete group.
+
+        Parameters
+        ----------
+        residual : ndarray, shape (K,)
+            Mean square of the whitened residual per degree of freedom.
+        ratio : float
+            See :meth:`ratio`.
+        item : GroupTones
+
+        Returns
+        -------
+        Verdict
+        """
         self._ratios.append(ratio)
         full = len(self._ratios) == STEP_GROUPS
-        if full and min(self._ratios) > UNUSUAL:
+        if full and min(self._ratios) > OUTLIER_RATIO:
             self._ratios.clear()
             return Verdict.MODEL_LOST
-        if ratio > UNUSUAL:
+        if ratio > OUTLIER_RATIO:
             return Verdict.LEARNED
         median = sorted(self._ratios)[len(self._ratios) // 2]
-        if full and not 1 / _STEP < median < _STEP and median <= UNUSUAL:
-            # Its level has changed; its course over the subcarriers is still the best known.
+        if full and not 1 / _STEP < median < _STEP and median <= OUTLIER_RATIO:
+            # The level has changed; the profile over the subcarriers is still the best estimate.
             self._ratios.clear()
             self.set(median * self.variance, [item], min(self._groups, STEP_GROUPS))
             return Verdict.LEARNED

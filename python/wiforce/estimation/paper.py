@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The published estimator, and the sideband product: no clock is tracked. For comparison.
+"""The published estimator and the sideband product, for comparison; neither tracks the clock.
 
 Both have the interface of :class:`separation.EndSeparator`.
 """
@@ -17,13 +17,14 @@ from ..signal.weights import ToneTable
 from .groups import Array, Groups
 from .tracked_tag import TagClock
 
-# Lines on which the paper reads end 1 and end 2.
+# Lines on which the paper reads end 1 and end 2 (section 3.2).
 _LINES = (1, 4)
+# Groups that the noise is averaged over: 2.3 s of default groups, as in noise.py.
 _NOISE_GROUPS = 64
 
 
 class _LineReader:
-    """Lines +-1 and +-4 of every tag, and the noise that the pairs betray.
+    """Lines +-1 and +-4 of every tag, and the noise from the difference within each pair.
 
     Parameters
     ----------
@@ -63,10 +64,9 @@ class _LineReader:
         raise InputError("harmonics", f"must leave line {harmonic} of tag {tag} in the table")
 
     def process(self, groups: Groups) -> Groups:
-        """A batch separated at once; see :meth:`separation.EndSeparator.process`."""
+        """Separate a batch; see :meth:`separation.EndSeparator.process`."""
         if not len(groups):
             return groups
-        assert groups.tones is not None
         count, _, subcarriers = groups.tones.shape
         ends = np.zeros((count, 2 * self._tags, subcarriers), complex)
         gain = np.full((count, 2 * self._tags), np.inf)
@@ -77,7 +77,7 @@ class _LineReader:
             tones = groups.tones[row].astype(complex)
             weights = self._weights(groups, row)
             usable[row] = np.isfinite(tones.sum()) and tones.any() and weights is not None
-            if usable[row]:
+            if usable[row] and weights is not None:
                 ends[row], gain[row], power = self._take(int(groups.index[row]), tones, weights)
                 ratio = self._line_power * power / self._noise_level
                 snr_db[row] = 10 * np.log10(np.maximum(ratio, 1e-12))
@@ -98,11 +98,11 @@ class _LineReader:
         )
 
     def flush(self) -> Groups:
-        """Nothing is held back."""
+        """Give an empty batch: no groups are held back."""
         return Groups(np.zeros(0, np.int64))
 
     def _weights(self, groups: Groups, row: int) -> Array | None:
-        """The weights behind a group's tones; None when they cannot be used."""
+        """Weights that a group's tones were computed with; None when they cannot be used."""
         if not groups.missing[row]:
             return self._table.weights
         if groups.snapshot_weights is None or not groups.snapshot_weights[row].any():
@@ -122,7 +122,7 @@ class _LineReader:
         return self._read(upper, lower, line_gain)
 
     def _learn_noise(self, upper: Array, lower: Array, gain: Array) -> None:
-        """Both lines of a pair show the same channel: what differs is noise."""
+        """Both lines of a pair have the same channel: their difference is noise."""
         product = np.sum(upper * lower.conj(), axis=1)
         half = np.exp(0.5j * np.angle(product))[:, None]
         apart = np.abs(upper * half.conj() - lower * half) ** 2 / 2
@@ -137,11 +137,35 @@ class _LineReader:
 
 
 class PaperSeparator(_LineReader):
-    """End 1 from line +1 of each tag, end 2 from line +4, as they come (paper, section 3.3).
+    """End 1 from line +1 of each tag, end 2 from line +4 (paper, section 3.3).
 
-    The tag's clock stays in the result: a constant offset o turns end 1 by 2 pi fs o per second
-    and end 2 by four times that. The paper compares each group with the one before; the changes
-    add up over a run.
+    The rotation of the tag's clock remains in the result: a constant offset o rotates end 1 by
+    2 pi fs o per second and end 2 by four times that. The paper compares each group with the
+    previous one; the changes accumulate over a run.
+
+    Parameters
+    ----------
+    table : ToneTable
+        Weights of the run.
+    clocks : sequence of TagClock
+        In the order in which the table was designed.
+    waveform : Waveform
+        As it was sent.
+    derotated : bool
+        Has no effect on phases.
+
+    Raises
+    ------
+    InputError
+        When the table lacks a line of a tag.
+
+    Examples
+    --------
+    >>> from gnuradio import wiforce
+    >>> plan = wiforce.plan("demo", estimator="paper")
+    >>> separator = PaperSeparator(plan.table, plan.clocks, plan.waveform)
+    >>> separator.process(Groups([0], np.ones((1, len(plan.table.tones), 62)))).ends.shape
+    (1, 2, 62)
     """
 
     def _read(self, upper: Array, lower: Array, gain: Array) -> tuple[Array, Array, Array]:
@@ -152,13 +176,37 @@ class PaperSeparator(_LineReader):
 class SidebandSeparator(_LineReader):
     """The square of each end's channel, P(+m) P(-m), in which the clock's phase cancels.
 
-    Half the angle of what follows from it is the end's phase, but for half a turn.
+    Half the angle of the resulting ratio is the change of the end's phase, modulo 180 deg.
+
+    Parameters
+    ----------
+    table : ToneTable
+        Weights of the run.
+    clocks : sequence of TagClock
+        In the order in which the table was designed.
+    waveform : Waveform
+        As it was sent.
+    derotated : bool
+        Has no effect on phases.
+
+    Raises
+    ------
+    InputError
+        When the table lacks a line of a tag.
+
+    Examples
+    --------
+    >>> from gnuradio import wiforce
+    >>> plan = wiforce.plan("demo", estimator="sideband")
+    >>> separator = SidebandSeparator(plan.table, plan.clocks, plan.waveform)
+    >>> separator.process(Groups([0], np.ones((1, len(plan.table.tones), 62)))).ends.shape
+    (1, 2, 62)
     """
 
     def _read(self, upper: Array, lower: Array, gain: Array) -> tuple[Array, Array, Array]:
         noise = gain * self._noise_level
         power = (np.mean(np.abs(upper) ** 2, axis=1) + np.mean(np.abs(lower) ** 2, axis=1)) / 2
-        # A product's noise grows with it: what counts is the mean over the product's own energy.
+        # The noise of a product grows with it: its mean is weighted by the product's own energy.
         squares = upper * lower
         energy = np.abs(squares) ** 2
         level = np.sum(np.abs(squares) * energy, axis=1) / np.sum(energy, axis=1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From the ratios R of a batch to the readings of all sensors."""
+"""Readings of all sensors from the ratios R of a batch."""
 
 from __future__ import annotations
 
@@ -14,29 +14,48 @@ from .groups import Groups
 from .sensor_readout import SensorReadout
 from .transition import TransitionFlags
 
-# Longest gap in the stream that is filled with rows flagged "gap".
+# Longest gap in the stream that is filled with rows flagged "gap": an hour, 100 000 rows. A longer
+# one is more likely a wrong time of the device than lost samples.
 _LONGEST_GAP_S = 3600.0
 _GAP = flag_words(Flag.GAP.value)
 
 
 class Readout:
-    """Readings of all sensors of a run, one group late: transitions show against neighbours.
+    """Gives the readings of all sensors of a run.
+
+    Readings are one group late, because a transition is detected by comparison with the neighbours.
 
     Parameters
     ----------
     sensors : dict of str to SensorReadout
         By name, in the order of the ends, two per sensor.
     group_period_s : float
+        Length of a group, in s.
     ratios : str
-        What the R are: ``change``, ``step`` or ``square`` (see ``estimators.Estimator``).
+        Meaning of R: ``change``, ``step`` or ``square`` (see ``estimators.Estimator``).
     on_groups : callable, optional
-        Called with every batch of Groups that has been read, before it is known which of them
-        hold a transition.
+        Called with every batch of Groups that has been read, before transitions are flagged.
 
     Attributes
     ----------
     counts : GroupCounts
-        Of the readings given so far.
+        Outcomes of the readings given so far.
+
+    Examples
+    --------
+    >>> from gnuradio import wiforce
+    >>> model = wiforce.load_sensor("line-900mhz")
+    >>> sensors = {"arm": SensorReadout(model, 900e6, 0j, 0.036)}
+    >>> readout = Readout(sensors, 0.036)
+    >>> none = np.zeros((1, 2), bool)
+    >>> readout.process(Groups(
+    ...     [0], ratios=np.ones((1, 2)), phase_std_deg=np.full((1, 2), 0.1),
+    ...     snr_db=np.full((1, 2), 10.0), locked=np.ones((1, 1), bool),
+    ...     overlapping=np.zeros((1, 1), bool), new_reference=np.ones(1, bool), in_reference=~none,
+    ...     late_reference=none, reshaped=none))
+    []
+    >>> [(reading.sensor, reading.touch, reading.flags) for reading in readout.flush()]
+    [('arm', 0, ('reference',))]
     """
 
     def __init__(
@@ -55,7 +74,18 @@ class Readout:
         self.counts = GroupCounts()
 
     def process(self, groups: Groups) -> list[Reading]:
-        """Take a batch with ``ratios``; give the readings that are ready, in order."""
+        """Take a batch.
+
+        Parameters
+        ----------
+        groups : Groups
+            With ``ratios`` and the arrays of the stages before.
+
+        Returns
+        -------
+        list of Reading
+            The readings that are ready, in order.
+        """
         if not len(groups):
             return []
         groups = self._unfolder.process(groups)
@@ -71,7 +101,7 @@ class Readout:
         return self._rows(self._transitions.flush())
 
     def _rows(self, groups: Groups) -> list[Reading]:
-        """Readings of groups, and of those before them of which nothing was received."""
+        """Readings of groups, and of the groups before them that were not received."""
         if not len(groups):
             return []
         readings: list[Reading] = []
@@ -91,15 +121,13 @@ class Readout:
     @staticmethod
     def _columns(groups: Groups, sensor: int) -> list[tuple]:
         """The fields of one sensor's readings behind its name, row by row."""
-        assert groups.touch is not None and groups.snr_db is not None
-        assert groups.phases_deg is not None and groups.flags is not None
         touch = groups.touch[:, sensor]
         snr_db = groups.snr_db[:, 2 * sensor : 2 * sensor + 2].min(axis=1)
         arrays = [
-            groups.force_n[:, sensor],  # type: ignore[index]
-            groups.force_std_n[:, sensor],  # type: ignore[index]
-            groups.location_mm[:, sensor],  # type: ignore[index]
-            groups.location_std_mm[:, sensor],  # type: ignore[index]
+            groups.force_n[:, sensor],
+            groups.force_std_n[:, sensor],
+            groups.location_mm[:, sensor],
+            groups.location_std_mm[:, sensor],
             groups.phases_deg[:, sensor, 0],
             groups.phases_deg[:, sensor, 1],
             np.where(touch >= 0, snr_db, np.nan),

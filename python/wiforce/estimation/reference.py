@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What an end's channel is compared with: the untouched sensor, or the group before."""
+"""Difference of an end's channel against its reference: the untouched sensor or the last group."""
 
 from __future__ import annotations
 
@@ -8,13 +8,25 @@ import numpy as np
 from ..errors import InputError
 from .groups import Array, Groups
 
-# Part of an end's energy, beside so many times its noise, that may differ from the reference's
-# course over the subcarriers.
-_ALIKE, _NOTABLE = 0.2, 3.0
+# An end is flagged when more than 20 % of its energy plus three times its noise do not have the
+# reference's profile over the subcarriers (docs/estimation.md, section "Thresholds").
+_RESHAPED_SHARE, _RESHAPED_NOISE = 0.2, 3.0
+# Smallest share of the reference's power that is left when its noise is subtracted: R stays finite
+# where the reference is mostly noise.
+_LEAST_POWER = 0.05
 
 
 def subcarrier_weights(noise: Array) -> Array:
-    """Maximum-ratio weights w_k = 1 / sigma_k^2, scaled to sum to 1; shape (..., K) as ``noise``.
+    """Maximum-ratio weights w_k = 1 / sigma_k^2, scaled to sum to 1.
+
+    Parameters
+    ----------
+    noise : ndarray, shape (..., K)
+        sigma_k^2.
+
+    Returns
+    -------
+    ndarray, shape (..., K)
 
     Examples
     --------
@@ -28,24 +40,41 @@ def subcarrier_weights(noise: Array) -> Array:
 class ConjugateDifference:
     """V conj(V_ref) of every end, scaled so that the weighted subcarrier average is R.
 
-    R_i = sum_k w_k V_i conj(V_ref,i) / sum_k w_k |V_ref,i|^2. The paper (section 3.3) takes the
-    group before for V_ref; here that is a setting, and the untouched sensor the default.
-
     Parameters
     ----------
     ends : int
+        Ends of all tags, 2S.
     reference_groups : int
         Length of the untouched reference from group 0 on, at least 1. Groups of it that are absent
         or discarded are not replaced by later ones, in which the sensor may be touched. An end
-        that is in none of them takes the first groups in which it is there, and they are marked
-        late: nothing in them tells an untouched sensor from one that is pressed steadily.
+        that was received in none of them takes the first groups in which it is received. This
+        reference is marked late, because a sensor that is pressed steadily looks the same.
     against : str
         ``untouched`` or ``previous``.
 
     Raises
     ------
     InputError
-        For another word or fewer than one reference group.
+        For any other word, or fewer than one reference group.
+
+    Notes
+    -----
+    R_i = sum_k w_k V_i conj(V_ref,i) / sum_k w_k |V_ref,i|^2 (docs/estimation.md, step 4). The
+    paper (section 3.3) uses the previous group for V_ref.
+
+    Examples
+    --------
+    Two reference groups, then a press that turns both ends by 40 deg:
+
+    >>> phases = np.radians([0.0, 0.0, 40.0])
+    >>> groups = Groups(
+    ...     np.arange(3), ends=np.tile(np.exp(1j * phases)[:, None, None], (1, 2, 62)),
+    ...     gain=np.full((3, 2), 0.01), noise=np.full((3, 62), 1e-6))
+    >>> difference = ConjugateDifference(ends=2, reference_groups=2).process(groups)
+    >>> np.degrees(np.angle(difference.changes[:, 0, 0])).round(6).tolist()
+    [0.0, 0.0, 40.0]
+    >>> difference.in_reference[:, 0].tolist()
+    [True, True, False]
     """
 
     def __init__(self, ends: int, reference_groups: int, against: str = "untouched") -> None:
@@ -58,28 +87,33 @@ class ConjugateDifference:
         self._ends = ends
         self._holding = not self._against_previous
         self._held: list[Groups] = []
-        self._sum: Array | None = None
+        self._stop: Array | None = None
         self.tare()
         self._stop = np.full(ends, reference_groups)
 
     def tare(self) -> None:
-        """Take the untouched reference anew from the groups that follow."""
-        self._sum = None
+        """Take a new untouched reference from the groups that follow."""
+        self._sum: Array | None = None
         self._precision = np.zeros(self._ends)
         self._late = np.zeros(self._ends, bool)
-        self._stop: Array | None = None
+        self._stop = None
         self._begins = True
 
     def process(self, groups: Groups) -> Groups:
         """Take a batch; give the groups that are ready.
 
         At the start groups are held back until the reference is complete, at most twice its
-        length, so that every group is compared with the whole of it.
+        length, so that every group is compared with the complete reference.
+
+        Parameters
+        ----------
+        groups : Groups
+            With ``ends``, ``gain`` and ``noise``.
 
         Returns
         -------
         Groups
-            With ``changes`` and what is known of the reference; without ``ends``.
+            With ``changes`` and the arrays of the reference; without ``ends``.
         """
         ready = []
         for row in range(len(groups)):
@@ -91,7 +125,7 @@ class ConjugateDifference:
         return Groups.concatenate(ready)
 
     def flush(self) -> Groups:
-        """Give the groups held back, against the reference as far as it has come."""
+        """Give the groups held back, compared with the part of the reference received so far."""
         held, self._held = Groups.concatenate(self._held), []
         if not len(held):
             return held
@@ -99,7 +133,7 @@ class ConjugateDifference:
         return self._compare(held, held.in_reference)
 
     def _settled(self, groups: Groups) -> bool:
-        """Whether the reference is complete and these groups change nothing about it."""
+        """Whether the reference is complete and not changed by these groups."""
         return (
             not self._holding
             and not self._against_previous
@@ -110,48 +144,46 @@ class ConjugateDifference:
         )
 
     def _learn(self, group: Groups) -> Groups:
-        """A single group from which the reference may be learned."""
-        assert group.ends is not None and group.gain is not None
-        if self._sum is None:
-            self._sum = np.zeros(group.ends.shape[1:], complex)
+        """Process a single group that may be part of the reference."""
+        total = self._sum
+        if total is None:
+            total = self._sum = np.zeros(group.ends.shape[1:], complex)
         group = group.having(new_reference=np.array([self._begins]))
         self._begins = False
         index, values, gain = int(group.index[0]), group.ends[0], group.gain[0]
-        there = self._arrived(index, gain)
+        received, stop = np.isfinite(gain), self._reference_end(index, gain)
         if self._against_previous:
-            return self._step(group, there)
-        learning = there & (index < self._stop)
-        self._sum[learning] += values[learning] / gain[learning, None]
+            return self._step(group, received, total)
+        learning = received & (index < stop)
+        total[learning] += values[learning] / gain[learning, None]
         self._precision[learning] += 1 / gain[learning]
         self._held.append(group.having(in_reference=learning[None]))
-        complete = np.all((self._precision > 0) & (index + 1 >= self._stop))
+        complete = np.all((self._precision > 0) & (index + 1 >= stop))
         if self._holding and not complete and len(self._held) < 2 * self.reference_groups:
             return group[:0]
         return self.flush()
 
-    def _arrived(self, index: int, gain: Array) -> Array:
-        """Ends that are there; those that come after the time of their reference get another."""
-        there = np.isfinite(gain)
-        if self._stop is None:
-            self._stop = np.full(self._ends, index + self.reference_groups)
-        late = there & (self._precision == 0) & (index >= self._stop)
+    def _reference_end(self, index: int, gain: Array) -> Array:
+        """First group after each end's reference; ends received later get a later reference."""
+        stop = self._stop
+        if stop is None:
+            stop = np.full(self._ends, index + self.reference_groups)
+        late = np.isfinite(gain) & (self._precision == 0) & (index >= stop)
         self._late |= late
-        self._stop = np.where(late, index + self.reference_groups, self._stop)
-        return there
+        self._stop = np.where(late, index + self.reference_groups, stop)
+        return self._stop
 
-    def _step(self, group: Groups, there: Array) -> Groups:
-        """Compare a group with the one before, and keep it for the next."""
-        assert group.ends is not None and group.gain is not None and self._sum is not None
+    def _step(self, group: Groups, received: Array, last: Array) -> Groups:
+        """Compare a group with the previous one, and keep it for the next."""
         values, gain = group.ends[0], group.gain[0]
         first = self._precision == 0
-        reference = np.where(first[:, None], values, self._sum)
+        reference = np.where(first[:, None], values, last)
         reference_gain = np.where(first, gain, 1 / np.where(first, 1, self._precision))
-        self._sum = np.where(there[:, None], values, self._sum)
-        self._precision = np.where(there, 1 / gain, self._precision)
-        return self._difference(group, (first & there)[None], reference, reference_gain)
+        self._sum = np.where(received[:, None], values, last)
+        self._precision = np.where(received, 1 / gain, self._precision)
+        return self._difference(group, (first & received)[None], reference, reference_gain)
 
-    def _compare(self, groups: Groups, in_reference: Array | None) -> Groups:
-        assert groups.ends is not None and in_reference is not None
+    def _compare(self, groups: Groups, in_reference: Array) -> Groups:
         if self._sum is None:  # a tare, and no group since
             self._sum = np.zeros(groups.ends.shape[1:], complex)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -162,32 +194,32 @@ class ConjugateDifference:
     def _difference(
         self, groups: Groups, in_reference: Array, reference: Array, reference_gain: Array
     ) -> Groups:
-        assert groups.ends is not None and groups.noise is not None and groups.gain is not None
         count = len(groups)
         weights = subcarrier_weights(groups.noise)
         # The weighted mean of the noise itself: K over the sum of 1 / sigma_k^2.
         mean_noise = np.sum(weights * groups.noise, axis=1)[:, None]
         power = weights @ (np.abs(reference) ** 2).T
-        # Noise in the reference adds to its power and would make |R| come out small.
+        # Noise in the reference adds to its power and would bias |R| towards 0.
         noise = np.where(np.isfinite(reference_gain), reference_gain, 0) * mean_noise
-        power = np.where(self._precision > 0, np.maximum(power - noise, 0.05 * power), 0.0)
+        power = np.where(self._precision > 0, np.maximum(power - noise, _LEAST_POWER * power), 0.0)
         with np.errstate(divide="ignore", invalid="ignore"):
             changes = groups.ends * (reference.conj() / power[:, :, None])
         changes = np.where(power[:, :, None] > 0, changes, 0)
-        # A press turns all subcarriers alike. What else it takes, V - R V_ref, is noise, unless
-        # the tag was moved or frames are no longer where they were.
+        # A press rotates all subcarriers equally. The residual V - R V_ref is noise, unless the tag
+        # was moved or the frame timing has shifted.
         energy = np.einsum("gek,gk->ge", groups.ends.real**2 + groups.ends.imag**2, weights)
-        alike = np.abs(np.einsum("gek,gk->ge", changes, weights)) ** 2 * power
+        explained = np.abs(np.einsum("gek,gk->ge", changes, weights)) ** 2 * power
         own_noise = np.where(np.isfinite(groups.gain), groups.gain, 0) * mean_noise
+        restarts = groups.new_reference
+        if restarts is None:
+            restarts = np.zeros(count, bool)
         return groups.having(
             ends=None,
             changes=changes,
-            new_reference=groups.new_reference
-            if groups.new_reference is not None
-            else np.zeros(count, bool),
+            new_reference=restarts,
             in_reference=in_reference,
             late_reference=np.tile(self._late, (count, 1)),
-            reshaped=energy - alike > _ALIKE * energy + _NOTABLE * own_noise,
+            reshaped=energy - explained > _RESHAPED_SHARE * energy + _RESHAPED_NOISE * own_noise,
             reference_power=power,
             reference_gain=np.tile(reference_gain, (count, 1)),
         )

@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One sensor: from its ratios R to touch, force, location and flags."""
+"""Touch, force, location and flags of one sensor from its ratios R."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..io.readings import WEAK_FORCE_N, WEAK_PHASE_DEG, Flag, flag_bits
+from ..sensor.model import SensorModel
 from .groups import Array, Groups
 from .motion import TouchedMotion
 from .off_state import corrected_phase_deg
@@ -19,26 +20,42 @@ _VALUES = ("force_n", "force_std_n", "location_mm", "location_std_mm")
 
 
 class SensorReadout:
-    """One sensor's part: decides touch, takes the off state out, inverts.
+    """Decides touch, corrects for the off state of the switches and inverts the phases.
 
     Parameters
     ----------
     model : SensorModel
+        Of the sensor.
     frequency_hz : float
-        Carrier.
-    off_reflection : complex or sequence of two
+        Carrier, in Hz.
+    off_reflection : complex or array_like of two
         G_off / rho, per switch where they differ.
     group_period_s : float
+        Length of a group, in s.
     tracked : bool
         Follow every press over time (location constant, force a random walk) instead of inverting
         each group by itself.
+
+    Examples
+    --------
+    >>> from gnuradio import wiforce
+    >>> model = wiforce.load_sensor("line-900mhz")
+    >>> change = np.radians(model.phases_deg(4.0, 45.0) - model.untouched_deg())
+    >>> none = np.zeros((1, 2), bool)
+    >>> groups = Groups(
+    ...     [20], ratios=np.exp(1j * change)[None], phase_std_deg=np.full((1, 2), 0.1),
+    ...     locked=np.ones((1, 1), bool), overlapping=np.zeros((1, 1), bool),
+    ...     new_reference=np.zeros(1, bool), in_reference=none, late_reference=none, reshaped=none)
+    >>> found = SensorReadout(model, 900e6, 0j, 0.036).read(groups, sensor=0)
+    >>> found["touch"].tolist(), found["force_n"].round(1).tolist()
+    ([1], [4.0])
     """
 
     def __init__(
         self,
-        model: Any,
+        model: SensorModel,
         frequency_hz: float,
-        off_reflection: Any,
+        off_reflection: ArrayLike,
         group_period_s: float,
         tracked: bool = False,
     ) -> None:
@@ -52,7 +69,7 @@ class SensorReadout:
         self._retuned = False
         self._tracker = model.tracker(group_period_s, frequency_hz) if tracked else None
         if not tracked:
-            model.inverter(frequency_hz).prepare()  # not while samples wait
+            model.inverter(frequency_hz).prepare()  # takes a second, before samples arrive
 
     def read(self, groups: Groups, sensor: int) -> dict[str, Array]:
         """Touch, phases, force, location and flags of one sensor in a batch.
@@ -60,36 +77,35 @@ class SensorReadout:
         Parameters
         ----------
         groups : Groups
-            With ``ratios`` and ``phase_std_deg``.
+            With ``ratios``, ``phase_std_deg`` and the arrays of separation and reference.
         sensor : int
             Index of the sensor.
 
         Returns
         -------
         dict of str to ndarray, shape (G,) or (G, 2)
-            By the names of the arrays in Groups; all flags but ``transition``.
+            By the names of the arrays in Groups; all flags except ``transition``.
         """
-        assert groups.ratios is not None and groups.phase_std_deg is not None
         ends = slice(2 * sensor, 2 * sensor + 2)
         ratios, std = groups.ratios[:, ends], groups.phase_std_deg[:, ends]
-        flags, there = self._what_is_known(groups, sensor, ratios, std)
-        touch, drift = self._decide_touch(groups, ends, ratios, std, flags, there)
+        flags, readable = self._known_flags(groups, sensor, ratios, std)
+        touch, drift = self._decide_touch(groups, ends, ratios, std, flags, readable)
         level = ratios * np.exp(-1j * np.radians(drift))
         with np.errstate(invalid="ignore"):
             phases, slope = corrected_phase_deg(level, self._untouched, self._off)
             std = std * slope
-        weak = there & (std.max(axis=1) > WEAK_PHASE_DEG)
+        weak = readable & (std.max(axis=1) > WEAK_PHASE_DEG)
         flags[weak] |= Flag.WEAK.value
         values = np.full((len(groups), 4), _NAN)
         if self._tracker is not None:
-            self._track(phases, std, touch, there, values, flags)
+            self._track(phases, std, touch, readable, values, flags)
         elif (touched := np.flatnonzero(touch == 1)).size:
             values[touched], raised = self._invert(phases[touched], std[touched])
             flags[touched] |= raised
         uncertain = (touch == 1) & ~(values[:, 1] <= WEAK_FORCE_N)
         flags[uncertain] |= Flag.WEAK.value
-        self._watch_motion(phases, std, touch, there, values, flags)
-        phases[~there] = _NAN
+        self._watch_motion(phases, std, touch, readable, values, flags)
+        phases[~readable] = _NAN
         return {
             "touch": touch,
             "phases_deg": phases,
@@ -98,7 +114,10 @@ class SensorReadout:
         }
 
     def _image(self) -> Array:
-        """Changes of arg R that a touch can make; shape (n, 2)."""
+        """Changes of arg R that a touch can cause; shape (n, 2).
+
+        Up to 1.3 times the calibrated force, so that harder presses count as touches as well.
+        """
         top = 1.3 * self._model.force_span_n[1]
         forces = np.geomspace(max(self._model.onset_force_n, 0.05), top, 30)
         locations = np.arange(0.0, self._model.length_mm + 0.5)
@@ -108,15 +127,12 @@ class SensorReadout:
         untouched = np.exp(1j * np.radians(self._untouched))
         return np.degrees(np.angle((reflections - self._off) / (untouched - self._off)))
 
-    def _what_is_known(
+    def _known_flags(
         self, groups: Groups, sensor: int, ratios: Array, std: Array
     ) -> tuple[Array, Array]:
-        """Flags of each group before it is read, and whether it can be; shape (G,)."""
-        assert groups.in_reference is not None and groups.late_reference is not None
-        assert groups.reshaped is not None and groups.new_reference is not None
-        assert groups.locked is not None and groups.overlapping is not None
+        """Flags of each group from the stages before, and whether it can be read; shape (G,)."""
         ends = slice(2 * sensor, 2 * sensor + 2)
-        # The oscillator's phase is another one: without a new reference both ends are turned.
+        # A retuned oscillator has a new phase, which rotates both ends until a new reference.
         retuned = np.full(len(groups), self._retuned)
         for row in np.flatnonzero(groups.retuned | groups.new_reference):
             self._retuned = bool(groups.retuned[row]) or (
@@ -135,11 +151,11 @@ class SensorReadout:
         flags = np.zeros(len(groups), np.int64)
         for flag, rows in raised.items():
             flags[rows] |= flag.value
-        there = groups.locked[:, sensor] & np.isfinite(std).all(axis=1) & ~overlapping
-        there &= (np.abs(ratios) > 0).all(axis=1)
-        unexplained = ~there & ~overlapping & ((flags & ~Flag.INCONSISTENT.value) == 0)
+        readable = groups.locked[:, sensor] & np.isfinite(std).all(axis=1) & ~overlapping
+        readable &= (np.abs(ratios) > 0).all(axis=1)
+        unexplained = ~readable & ~overlapping & ((flags & ~Flag.INCONSISTENT.value) == 0)
         flags[unexplained] |= Flag.WEAK.value
-        return flags, there
+        return flags, readable
 
     def _decide_touch(
         self,
@@ -148,19 +164,18 @@ class SensorReadout:
         ratios: Array,
         std: Array,
         flags: Array,
-        there: Array,
+        readable: Array,
     ) -> tuple[Array, Array]:
-        """Touch (G,), -1 where it is unknown, and the drift (G, 2) that the tare takes off."""
-        assert groups.in_reference is not None and groups.new_reference is not None
+        """Touch (G,), -1 where it is unknown, and the drift (G, 2) that the tare subtracts."""
         touch, drift = np.full(len(groups), -1), np.zeros((len(groups), 2))
         times_s = ((groups.index + 0.5) * self._period_s).tolist()
         changes = np.degrees(np.angle(ratios)).tolist()
         stds = std.tolist()
         in_reference = groups.in_reference[:, ends].any(axis=1).tolist()
-        for row, anew in enumerate(groups.new_reference.tolist()):
-            if anew:
+        for row, restarts in enumerate(groups.new_reference.tolist()):
+            if restarts:
                 self._touch.tare()
-            if not there[row]:
+            if not readable[row]:
                 continue
             decision = self._touch.update(times_s[row], changes[row], stds[row], in_reference[row])
             touch[row], drift[row] = decision.touch, decision.drift_deg
@@ -178,10 +193,10 @@ class SensorReadout:
         return values, np.array([flag_bits(words) for words in found.flags])
 
     def _track(
-        self, phases: Array, std: Array, touch: Array, there: Array, values: Array, flags: Array
+        self, phases: Array, std: Array, touch: Array, readable: Array, values: Array, flags: Array
     ) -> None:
         assert self._tracker is not None
-        for row in np.flatnonzero(there):
+        for row in np.flatnonzero(readable):
             touched = touch[row] == 1
             *found, words = self._tracker.update(phases[row], std[row], touched)
             if touched:
@@ -189,19 +204,19 @@ class SensorReadout:
                 flags[row] |= flag_bits(words)
 
     def _watch_motion(
-        self, phases: Array, std: Array, touch: Array, there: Array, values: Array, flags: Array
+        self, phases: Array, std: Array, touch: Array, readable: Array, values: Array, flags: Array
     ) -> None:
         touches, locations = touch.tolist(), values[:, 2].tolist()
         spreads = np.nan_to_num(values[:, 3]).tolist()
-        known = there.tolist()
+        readables = readable.tolist()
         for row, location_mm in enumerate(locations):
-            if not known[row]:
+            if not readables[row]:
                 continue
             if touches[row] != 1:
                 self._motion.forget()
             elif not math.isnan(location_mm):
-                turned = self._motion.update(
+                moved = self._motion.update(
                     phases[row].tolist(), std[row].tolist(), location_mm, spreads[row]
                 )
-                if turned:
+                if moved:
                     flags[row] |= Flag.MOVED.value

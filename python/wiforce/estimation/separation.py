@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Separation of the tags' ends: from a group's tones to one complex number per end and subcarrier.
 
-Every group goes through three steps: the tags' clocks are tracked (``clock_tracker``), the tones
-are solved for the ends at those clocks (``least_squares``), and what is left tells the noise
-(``noise``). Clocks that are not known are acquired first (``clock_search``).
+Every group passes three steps: the tags' clocks are tracked (``clock_tracker``), the tones are
+solved for the ends at those clocks (``least_squares``), and the residual gives the noise
+(``noise``). Unknown clocks are acquired first (``clock_search``).
 """
 
 from __future__ import annotations
@@ -23,32 +23,52 @@ from .least_squares import ToneModel
 from .noise import STEP_GROUPS, NoiseEstimate, Verdict
 from .tracked_tag import TagClock, TrackedTag
 
-# A tag not seen for so long has to be acquired anew: its clock may have restarted.
+# A tag that was not received for this long is acquired again, because its clock may have restarted.
 _LOST_S = 0.5
-# After so long a gap a crystal that drifts by 0.5 ppm/s may have any phase: 0.1 cycles at 1 kHz.
+# Longest gap over which a clock is predicted: drifting by 0.5 ppm/s it may then be wrong by
+# d t^2 / 2 = 0.1 cycles at 1 kHz.
 _BRIDGED_S = 20.0
-# Residual of a group over the noise, below which it is chance.
-_NOTABLE = 1.15
+# Ratio of a group's residual to the noise above which the excess raises the stated uncertainty. The
+# ratio of noise alone has a standard deviation of 3.4 % (14 x 62 degrees of freedom): 4.4 of them.
+_SIGNIFICANT_RESIDUAL = 1.15
 
 
 class EndSeparator:
-    """Tones of each group in, the ends' complex channels out.
+    """Separates the tones of each group into the complex channels of the ends.
 
     Groups are held back until the clocks are acquired.
 
     Parameters
     ----------
     table : ToneTable
+        Weights of the run.
     clocks : sequence of TagClock
         In the order in which the table was designed.
     waveform : Waveform
+        As it was sent.
     derotated : bool
-        Whether the tones come derotated (``ToneTable.derotation``).
+        Whether the tones are derotated (``ToneTable.derotation``).
 
     Raises
     ------
     InputError
-        When a tag's own lines are too few to tell its clock's phase, or its ends.
+        When a tag's own lines do not determine its clock's phase, or its ends.
+
+    Notes
+    -----
+    V = (M^H C^-1 M)^-1 M^H C^-1 P with the mixing matrix M at the tracked clocks
+    (docs/estimation.md, step 3).
+
+    Examples
+    --------
+    >>> from gnuradio import wiforce
+    >>> plan = wiforce.plan("demo")
+    >>> separator = EndSeparator(plan.table, plan.clocks, plan.waveform)
+    >>> rng = np.random.default_rng(1)  # noise, no tag
+    >>> tones = rng.standard_normal((12, 24, 62)) + 1j * rng.standard_normal((12, 24, 62))
+    >>> groups = separator.process(Groups(np.arange(12), tones))
+    >>> groups.ends.shape, bool(groups.locked.any())
+    ((12, 2, 62), False)
     """
 
     def __init__(
@@ -80,7 +100,7 @@ class EndSeparator:
         Returns
         -------
         Groups
-            With ``ends``, ``gain``, ``noise``, ``snr_db``, the clocks, and without ``tones``; none
+            With ``ends``, ``gain``, ``noise``, ``snr_db`` and the clocks, without ``tones``; empty
             while groups are held back for acquisition.
         """
         if self._started:
@@ -92,19 +112,18 @@ class EndSeparator:
         return Groups.concatenate([self.flush(), self._separate(groups[wanted:])])
 
     def flush(self) -> Groups:
-        """End the acquisition with the groups at hand and give them all."""
+        """Acquire the clocks in the groups held back, and give them all."""
         held, self._held = Groups.concatenate(self._held), []
         if not len(held):
             return held
         self._started = True
         self._search.run(self._model.prepare(held))
-        return self._separate(held, fresh=False)
+        return self._separate(held, update=False)
 
-    def _separate(self, groups: Groups, fresh: bool = True) -> Groups:
-        """Separate groups, from which clocks and noise have still to be learned when ``fresh``."""
+    def _separate(self, groups: Groups, update: bool = True) -> Groups:
+        """Separate groups; ``update`` clocks and noise unless they were acquired from these."""
         if not len(groups):
             return groups
-        assert groups.tones is not None
         count, tags = len(groups), self._model.tags
         subcarriers = groups.tones.shape[2]
         ends = np.zeros((count, 2 * len(tags), subcarriers), complex)
@@ -112,19 +131,19 @@ class EndSeparator:
         noise = np.ones((count, subcarriers))
         clocks = np.zeros((5, count, len(tags)))
         for row, item in enumerate(self._model.prepare(groups)):
-            if fresh and item.usable:
-                self._follow(item)
+            if update and item.usable:
+                self._track(item)
             ends[row], own_gain, residual = self._model.solve(item)
             for i, tag in enumerate(tags):
                 clocks[:, row, i] = _clock_of(tag, item)
             ratio = 1.0
-            if item.usable and self._noise.variance is not None:
+            if item.usable and self._noise.known:
                 ratio = self._noise.ratio(residual)
-                if fresh and not item.missing:
+                if update and not item.missing:
                     self._learn(residual, ratio, item)
-            # What does not fit is alike on all subcarriers, as noise is not.
-            gain[row] = own_gain * (1 + subcarriers * max(0.0, ratio - _NOTABLE))
-            if self._noise.variance is not None:
+            # A misfit is correlated over the subcarriers, so averaging does not reduce it as noise.
+            gain[row] = own_gain * (1 + subcarriers * max(0.0, ratio - _SIGNIFICANT_RESIDUAL))
+            if self._noise.known:
                 noise[row] = self._noise.variance
         locked, phase, offset_ppm, delay, overlapping = clocks
         return groups.having(
@@ -141,9 +160,9 @@ class EndSeparator:
             overlapping=overlapping > 0,
         )
 
-    def _follow(self, item: GroupTones) -> None:
-        """Track every clock into a group, and look for tags whose clock is not known."""
-        if self._noise.variance is None:
+    def _track(self, item: GroupTones) -> None:
+        """Track every clock to a group, and search for tags whose clock is not known."""
+        if not self._noise.known:
             self._noise.set(item.power(), [item])
         tags = self._model.tags
         jointly = self._search.jointly
@@ -166,7 +185,7 @@ class EndSeparator:
     def _learn(self, residual: Array, ratio: float, item: GroupTones) -> None:
         self._latest.append(item)
         if self._noise.learn(residual, ratio, item) is Verdict.MODEL_LOST:
-            # All is found anew, from groups none of which was as before.
+            # Clocks and noise are acquired again, from groups that all differ from the model.
             self._search.run(self._latest)
             for tag in self._model.tags:
                 tag.waiting = [] if tag.tracker else list(self._latest)
@@ -181,9 +200,9 @@ class EndSeparator:
 
 def _clock_of(tag: TrackedTag, item: GroupTones) -> tuple[float, float, float, float, float]:
     """Locked, phase, offset in ppm, delay of clock 2, and whether the switches overlap."""
-    there = tag.tracker is not None and tag.last_seen_s >= item.center_s - 1e-9
-    if not (there and item.usable):
+    received = tag.last_seen_s >= item.center_s - 1e-9
+    if tag.tracker is None or not (received and item.usable):
         return 0.0, 0.0, 0.0, 0.0, 0.0
-    phase, rate = tag.tracker.predict(item.center_s)  # type: ignore[union-attr]
+    phase, rate = tag.tracker.predict(item.center_s)
     ppm = 1e6 * rate / tag.rate
     return 1.0, phase % (2 * np.pi), ppm, tag.clock2_delay, float(tag.overlapping)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The slow tare: where the phases of an untouched sensor stand now."""
+"""Slow tare: tracks the phase drift of an untouched sensor."""
 
 from __future__ import annotations
 
@@ -8,34 +8,46 @@ from collections import deque
 
 import numpy as np
 
-# The tare looks back so far, leaves out the newest groups, and follows a drift common to both ends
-# that is so many standard deviations from none over so many groups.
+# docs/estimation.md, section "Thresholds", states what other values of these constants cost.
+# The tare averages one second of groups, without the newest two: a press that begins slowly is
+# recognised as a touch only after its first groups.
 _MEMORY_S = 1.0
 _DELAY_GROUPS = 2
+# A drift common to both ends is extrapolated when it is significant by this many standard
+# deviations over at least this many groups.
 _SIGNIFICANT_DRIFT = 4.0
 _DRIFT_GROUPS = 8
-# A group whose ends part by more than this, in standard deviations and degrees, stays out ...
-_OUTLIER = 4.0
+# A group in which the changes of both ends differ by more than four standard deviations and 0.3 deg
+# is excluded, unless five in a row show that the tare itself is wrong.
+_OUTLIER_STDS = 4.0
 _OUTLIER_DEG = 0.3
-# ... unless so many in a row say that the tare is wrong.
 _OUTLIERS = 5
 
 _Group = tuple[float, float, float, float]
 
 
 class SlowTare:
-    """Mean of the phases over the last second of untouched groups, with a drift that is certain.
+    """Mean phase over the last second of untouched groups, extrapolated along a significant drift.
 
-    Groups enter some time after they came, when those behind them have proved untouched as well.
+    A group is used two groups later, when the groups after it are known to be untouched as well.
 
     Parameters
     ----------
     group_period_s : float
+        Length of a group, in s.
 
     Attributes
     ----------
     drift_deg : (float, float)
-        Where both ends stand.
+        Change of both ends' phases since the reference, in degrees.
+
+    Examples
+    --------
+    >>> tare = SlowTare(0.036)
+    >>> for group in range(40):
+    ...     tare.follow(0.036 * group, (0.1 * group, 0.1 * group), (0.05, 0.05))
+    >>> [round(drift, 6) for drift in tare.drift_deg]
+    [3.9, 3.9]
     """
 
     def __init__(self, group_period_s: float) -> None:
@@ -48,18 +60,18 @@ class SlowTare:
         self.drift_deg = (0.0, 0.0)
 
     def reset(self) -> None:
-        """The phases that follow count from a new reference."""
+        """Restart at 0, for a new reference."""
         self.shift((-self.drift_deg[0], -self.drift_deg[1]))
 
     def shift(self, change_deg: tuple[float, float]) -> None:
-        """The tag has moved: both ends stand elsewhere from now on."""
+        """Restart at phases changed by a motion of the tag, in degrees."""
         self.drift_deg = (self.drift_deg[0] + change_deg[0], self.drift_deg[1] + change_deg[1])
         self._recent.clear()
         self._outliers.clear()
         self._count = self._next = 0
 
     def touch_begins(self, forget_outliers: bool = False) -> None:
-        """Groups that have not yet proved untouched will not."""
+        """Discard the newest groups, which may be part of the touch that begins."""
         self._recent.clear()
         if forget_outliers:
             self._outliers.clear()
@@ -67,7 +79,15 @@ class SlowTare:
     def follow(
         self, time_s: float, phases_deg: tuple[float, float], std_deg: tuple[float, float]
     ) -> None:
-        """Take an untouched group."""
+        """Take an untouched group.
+
+        Parameters
+        ----------
+        time_s : float
+            Centre of the group.
+        phases_deg, std_deg : pair of float
+            arg R of both ends and its standard deviation, in degrees.
+        """
         change = [
             180.0 - (180.0 - (phase - drift)) % 360.0
             for phase, drift in zip(phases_deg, self.drift_deg, strict=True)
@@ -75,7 +95,7 @@ class SlowTare:
         variance = max(std_deg[0] ** 2 + std_deg[1] ** 2, 1e-12)
         first, second = (d + c for d, c in zip(self.drift_deg, change, strict=True))
         group = (time_s, first, second, 1 / variance)
-        if abs(change[0] - change[1]) > max(_OUTLIER * math.hypot(*std_deg), _OUTLIER_DEG):
+        if abs(change[0] - change[1]) > max(_OUTLIER_STDS * math.hypot(*std_deg), _OUTLIER_DEG):
             self._outliers.append(group)
             if len(self._outliers) < _OUTLIERS:
                 return
@@ -92,7 +112,7 @@ class SlowTare:
             self.drift_deg = self._extrapolate(time_s)
 
     def _extrapolate(self, time_s: float) -> tuple[float, float]:
-        """Where both ends stand now: their mean, with a drift that is beyond doubt."""
+        """Phases of both ends now: their mean, extrapolated along a significant common drift."""
         groups = self._untouched[:, : self._count]
         weights = groups[3] / groups[3].sum()
         center, first, second = (groups[:3] @ weights).tolist()

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Whether the line is touched, whether the tag moves, and the slow tare while it is not touched.
+"""Detection of touch, and of a tag that moves while the line is not touched.
 
-What the limits below achieve is measured in tests/qa_estimation_touch.py: at standard deviations
-of the phases from 0.02 to 5 deg at most one untouched group in a hundred is taken for a touch, and
-presses from 1.2 N on are seen from their first group to their last.
+The performance of the thresholds below is measured in tests/qa_estimation_touch.py: with standard
+deviations of the phases from 0.02 to 5 deg the rate of false alarms is at most 1 %, and presses
+from 1.2 N are detected from their first group to their last. docs/estimation.md, section
+"Thresholds", states what other values cost.
 """
 
 from __future__ import annotations
@@ -17,26 +18,56 @@ from ..io.readings import WEAK_PHASE_DEG
 from .groups import Array
 from .tare import SlowTare
 
-# Spread of phases that counts as the same state however good the SNR, in degrees.
+# Systematic spread of the phases within a state, in degrees, added to the noise.
 _STATE_SPREAD_DEG = 1.5
-# By how much (in squared standard deviations) another state must be better to be entered.
+# Squared standard deviations by which another state must fit better to be entered. Noise exceeds
+# chi-square 12 of two phases in 0.25 % of groups, and 25 in 4 of a million: a disturbed reference
+# affects a whole run.
 _EVIDENCE = 12.0
-# The same for a group of the untouched reference that is no such group: rarer, as it spoils a run.
 _DISTURBED = 25.0
-# Both ends moved alike when their difference is below this many standard deviations.
-COMMON = 3.5
+# Both ends changed equally when their difference is below this many standard deviations, which
+# noise alone exceeds in 0.05 % of groups.
+COMMON_STDS = 3.5
 
 
 def wrapped(angle: float) -> float:
-    """A single angle in (-180, 180] deg; ``signal.carrier.wrap_deg`` does arrays."""
+    """Wrap a single angle to (-180, 180] deg, faster than ``signal.carrier.wrap_deg`` for arrays.
+
+    Parameters
+    ----------
+    angle : float
+        In degrees.
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> wrapped(190.0), wrapped(-180.0)
+    (-170.0, 180.0)
+    """
     return 180.0 - (180.0 - angle) % 360.0
 
 
 class TouchDecision(NamedTuple):
-    """One group of one sensor.
+    """Touch decision of one group and sensor.
 
-    ``touch`` is None when it is unknown; ``drift_deg`` (2,) is what the tare takes off;
-    ``disturbed`` says that the reference, up to the next tare, is not that of an untouched sensor.
+    Attributes
+    ----------
+    touch : int or None
+        1, 0, or None when it is unknown.
+    moved : bool
+        Whether the tag has moved.
+    drift_deg : (float, float)
+        Drift of both phases that the tare subtracts, in degrees.
+    disturbed : bool
+        Whether the sensor was touched during its reference; holds until the next tare.
+
+    Examples
+    --------
+    >>> TouchDecision(1, False, (0.0, 0.0)).disturbed
+    False
     """
 
     touch: int | None
@@ -46,16 +77,18 @@ class TouchDecision(NamedTuple):
 
 
 class TouchDetector:
-    """Tells touched, untouched and moved groups apart by where the phase changes lie.
+    """Classifies groups as touched, untouched or moved by the phase changes of both ends.
 
-    Untouched, both changes are zero up to a slow drift, which is tracked. Touched, they lie in the
-    image of the sensor's model. When the tag or an antenna moves, both ends turn alike.
+    Both changes of an untouched sensor are zero except for a slow drift, which is tracked. Those of
+    a touched one lie in the image of the sensor's model. A motion of the tag or an antenna changes
+    both phases equally.
 
     Parameters
     ----------
     image_deg : ndarray, shape (n, 2)
         Phase changes of touched lines against the untouched one, densely over force and location.
     group_period_s : float
+        Length of a group, in s.
 
     Examples
     --------
@@ -75,7 +108,7 @@ class TouchDetector:
         self._touch = 0
 
     def tare(self) -> None:
-        """Forget the drift: the phases that follow count from a new reference."""
+        """Restart with a drift of 0, for a new reference."""
         self._tare.reset()
         self._disturbed = False
         self._touch = 0
@@ -92,10 +125,11 @@ class TouchDetector:
         Parameters
         ----------
         time_s : float
+            Centre of the group.
         phases_deg : pair of float
-            arg R of both ends.
+            arg R of both ends, in degrees.
         std_deg : pair of float
-            Not finite when the tag is not there.
+            Their standard deviations; not finite when the tag was not received.
         in_reference : bool
             Part of the untouched reference.
 
@@ -111,17 +145,17 @@ class TouchDetector:
         )
         spreads = [math.hypot(std, _STATE_SPREAD_DEG) for std in std_deg]
         untouched = (first / spreads[0]) ** 2 + (second / spreads[1]) ** 2
-        # Squared standard deviations by which the ends did not turn alike.
+        # Squared standard deviations by which the changes of the ends differ.
         common = wrapped(first - second) ** 2 / (spreads[0] ** 2 + spreads[1] ** 2)
         moved = False
         if in_reference:
             self._touch = 0
-            # A press within the reference turns all its groups against their mean.
-            self._disturbed |= untouched > _DISTURBED and common > COMMON**2
+            # A press within the reference shifts its mean, and with it every group of it.
+            self._disturbed |= untouched > _DISTURBED and common > COMMON_STDS**2
         else:
             self._touch, moved = self._decide((first, second), spreads, untouched, common)
         if max(std_deg) > WEAK_PHASE_DEG:
-            # Noise or an accident: it may be read, but the tare learns nothing from it.
+            # Noise or interference: the group may be read, but is not used for the tare.
             self._moving = False
             if self._touch:
                 tare.touch_begins()
@@ -132,31 +166,31 @@ class TouchDetector:
             tare.touch_begins(forget_outliers=True)
         elif self._moving or not moved:
             tare.follow(time_s, phases_deg, std_deg)
-        # One group may be a press that began inside it; the tare moves from the second on.
+        # A single group may be a press that began inside it; the tare moves with the second.
         self._moving = moved
         return TouchDecision(self._touch, moved, tare.drift_deg, self._disturbed)
 
     def _decide(
         self, change: tuple[float, float], spreads: list[float], untouched: float, common: float
     ) -> tuple[int, bool]:
-        """Touch of a group, and whether both ends turned alike instead."""
+        """Touch of a group, and whether the tag moved instead."""
         if self._touch:
             if untouched >= 1 and self._is_within(untouched + _EVIDENCE, change, spreads):
                 return 1, False
         if untouched < _EVIDENCE:
             return 0, False
-        if common < COMMON**2 and not self._is_within(common + _EVIDENCE, change, spreads):
+        if common < COMMON_STDS**2 and not self._is_within(common + _EVIDENCE, change, spreads):
             return 0, True
-        # Nothing but a touch turns one end without the other, even one that no model holds.
+        # Only a touch changes one phase without the other, even if the model does not contain it.
         return 1, False
 
     def _is_within(self, limit: float, change: tuple[float, float], spreads: list[float]) -> bool:
-        """Whether a touch of the model lies within so many squared standard deviations."""
+        """Whether a touch of the model lies within ``limit`` squared standard deviations."""
         distance = sum(
-            (wrapped(place - value) / spread) ** 2
-            for place, value, spread in zip(self._nearest, change, spreads, strict=True)
+            (wrapped(point - value) / spread) ** 2
+            for point, value, spread in zip(self._nearest, change, spreads, strict=True)
         )
-        if distance <= limit:  # the nearest one of the group before is near enough, as it mostly is
+        if distance <= limit:  # usually the nearest point of the previous group suffices
             return True
         apart = self._image - np.array(change)[:, None]
         apart -= 360 * np.rint(apart / 360)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One tag as the separation follows it: its clock, and when it was last there."""
+"""State of one tag during the separation: its clock, and when it was last received."""
 
 from __future__ import annotations
 
@@ -18,23 +18,38 @@ from .likelihood import PhaseLikelihood
 
 @dataclass(frozen=True)
 class TagClock:
-    """Nominal clock of one tag: fs and how far off it may be."""
+    """Nominal clock of one tag.
+
+    Attributes
+    ----------
+    clock_hz : float
+        fs, in Hz.
+    tolerance_ppm : float
+        Largest offset of the clock.
+
+    Examples
+    --------
+    >>> TagClock(1000.0).tolerance_ppm
+    100.0
+    """
 
     clock_hz: float
     tolerance_ppm: float = 100.0
 
 
 class TrackedTag:
-    """Everything that the separation keeps about one tag.
+    """State that the separation keeps for one tag.
 
     Parameters
     ----------
     table : ToneTable
+        Weights of the run.
     index : int
         Of the tag among those the table was designed for.
     clock : TagClock
+        Nominal clock.
     averaging_s : float
-        Ta of the waveform.
+        Ta of the waveform, in s.
 
     Attributes
     ----------
@@ -43,9 +58,17 @@ class TrackedTag:
     tracker : ClockTracker or None
         None while the clock is not known.
     last_seen_s : float
-        Centre of the last group in which the tag was there.
+        Centre of the last group in which the tag was received, in s.
     waiting : list of GroupTones
         The latest groups, over which a lost tag is acquired again.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.signal.weights import design_weights
+    >>> table = design_weights([1000.0, 1400.0], 625, 57.6e-6)
+    >>> tag = TrackedTag(table, 1, TagClock(1400.0), 20.48e-6)
+    >>> tag.rows, tag.tracker
+    (range(2, 4), None)
     """
 
     def __init__(self, table: ToneTable, index: int, clock: TagClock, averaging_s: float) -> None:
@@ -60,23 +83,34 @@ class TrackedTag:
         self.waiting: list[GroupTones] = []
 
     def start(self, fit: ClockFit, times_s: Array, subcarriers: int, noise_level: float) -> None:
-        """Track the clock that was found over groups with these centres."""
+        """Track the clock of a fit.
+
+        Parameters
+        ----------
+        fit : ClockFit
+        times_s : ndarray, shape (L,)
+            Centres of the groups of the fit, in s.
+        subcarriers : int
+            K.
+        noise_level : float
+            Mean noise variance that the likelihoods of the fit are scaled by.
+        """
         self.tracker = ClockTracker(fit, times_s, self.rate, subcarriers, noise_level)
         self.overlapping = fit.overlapping
         self.last_seen_s = times_s[-1]
 
     def drop(self) -> None:
-        """Give the clock up: the tag has to be acquired again."""
+        """Discard the clock: the tag has to be acquired again."""
         self.tracker = None
         self.waiting = []
 
     @property
     def clock2_delay(self) -> float:
-        """Radians of clock 1 by which clock 2's pulses come late."""
+        """Delay of clock 2's pulses, in radians of clock 1."""
         return self.tracker.likelihood.clock2_delay if self.tracker else 0.0
 
     def waveforms(self, center_s: float, weights: GroupWeights) -> Array:
-        """s1 and s2 of every snapshot of a group; shape (n, 2)."""
+        """s_1 and s_2 averaged over every snapshot of a group; shape (n, 2)."""
         return switch_averages(*self._at(center_s, weights))
 
     def slopes(self, center_s: float, weights: GroupWeights) -> Array:
@@ -84,8 +118,9 @@ class TrackedTag:
         return switch_slopes(*self._at(center_s, weights))
 
     def _at(self, center_s: float, weights: GroupWeights) -> tuple[Array, float, float]:
-        """Clock phase of every snapshot, half of what a snapshot averages, delay of clock 2."""
-        assert self.tracker is not None
+        """Clock phase of every snapshot, half the phase of Ta, and the delay of clock 2."""
+        if self.tracker is None:
+            raise ValueError("the clock of the tag is not known")
         phase, rate = self.tracker.predict(center_s)
         phases = phase + (self.rate + rate) * weights.times_s
         return phases, self._half_window * (1 + rate / self.rate), self.clock2_delay

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Whether a press changed inside a group, which shows against its neighbours."""
+"""Detection of groups in which a press changed, by comparison with their neighbours."""
 
 from __future__ import annotations
 
@@ -8,23 +8,37 @@ import numpy as np
 from ..io.readings import Flag
 from .groups import Array, Groups
 
-# |R| below this part of its neighbours' says that the press changed inside the group ...
+# A press changed inside a group when |R| is below 0.97 of its neighbours' and the dip exceeds 3.5
+# standard deviations. The mean of two phasors that differ by 28 deg has a magnitude of 0.97.
+# docs/estimation.md, section "Thresholds", states what other values cost.
 _DIP = 0.97
-# ... when the dip is above so many standard deviations of the noise.
-_CERTAIN = 3.5
-# Standard deviation over a neighbour's from which another sensor's change shows in a group.
+_DIP_STDS = 3.5
+# Increase of the standard deviation over a neighbour's that shows another sensor's change.
 _DISTURBED = 1.5
 
 
 class TransitionFlags:
-    """Adds the flag ``transition``; a group leaves when the one behind it has come."""
+    """Adds the flag ``transition``; a group is given when the following one has been received.
+
+    Examples
+    --------
+    >>> level = np.array([1.0, 1.0, 0.9, 1.0, 1.0])
+    >>> groups = Groups(
+    ...     np.arange(5), ratios=np.stack([level, level], axis=1) + 0j,
+    ...     phase_std_deg=np.full((5, 2), 0.1), touch=np.ones((5, 1), int),
+    ...     flags=np.zeros((5, 1), int))
+    >>> transitions = TransitionFlags()
+    >>> flagged = Groups.concatenate([transitions.process(groups), transitions.flush()])
+    >>> (flagged.flags[:, 0] == Flag.TRANSITION.value).tolist()
+    [False, False, True, False, False]
+    """
 
     def __init__(self) -> None:
         self._before: Groups | None = None  # the last group that was given
         self._waiting: Groups | None = None
 
     def process(self, groups: Groups) -> Groups:
-        """Take a batch that was read; give the groups whose neighbours are known."""
+        """Take a batch with ``touch`` and ``flags``; give the groups whose neighbours are known."""
         if not len(groups):
             return groups
         kept = [part for part in (self._before, self._waiting) if part is not None]
@@ -36,7 +50,7 @@ class TransitionFlags:
         return flagged
 
     def flush(self) -> Groups:
-        """Give the group that waits for its neighbour."""
+        """Give the last group, which has no later neighbour."""
         if self._waiting is None:
             return Groups(np.zeros(0, np.int64))
         kept = [part for part in (self._before, self._waiting) if part is not None]
@@ -47,11 +61,9 @@ class TransitionFlags:
 
 def _flagged(groups: Groups) -> Groups:
     """Groups with the flag; the first and last of them know one neighbour only."""
-    assert groups.ratios is not None and groups.phase_std_deg is not None
-    assert groups.touch is not None and groups.flags is not None
     count, sensors = groups.touch.shape
     adjacent = np.diff(groups.index) == 1
-    # Row g: whether the group before and the one behind are neighbours.
+    # Row g: whether the previous and the next group are adjacent on the grid.
     beside = np.array([np.append(False, adjacent), np.append(adjacent, False)])
     levels = _neighbours(np.abs(groups.ratios))
     touches = _neighbours(groups.touch)
@@ -64,22 +76,22 @@ def _flagged(groups: Groups) -> Groups:
     level = np.abs(groups.ratios)
     with np.errstate(invalid="ignore"):
         dip = (level < _DIP * lowest) & (
-            lowest - level > _CERTAIN * np.radians(groups.phase_std_deg) * lowest
+            lowest - level > _DIP_STDS * np.radians(groups.phase_std_deg) * lowest
         )
     dip &= of_ends.any(axis=0)
     changed = edge | (dip.reshape(count, sensors, 2).any(axis=2) & (touch >= 0))
     values = np.concatenate([touch[None], np.where(known, touches, -1)])
     begins_or_ends = (values == 0).any(axis=0) & (values == 1).any(axis=0)
-    # One sensor's change disturbs what is read of the others: they are less certain beside it.
+    # A change on one sensor disturbs the others, whose standard deviation then rises.
     disturbed = beside[:, :, None] & (groups.phase_std_deg > _DISTURBED * std)
     disturbed = disturbed.any(axis=0).reshape(count, sensors, 2).any(axis=2)
     anything = (changed | begins_or_ends).any(axis=1)[:, None]
-    doubtful = (changed | (anything & disturbed)) & (touch >= 0)
+    transition = (changed | (anything & disturbed)) & (touch >= 0)
     return groups.having(
-        flags=np.where(doubtful, groups.flags | Flag.TRANSITION.value, groups.flags)
+        flags=np.where(transition, groups.flags | Flag.TRANSITION.value, groups.flags)
     )
 
 
 def _neighbours(values: Array) -> Array:
-    """Values of the group before and of the one behind; shape (2, G, ...)."""
+    """Values of the previous and of the next group; shape (2, G, ...)."""
     return np.stack([np.roll(values, 1, axis=0), np.roll(values, -1, axis=0)])
