@@ -31,7 +31,7 @@ class FoldedGroups:
     >>> plan = wiforce.plan("demo")
     >>> folded = np.tile(plan.waveform.frame()[64:128], (plan.group_length, 1))  # a static channel
     >>> present = np.arange(plan.group_length) != 100
-    >>> tones = FoldedGroups(plan.table, plan.waveform).tones(present, folded[present])
+    >>> tones, _ = FoldedGroups(plan.table, plan.waveform).solve(present, folded[present])
     >>> tones.shape, bool(np.abs(tones).max() < 1e-6)
     ((24, 62), True)
     """

@@ -4,16 +4,19 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..io.readings import WEAK_FORCE_N, WEAK_PHASE_DEG, Flag, flag_bits
-from ..sensor.model import SensorModel
 from .groups import Array, Groups
 from .motion import TouchedMotion
 from .off_state import corrected_phase_deg
 from .touch import TouchDetector
+
+if TYPE_CHECKING:
+    from ..sensor.model import SensorModel
 
 _NAN = math.nan
 _VALUES = ("force_n", "force_std_n", "location_mm", "location_std_mm")
