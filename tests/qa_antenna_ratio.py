@@ -82,6 +82,13 @@ def test_antenna_ratio_with_carrier_offset_and_phase_noise_is_read(captures):
     assert np.abs([r.location_mm - 33 for r in found]).max() < 0.3
 
 
+def test_antenna_ratio_partial_last_group_is_not_read(captures):
+    scene = load_scene({**SCENE, "phase_group": {"snapshots": 610}})  # 25.6 groups
+    found = readings(captures, scene)
+    assert found[-1].time_s == pytest.approx(24.5 * scene.group_period_s)
+    assert "gap" not in found[-1].flags
+
+
 def test_single_antenna_with_free_clock_reads_nothing(captures):
     alone = load_scene({**SCENE, "environment": {"reader_clock": "free"}})
     assert all(r.force_n is None or r.flags for r in readings(captures, alone))

@@ -293,19 +293,22 @@ class _AntennaRatio:
         self._kept: tuple[np.ndarray, ...] = self._read_frames()
 
     def read(self) -> Groups:
-        """The next groups; a group ends when a frame of a later one has come."""
+        """The next groups; a group ends with its last frame, or before a frame of a later one."""
         while len(self._kept[0]) and self._kept[0][0] // self._length == (
             self._kept[0][-1] // self._length
         ):
             more = self._read_frames()
             if not len(more[0]):
-                return self._groups(len(self._kept[0]))
+                return self._groups(self._frames_before(self._kept[0][-1] + 1))
             self._kept = tuple(map(np.concatenate, zip(self._kept, more, strict=True)))
-        snapshots = self._kept[0]
-        if not len(snapshots):
+        if not len(self._kept[0]):
             return Groups(np.zeros(0, np.int64))
-        last = snapshots[-1] // self._length * self._length
-        return self._groups(int(np.searchsorted(snapshots, last)))
+        return self._groups(self._frames_before(self._kept[0][-1]))
+
+    def _frames_before(self, snapshot: int) -> int:
+        """Number of kept frames that belong to groups complete before a snapshot."""
+        whole = snapshot // self._length * self._length
+        return int(np.searchsorted(self._kept[0], whole))
 
     def _read_frames(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Index of the frames that both antennas have, their ratio folded, and saturation."""
