@@ -14,8 +14,8 @@ from .likelihood import evaluate, turned_by
 # The drift of up to 0.5 ppm/s is modelled as a random walk of the rate that reaches it in 1 s.
 _DRIFT_PER_S = 0.5e-6
 _DRIFT_MEMORY_S = 1.0
-# Groups that energy and curvature of J are averaged over, and the largest correction of the phase in
-# rad: half a period of J's highest term, 2 pi / 16.
+# Groups that energy and curvature of J are averaged over, and the largest correction of the phase
+# in rad: half a period of J's highest term, 2 pi / 16.
 _CURVATURE_MEMORY = 24
 _LARGEST_STEP = 0.2
 # Standard deviations above which an error is a jump of the phase, which does not change the rate.
