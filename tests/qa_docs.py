@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Generated documentation is up to date with its sources."""
 
+import doctest
 import importlib.util
 import json
 import os
@@ -131,3 +132,14 @@ def test_tutorial_scene_is_valid():
 
     (scene,) = code_blocks("tutorial.md", "yaml")
     assert list(load_scene(yaml.safe_load(scene)).sensor_names) == ["finger"]
+
+
+def test_walkthrough_examples_give_output_shown(tmp_path, monkeypatch):
+    """A reader who learns the stages from the page must see what the page shows."""
+    monkeypatch.chdir(tmp_path)
+    text = (ROOT / "docs" / "walkthrough.md").read_text(encoding="utf-8")
+    without_fences = re.sub(r"^```.*$", "", text, flags=re.MULTILINE)
+    page = doctest.DocTestParser().get_doctest(without_fences, {}, "walkthrough.md", None, 0)
+    result = doctest.DocTestRunner().run(page)
+    assert result.attempted > 50
+    assert result.failed == 0, f"{result.failed} of {result.attempted} examples, shown above"

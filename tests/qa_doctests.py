@@ -15,7 +15,7 @@ from gnuradio import wiforce
 # QApplication and run with the tests of the display.
 WITHOUT_EXAMPLES = ("blocks", "gui", "bindings")
 # Not yet complete: what examples they have are run, but none is demanded.
-INCOMPLETE = ("scene", "sensor", "io.arrays", "io.schema", "io.values", "io.yamlfile")
+INCOMPLETE = ("sensor", "io.arrays", "io.schema", "io.values", "io.yamlfile")
 
 
 def module_names():

@@ -24,8 +24,7 @@ _LEAST_S = 0.4
 # Bias of a tag's likelihood above which clocks are tracked by the complete model: on line 4 it
 # causes errors of 0.4 deg, close to the bound of 0.55 deg at gamma 0 dB.
 _LARGEST_BIAS = np.radians(0.1)
-# Gauss-Newton steps from the likelihood's phases, which are wrong by less than a degree: the second
-# changes them by less than 0.001 deg.
+# Gauss-Newton steps from the phases of the likelihood.
 _REFINEMENTS = 3
 
 

@@ -13,7 +13,8 @@ from .groups import Array, Groups
 # docs/estimation.md, section "Thresholds", states what other values cost.
 _DIP = 0.97
 _DIP_STDS = 3.5
-# Increase of the standard deviation over a neighbour's that shows another sensor's change.
+# Increase of the standard deviation over a neighbour's that shows another sensor's change. In
+# steady groups it differs by a few per cent.
 _DISTURBED = 1.5
 
 

@@ -30,6 +30,17 @@ def check_scene(scene: Scene, source: str) -> None:
     ------
     InputError
         Naming file, dotted key, rule and value of the first contradiction.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from gnuradio.wiforce.scene import load_scene
+    >>> scene = load_scene("demo")
+    >>> check_scene(scene, "scene.yaml")
+    >>> check_scene(replace(scene, sensors=2 * scene.sensors), "scene.yaml")
+    Traceback (most recent call last):
+    gnuradio.wiforce.errors.InputError: scene.yaml: sensors[1].name: must differ from every other \
+sensor's, got 'arm'
     """
     for check in (
         _reader_clock,

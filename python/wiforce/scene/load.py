@@ -70,6 +70,18 @@ def load_capture_scene(capture: Capture) -> Scene:
     ------
     InputError
         When there is none, or for a mistake in it (see :func:`load_scene`).
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from gnuradio.wiforce.io.capture import open_capture
+    >>> from gnuradio.wiforce.simulation.simulator import simulate
+    >>> short = {"sensors": [{"name": "arm", "model": "line-900mhz"}],
+    ...          "simulation": {"duration_s": 0.04}}
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = simulate(load_scene(short), f"{folder}/press")
+    ...     load_capture_scene(open_capture(f"{folder}/press")).sensor_names
+    ('arm',)
     """
     if capture.scene is None:
         raise InputError(capture.path, "has no scene in its metadata: give one")

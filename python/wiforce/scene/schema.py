@@ -21,7 +21,13 @@ if TYPE_CHECKING:
 
 @declared
 class Radio:
-    """Carrier and sample rate."""
+    """Carrier and sample rate.
+
+    Examples
+    --------
+    >>> Radio(sample_rate_hz=1.25e6).center_frequency_hz
+    900000000.0
+    """
 
     center_frequency_hz: float = key(
         Number(unit="Hz", low=1e6, high=100e9),
@@ -37,7 +43,13 @@ class Radio:
 
 @declared
 class Sounding:
-    """The frame that the reader sends; each frame gives one snapshot of the channel."""
+    """The frame that the reader sends; each frame gives one snapshot of the channel.
+
+    Examples
+    --------
+    >>> Sounding().frame_length
+    720
+    """
 
     waveform: str = key(
         Choice(words=("repeated", "wifi")),
@@ -54,7 +66,13 @@ class Sounding:
 
 @declared
 class PhaseGroup:
-    """Snapshots per reading, and how phases are estimated from them."""
+    """Snapshots per reading, and how phases are estimated from them.
+
+    Examples
+    --------
+    >>> PhaseGroup(snapshots=125).estimator
+    'harmonic'
+    """
 
     snapshots: int = key(
         Integer(low=32, high=100_000),
@@ -71,7 +89,13 @@ class PhaseGroup:
 
 @declared
 class Environment:
-    """What the reader knows about the room and its own clocks."""
+    """What the reader knows about the room and its own clocks.
+
+    Examples
+    --------
+    >>> Environment(moving_clutter_hz=30.0).reader_clock
+    'shared'
+    """
 
     moving_clutter_hz: float = key(
         Number(unit="Hz", low=0, high=10_000),
@@ -93,7 +117,13 @@ class Environment:
 
 @declared
 class SceneSensor:
-    """A sensor of the scene and its tag, as the reader knows them."""
+    """A sensor of the scene and its tag, as the reader knows them.
+
+    Examples
+    --------
+    >>> SceneSensor(name="arm", model="line-900mhz").clock_tolerance_ppm
+    100.0
+    """
 
     name: str = key(Text(limit=64), doc="Name in the readings; differs from every other.")
     model: str = key(
@@ -127,7 +157,17 @@ class SceneSensor:
 class Scene:
     """A scene: what is measured, with what, and, for simulations, what happens.
 
-    ``path`` is the scene's file, None for a scene given as a dict.
+    Parameters
+    ----------
+    path : Path or None
+        The scene's file; None for a scene given as a dict.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.scene import load_scene
+    >>> scene = load_scene("two_sensors")
+    >>> scene.sensor_names, round(scene.group_period_s, 6)
+    (('left', 'right'), 0.036)
     """
 
     radio: Radio = key(Mapping(of=Radio), doc="Carrier and sample rate.")

@@ -24,7 +24,19 @@ _CLOCK_DRIFT = Number(unit="ppm/s", low=-10, high=10)
 
 
 def sensor_name() -> Any:
-    """Declare the key by which an entry names one of the scene's sensors."""
+    """Declare the key by which an entry names one of the scene's sensors.
+
+    Returns
+    -------
+    object
+        What ``io.schema.key`` returns; by default the name of the only sensor.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.scene import load_scene
+    >>> load_scene("demo").simulation.presses[0].sensor  # stated, as it would be by default
+    'arm'
+    """
     return key(
         Text(limit=64),
         derived=Derived("the only sensor", _only_sensor),
@@ -55,7 +67,15 @@ def _truth_model(scope: Scope) -> str:
 
 @declared
 class Press:
-    """A press: force rises from 0, changes linearly while it is held, falls to 0 again."""
+    """A press: force rises from 0, changes linearly while it is held, falls to 0 again.
+
+    Examples
+    --------
+    >>> press = Press(
+    ...     sensor="arm", start_s=0.8, hold_s=0.5, force_n=4.0, end_force_n=6.0, location_mm=45.0)
+    >>> round(press.end_s, 6)
+    1.5
+    """
 
     sensor: str = sensor_name()
     start_s: float = key(
@@ -97,7 +117,13 @@ class Press:
 
 @declared
 class Move:
-    """A movement of a sensor's tag; its two-way path grows by twice the distance."""
+    """A movement of a sensor's tag; its two-way path grows by twice the distance.
+
+    Examples
+    --------
+    >>> Move(sensor="arm", start_s=1.0, distance_mm=5.0).duration_s
+    0.0
+    """
 
     sensor: str = sensor_name()
     start_s: float = key(_TIME, doc="Start of the movement.")
@@ -114,7 +140,14 @@ class Move:
 
 @declared
 class Tag:
-    """What a simulation knows about one sensor's tag, and a reader does not."""
+    """What a simulation knows about one sensor's tag, and a reader does not.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.scene import load_scene
+    >>> load_scene("demo").simulation.tags[0].truth_model
+    'line-900mhz'
+    """
 
     sensor: str = sensor_name()
     truth_model: str = key(
@@ -164,6 +197,12 @@ class Simulation:
 
     ``truth_model``, ``clock_offset_ppm`` and ``clock_drift_ppm_per_s`` are only the defaults of
     the entries of ``tags``, which has one entry per sensor, in the order of the sensors.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.scene import load_scene
+    >>> load_scene("demo").simulation.static_clutter_db
+    60.0
     """
 
     truth_model: str | None = key(
@@ -255,7 +294,9 @@ def with_all_tags(
     Parameters
     ----------
     simulation : Simulation
+        As read from a scene file.
     sensors : iterable of SceneSensor
+        Of the scene.
     where : KeyPath
         Of the simulation in its file, for messages.
 
@@ -267,6 +308,14 @@ def with_all_tags(
     ------
     InputError
         When two entries name the same sensor.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.scene import load_scene
+    >>> scene = load_scene("two_sensors")
+    >>> complete = with_all_tags(scene.simulation, scene.sensors, KeyPath("scene.yaml"))
+    >>> [tag.sensor for tag in complete.tags]
+    ['left', 'right']
     """
     stated: dict[str, Tag] = {}
     for index, tag in enumerate(simulation.tags):
