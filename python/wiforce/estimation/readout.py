@@ -32,7 +32,7 @@ class _SensorReadout:
         self._retuned = False
         self._tracker = model.tracker(group_period_s, frequency_hz) if tracked else None
         if not tracked:
-            model.inverter(frequency_hz).prepare()  # not while samples wait
+            model.inverter(frequency_hz)  # its table takes a second, not while samples wait
 
     def tare(self):
         self._touch.tare()
