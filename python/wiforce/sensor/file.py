@@ -3,6 +3,7 @@
 
 import datetime
 import os
+from dataclasses import asdict
 from functools import lru_cache
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from ..io.textfile import write_whole
 from ..io.yamlfile import Section, as_number, read_yaml
 from . import curves, line
 from .checks import check_onset
-from .location import SHAPES
+from .location import SHAPES, Transition
 from .model import (
     LEAST,
     LEAST_FREQUENCY_HZ,
@@ -26,6 +27,7 @@ from .model import (
 
 KINDS = ("line", "curves")
 MAX_CARRIERS = 16
+MAX_TRANSITIONS = 16
 _LARGEST = 1e12  # of any number
 
 
@@ -175,16 +177,7 @@ def _read_carrier(section, basis_size, length_mm):
         rule = f"must lie from 0 to {length_mm:g}"
         raise section.error("location_mm", rule, location.tolist())
     count = len(location)
-    interpolation = _numbers(section, "interpolation", (None, 6))
-    if np.any(interpolation[:, [1, 3, 4]] < LEAST) or np.any(interpolation[:, 5] < 0):
-        rule = f"must have fades, scales and probabilities of at least {LEAST:g}"
-        raise section.error("interpolation", rule)
-    if not np.all(np.isin(interpolation[:, 0], SHAPES)):
-        rule = "must have shapes (first column) 0 to 4"
-        raise section.error("interpolation", rule, interpolation[:, 0].tolist())
-    if abs(interpolation[:, 4].sum() - 1) > 1e-6:
-        rule = "must have probabilities (fifth column) that sum to 1"
-        raise section.error("interpolation", rule, interpolation[:, 4].sum())
+    interpolation = _read_transitions(section)
     covariance = _numbers(section, "covariance_deg2", (2, count, basis_size, basis_size))
     if not _are_covariances(covariance):
         raise section.error("covariance_deg2", "must hold symmetric, non-negative matrices")
@@ -201,6 +194,32 @@ def _read_carrier(section, basis_size, length_mm):
     )
     section.finish()
     return carrier
+
+
+def _read_transitions(section):
+    rows = section.raw("interpolation")
+    if isinstance(rows, list) and rows and isinstance(rows[0], list):
+        rule = "is that of an earlier version: calibrate again with gr-wiforce calibrate"
+        raise section.error("interpolation", rule)
+    transitions = []
+    for row in section.sections("interpolation", MAX_TRANSITIONS, required=True):
+        transitions.append(
+            Transition(
+                shape=row.choice("shape", SHAPES),
+                probability=row.number("probability", low=LEAST, high=1),
+                fade_mm=row.number("fade_mm", low=LEAST, high=_LARGEST),
+                fade_relative_std=row.number("fade_relative_std", low=0, high=10),
+                shift_mm=row.number("shift_mm", low=-_LARGEST, high=_LARGEST),
+                shift_std_mm=row.number("shift_std_mm", low=0, high=_LARGEST),
+                residual_length_mm=row.number("residual_length_mm", low=LEAST, high=_LARGEST),
+                residual_variance=row.number("residual_variance", low=0, high=_LARGEST),
+            )
+        )
+        row.finish()
+    total = sum(transition.probability for transition in transitions)
+    if abs(total - 1) > 1e-6:
+        raise section.error("interpolation", "must have probabilities that sum to 1", total)
+    return tuple(transitions)
 
 
 def _are_covariances(matrices):
@@ -288,7 +307,15 @@ def sensor_to_dict(model):
 
 
 def _carrier_to_dict(carrier):
-    return {key: _rounded(getattr(carrier, key)) for key in curves.Carrier.__dataclass_fields__}
+    content = {key: getattr(carrier, key) for key in curves.Carrier.__dataclass_fields__}
+    transitions = content.pop("interpolation")
+    content = {key: _rounded(value) for key, value in content.items()}
+    content["interpolation"] = [
+        {"shape": t.shape}
+        | {key: _rounded(value) for key, value in asdict(t).items() if key != "shape"}
+        for t in transitions
+    ]
+    return content
 
 
 def _rounded(value):
