@@ -268,6 +268,21 @@ BOOST_AUTO_TEST_CASE(phases_that_are_not_finite_give_no_force)
         BOOST_TEST(std::isfinite(invert(posterior, 30, 5, std).press.force));
 }
 
+BOOST_AUTO_TEST_CASE(model_whose_location_jumps_with_force_gives_a_reading)
+{
+    // from one node of force to the next the phases are those of the line's other half
+    const std::vector<double> force{ 1, 2, 4, 8 }, location{ 10, 40, 70 };
+    std::vector<double> values;
+    for (std::size_t k = 0; k < force.size(); k++)
+        for (const double l : location)
+            for (const double sign : { -1.0, 1.0 })
+                values.insert(values.end(),
+                              { sign * 2 * (k % 2 ? 80 - l : l), 0, 0, 0, 0.01 });
+    const press_posterior posterior(
+        tabulated_model(force, location, values), everywhere(), consistent);
+    BOOST_TEST(std::isfinite(invert(posterior, -30, 30, 0.1).press.force));
+}
+
 BOOST_AUTO_TEST_CASE(workspace_used_before_gives_the_same_reading)
 {
     const line sensor{ 8 };

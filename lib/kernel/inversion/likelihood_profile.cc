@@ -133,6 +133,15 @@ struct likelihood_profile::branches {
             }
     }
 
+    // Whether no branch has more than one force: locations jump from force to force.
+    bool scattered() const
+    {
+        for (std::size_t s = 0; s < length; s++)
+            if (joined(s))
+                return false;
+        return true;
+    }
+
     bool joined(std::size_t s) const
     {
         return s + 1 < length && steps[s].branch == steps[s + 1].branch;
@@ -211,6 +220,10 @@ void likelihood_profile::draw_rough(const phase_reading& wanted, branches& out) 
         }
     }
     out.trace();
+    if (out.scattered()) {
+        out.most_apart = std::numeric_limits<double>::infinity();
+        out.trace();
+    }
 }
 
 void likelihood_profile::halve(const phase_reading& wanted,

@@ -110,6 +110,8 @@ void press_fit::at_force(const phase_reading& wanted,
         if (std::abs(move) < tolerance_mm)
             break;
     }
+    // no more can be unknown than the line is long
+    information = std::max(information, 12 / ((right - left) * (right - left)));
     double largest = 0, product = wanted.location ? 1.0 : information;
     for (std::size_t p = 0; p < phases; p++) {
         at.residual[p] =
