@@ -8,7 +8,7 @@ import pytest
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.sensor import (
     calibrate,
-    doubts,
+    calibration_warnings,
     load_sensor,
     measure_vna,
     read_tap_csv,
@@ -222,12 +222,12 @@ def test_settings_that_cannot_be_are_refused(own_table):
             calibrate(own_table(), "own", **{setting: value})
 
 
-def test_doubts_are_put_into_words(own_table, rows):
-    assert doubts(calibrate(own_table(), "own")) == []
+def test_calibration_warnings_name_what_is_not_supported(own_table, rows):
+    assert calibration_warnings(calibrate(own_table(), "own")) == []
     rows[:] = [row for row in rows if ",30," not in row and ",50," not in row]
-    few = doubts(calibrate(own_table(), "own"))
+    few = calibration_warnings(calibrate(own_table(), "own"))
     assert any("3 locations: five" in text for text in few)
-    paper = " ".join(doubts(load_sensor("paper-900mhz")))
+    paper = " ".join(calibration_warnings(load_sensor("paper-900mhz")))
     for told in ("do not fit a line", "force-unobservable", "falls by", "location 40 mm"):
         assert told in paper
 

@@ -12,6 +12,16 @@ from gnuradio.wiforce._config import DATA_DIR
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.sensor import load_sensor, shipped_sensors, write_sensor
 
+TRANSITION = {
+    "shape": "tanh",
+    "probability": 1.0,
+    "fade_mm": 8.0,
+    "fade_relative_std": 0.05,
+    "shift_mm": 0.0,
+    "shift_std_mm": 0.1,
+    "residual_length_mm": 10.0,
+    "residual_variance": 5e-4,
+}
 FORCES, PLACES = np.linspace(0.5, 9, 40)[:, None], np.linspace(20, 60, 21)
 
 
@@ -118,9 +128,16 @@ def test_number_typed_as_text_is_read_as_number(tmp_path):
         (["carriers", 0, "location_mm"], [20, 60, 40], "carriers[0].location_mm"),
         (["carriers", 0, "coefficients_deg"], [[1, 2], [3, 4]], "carriers[0].coefficients_deg"),
         (["carriers", 0, "untouched_deg"], ["a", "b"], "carriers[0].untouched_deg"),
-        (["carriers", 0, "interpolation"], [[0, 1, 1, 1, 0.5, 1]], "probabilities"),
-        (["carriers", 0, "interpolation"], [[0, 1, 1, 1e-300, 1, 1]], "at least 1e-06"),
-        (["carriers", 0, "interpolation"], [[4, 1e-300, 1, 1, 1, 1]], "at least 1e-06"),
+        (["carriers", 0, "interpolation"], [[0, 1, 1, 1, 0.5, 1]], "calibrate again"),
+        (["carriers", 0, "interpolation"], [], "interpolation: must be a list"),
+        (["carriers", 0, "interpolation"], [TRANSITION | {"probability": 0.5}], "sum to 1"),
+        (["carriers", 0, "interpolation"], [TRANSITION | {"fade_mm": 1e-300}], "from 1e-06 to"),
+        (
+            ["carriers", 0, "interpolation"],
+            [TRANSITION | {"residual_length_mm": 1e-300}],
+            "interpolation[0].residual_length_mm: must be a number from 1e-06 to",
+        ),
+        (["carriers", 0, "interpolation"], [TRANSITION | {"shape": "round"}], "shape: must be"),
         (
             ["carriers", 0, "noise_deg"],
             [1, 1e300],

@@ -83,8 +83,8 @@ def calibrate(table, output, frequency_hz, kind, name, refined, plot_path, **set
     sensor.write_sensor(model, output)
     for line in lines:
         click.echo(line)
-    for doubt in sensor.doubts(model):
-        click.echo(f"warning: {doubt}")
+    for warning in sensor.calibration_warnings(model):
+        click.echo(f"warning: {warning}")
     if plot_path is not None:
         from .calibration_plot import plot_calibration
 

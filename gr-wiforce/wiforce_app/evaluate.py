@@ -8,8 +8,8 @@ import click
 import numpy as np
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.textfile import check_output
-from gnuradio.wiforce.sensor import published
 
+from .evaluation import published
 from .progress import progress
 
 

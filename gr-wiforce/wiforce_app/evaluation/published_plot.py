@@ -9,7 +9,7 @@ def plot_error_distributions(scores, forms, path):
 
     Parameters
     ----------
-    scores : sequence of sensor.published.PressScore
+    scores : sequence of PressScore
     forms : dict
         The selected form of the curves, by carrier.
     path : path

@@ -28,7 +28,7 @@ bool calibrated_span::extrapolated(double force_n,
                                    double force_variance,
                                    double location_variance) const
 {
-    if (reaches(force_n, force_n, location_mm))
+    if (contains(force_n, location_mm))
         return false;
     const double by_n = std::sqrt(force_variance), by_mm = std::sqrt(location_variance);
     for (const double along : { -by_mm, 0.0, by_mm })

@@ -19,6 +19,12 @@ public:
                     std::vector<double> low_n,
                     std::vector<double> high_n);
 
+    //! Whether a press lies within.
+    bool contains(double force_n, double location_mm) const
+    {
+        return reaches(force_n, force_n, location_mm);
+    }
+
     //! Whether a press lies outside by more than its standard deviation.
     bool extrapolated(double force_n,
                       double location_mm,

@@ -1,284 +1,312 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "likelihood_profile.h"
 
-#include "../require.h"
-#include "hidden_force.h"
-#include "normal_integrals.h"
-
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
-#include <string>
+#include <tuple>
 
 namespace gr::wiforce::kernel {
 
 namespace {
 
-// Segments this much less likely than the best (squared standard deviations) do not
+// Forces at which the branches of the profile are sought.
+constexpr std::size_t rough_forces = 25;
+// Between two of them the profile is halved until the residual in the middle is that of a
+// straight line to this, in standard deviations; but not more often than so.
+constexpr double straight = 0.05;
+constexpr int most_halvings = 9;
+constexpr std::size_t most_points = 400;
+// What is this much less likely than the best (squared standard deviations) does not
 // count.
 constexpr double negligible = 40.0;
-// A dip of the likelihood by so much parts two solutions.
-constexpr double barrier = 4.0;
-constexpr double least_variance = 1e-12;
+// The location is fitted to this; the residual's error grows with its square (0.15
+// deg/mm^2 where the far end's movement fades over 5 mm, at 900 MHz).
+constexpr double rough_mm = 0.5, fine_mm = 0.05;
+constexpr double least_noise = 1e-9; // deg^2
 
-// Built for several instruction sets, of which the processor's is chosen when the library
-// is loaded: tests see that one. Sanitizers cannot be asked that early.
-#if defined(WIFORCE_X86) && defined(__gnu_linux__) && !defined(__SANITIZE_THREAD__) &&   \
-    !defined(__SANITIZE_ADDRESS__)
-#define WIFORCE_CLONES __attribute__((target_clones("avx512f", "avx2", "default")))
-#else
-#define WIFORCE_CLONES
-#endif
-// Part of a function that is built so.
-#define WIFORCE_INLINE [[gnu::always_inline]] inline
-
-// Of the solution `mean`; about it, so that the standard deviation reaches the others.
-likelihood_profile::reading summary(const likelihood_profile::moments& all,
-                                    const likelihood_profile::moments& mean,
-                                    bool ambiguous,
-                                    double misfit)
+std::vector<std::size_t> spread(std::size_t nodes)
 {
-    constexpr double least_mass = std::numeric_limits<double>::min();
-    const double mass = std::max(all.mass, least_mass),
-                 mean_by = std::max(mean.mass, least_mass);
-    const double f = mean.force / mean_by, l = mean.place / mean_by;
-    return {
-        f,
-        l,
-        std::max(all.force_2 / mass - 2 * f * all.force / mass + f * f, least_variance),
-        std::max(all.place_2 / mass - 2 * l * all.place / mass + l * l, least_variance),
-        all.product / mass - f * all.place / mass - l * all.force / mass + f * l,
-        misfit,
-        all.hidden / mass,
-        all.outside / mass,
-        ambiguous ? 1.0 : 0.0
-    };
+    const auto count = std::min(rough_forces, nodes);
+    std::vector<std::size_t> chosen(count);
+    for (std::size_t i = 0; i < count; i++)
+        chosen[i] = (i * (nodes - 1) + (count - 1) / 2) / (count - 1);
+    return chosen;
 }
 
-// Least z^2 on a segment.
-double least_square(double a, double b)
+likelihood_profile::segment
+between(const press_fit::point& from, const press_fit::point& to, std::size_t phases)
 {
-    return a * b <= 0 ? 0.0 : std::min(a * a, b * b);
+    double square = 0, step = 0, along = 0;
+    for (std::size_t p = 0; p < phases; p++) {
+        const double change = to.residual[p] - from.residual[p];
+        square += from.residual[p] * from.residual[p];
+        step += change * change;
+        along += from.residual[p] * change;
+    }
+    const double length = std::sqrt(step), z = length > 0 ? along / length : 0.0;
+    const double rest = std::max(square - z * z, 0.0), end = z + length;
+    const double nearest = z * end <= 0 ? 0.0 : std::min(z * z, end * end);
+    return { 0, 0, z, end, rest, rest + nearest };
 }
 
 } // namespace
 
-likelihood_profile::likelihood_profile(std::vector<double> force,
-                                       std::vector<float> rows,
-                                       const std::vector<std::uint8_t>& holds,
-                                       std::vector<cell> cells)
-    : d_force(std::move(force)),
-      d_rows(std::move(rows)),
-      d_closed(holds.size()),
-      d_cells(std::move(cells)),
-      d_grid(d_cells.size())
-{
-    const std::string where = "likelihood_profile";
-    require(d_force.size() >= 2 && d_force.size() <= most_nodes,
-            where,
-            "force",
-            "must have 2 to 32 nodes",
-            d_force.size());
-    const auto size = d_force.size() * columns;
-    require(d_rows.size() % size == 0,
-            where,
-            "rows",
-            "must have columns x nodes numbers each",
-            d_rows.size());
-    require(holds.size() == this->rows() * (d_force.size() - 1),
-            where,
-            "holds",
-            "must have a value for each segment of each row",
-            holds.size());
-    require(!d_cells.empty() && d_grid.total() == d_cells.size(),
-            where,
-            "cells",
-            "must be square",
-            d_cells.size());
-    for (const auto& c : d_cells)
-        require(c.first >= 0 && c.count >= 0 && c.count <= 2 &&
-                    static_cast<std::size_t>(c.first) + c.count <= this->rows(),
-                where,
-                "cells",
-                "must name up to two rows that there are",
-                c.first);
-    const float infinity = std::numeric_limits<float>::infinity();
-    std::transform(holds.begin(), holds.end(), d_closed.begin(), [&](std::uint8_t open) {
-        return open ? 0.0F : infinity;
-    });
-}
+// Branches of the profile at a few forces: a press half a wavelength further shows the
+// same phases, and branches may fork.
+struct likelihood_profile::branches {
+    static constexpr std::size_t per_force = location_scan::most_found;
+    static constexpr std::size_t most = rough_forces * per_force;
+    static constexpr std::size_t none = most;
 
-void likelihood_profile::moments::operator+=(const moments& other)
-{
-    mass += other.mass;
-    force += other.force;
-    force_2 += other.force_2;
-    place += other.place;
-    place_2 += other.place_2;
-    product += other.product;
-    hidden += other.hidden;
-    outside += other.outside;
-}
-
-std::size_t likelihood_profile::rows() const
-{
-    return d_rows.size() / (columns * d_force.size());
-}
-
-likelihood_profile::turns likelihood_profile::read_turns(double psi_1,
-                                                         double psi_2,
-                                                         double noise_1,
-                                                         double noise_2) const
-{
-    const auto place = d_grid.locate(psi_1, psi_2);
-    const auto [row, count] = d_cells[place.cell];
-    turns found{ count, {}, {} };
-    if (count > 0)
-        found.first = read(row, place.offset_1, place.offset_2, noise_1, noise_2);
-    if (count > 1)
-        found.second = read(row + 1, place.offset_1, place.offset_2, noise_1, noise_2);
-    return found;
-}
-
-WIFORCE_INLINE likelihood_profile::curve likelihood_profile::draw(std::size_t row,
-                                                                  double offset_1,
-                                                                  double offset_2,
-                                                                  double noise_1,
-                                                                  double noise_2) const
-{
-    const auto count = d_force.size();
-    const float* const values = &d_rows[row * columns * count];
-    curve drawn;
-    for (std::size_t k = 0; k < count; k++) {
-        const double e1 = values[error_1 * count + k] + offset_1,
-                     e2 = values[error_2 * count + k] + offset_2;
-        const double s1 = values[slope_1 * count + k], s2 = values[slope_2 * count + k];
-        const double v1 = values[variance_1 * count + k] + noise_1,
-                     v2 = values[variance_2 * count + k] + noise_2;
-        const double total = s1 * s1 * v2 + s2 * s2 * v1 + least_variance;
-        const double scale = 1 / std::sqrt(total), square = scale * scale;
-        drawn.z[k] = (s2 * e1 - s1 * e2) * scale;
-        drawn.place[k] =
-            values[place * count + k] + (s1 * v2 * e1 + s2 * v1 * e2) * square;
-        drawn.width[k] = v1 * v2 * square;
-        drawn.scale[k] = scale;
-    }
-    const float* const closed = &d_closed[row * (count - 1)];
-    for (std::size_t k = 0; k + 1 < count; k++)
-        drawn.misfit[k] = least_square(drawn.z[k], drawn.z[k + 1]) + closed[k];
-    double best = drawn.misfit[0];
-    for (std::size_t k = 1; k + 1 < count; k++)
-        best = std::min(best, drawn.misfit[k]);
-    drawn.best = best;
-    return drawn;
-}
-
-WIFORCE_INLINE likelihood_profile::weights
-likelihood_profile::weigh(const curve& drawn, std::size_t low, std::size_t high) const
-{
-    static const normal_integral cumulated;
-    const auto& z = drawn.z;
-    column_values density;
-    densities(&z[low], high + 1 - low, &density[low]);
-    weights found;
-    const auto take = [&](std::size_t k, const integrals& part) {
-        const double counts = drawn.misfit[k] < drawn.best + negligible;
-        const double scale = counts * (d_force[k + 1] - d_force[k]) *
-                             (drawn.scale[k] + drawn.scale[k + 1]);
-        found.left[k] = scale * (part.zeroth - part.first);
-        found.right[k] = scale * part.first;
-        found.bend[k] = scale * (part.first - part.second);
+    // A branch is a run of steps, from one force to the next.
+    struct step {
+        std::size_t point, branch;
     };
-    for (std::size_t k = low; k < high; k++)
-        take(k, of_polynomial(z[k], z[k + 1], density[k], density[k + 1]));
-    for (std::size_t k = low; k < high; k++)
-        if (std::abs(z[k + 1] - z[k]) > small_step)
-            take(k,
-                 by_parts(z[k],
-                          z[k + 1],
-                          density[k],
-                          density[k + 1],
-                          cumulated(z[k + 1]) - cumulated(z[k])));
-    return found;
+
+    // Bounds of the least squared residual from a step to the next.
+    struct bounds {
+        double least, most;
+    };
+
+    std::size_t phases, forces;
+    double most_apart; // locations of a branch at neighbouring forces, mm
+    std::array<press_fit::point, most> points;
+    std::array<std::size_t, rough_forces> count;
+    std::array<std::size_t, most> next, previous; // of the same branch
+    std::array<step, 3 * most> steps;             // every point with both its neighbours
+    std::size_t length;
+
+    // The point at a force that is nearest to a location.
+    std::size_t nearest(std::size_t force, double location) const
+    {
+        std::size_t found = none;
+        double least = most_apart;
+        for (std::size_t m = 0; m < count[force]; m++) {
+            const auto i = force * per_force + m;
+            const double apart = std::abs(points[i].location - location);
+            if (apart < least) {
+                least = apart;
+                found = i;
+            }
+        }
+        return found;
+    }
+
+    // Joins points that are nearest to each other. Where a branch ends it forked from
+    // another: the nearest point of that is its last.
+    void trace()
+    {
+        next.fill(none);
+        previous.fill(none);
+        const auto neighbour = [&](std::size_t i, std::size_t force) {
+            return nearest(force, points[i].location);
+        };
+        for (std::size_t k = 0; k + 1 < forces; k++)
+            for (std::size_t m = 0; m < count[k]; m++) {
+                const auto i = k * per_force + m, there = neighbour(i, k + 1);
+                if (there != none && neighbour(there, k) == i) {
+                    next[i] = there;
+                    previous[there] = i;
+                }
+            }
+        length = 0;
+        std::size_t branch = 0;
+        const auto append = [&](std::size_t i) {
+            if (i != none)
+                steps[length++] = { i, branch };
+        };
+        for (std::size_t k = 0; k < forces; k++)
+            for (std::size_t m = 0; m < count[k]; m++) {
+                auto i = k * per_force + m;
+                if (previous[i] != none)
+                    continue;
+                if (k > 0)
+                    append(neighbour(i, k - 1));
+                auto last = k;
+                for (append(i); next[i] != none; append(i), last++)
+                    i = next[i];
+                if (last + 1 < forces)
+                    append(neighbour(i, last + 1));
+                branch++;
+            }
+    }
+
+    // Whether no branch has more than one force: locations jump from force to force.
+    bool scattered() const
+    {
+        for (std::size_t s = 0; s < length; s++)
+            if (joined(s))
+                return false;
+        return true;
+    }
+
+    bool joined(std::size_t s) const
+    {
+        return s + 1 < length && steps[s].branch == steps[s + 1].branch;
+    }
+
+    // The error of linear interpolation about a step, from second differences.
+    double bend(std::size_t s) const
+    {
+        if (s == 0 || !joined(s - 1) || !joined(s))
+            return 0;
+        const auto &before = points[steps[s - 1].point], &here = points[steps[s].point],
+                   &after = points[steps[s + 1].point];
+        double square = 0;
+        for (std::size_t p = 0; p < phases; p++) {
+            const double second =
+                before.residual[p] - 2 * here.residual[p] + after.residual[p];
+            square += second * second;
+        }
+        return std::sqrt(square) / 8;
+    }
+
+    bounds misfit_after(std::size_t s) const
+    {
+        const double error = 1.5 * std::max(bend(s), bend(s + 1));
+        const double line = std::sqrt(
+            between(points[steps[s].point], points[steps[s + 1].point], phases).misfit);
+        const double nearer = std::max(line - error, 0.0), farther = line + error;
+        return { nearer * nearer, farther * farther };
+    }
+};
+
+likelihood_profile::likelihood_profile(tabulated_model model, double consistent)
+    : d_fit(std::move(model)),
+      d_consistent(consistent),
+      d_forces(spread(d_fit.model().force_n().size())),
+      d_scan(d_fit.model(), d_forces)
+{
 }
 
-WIFORCE_INLINE likelihood_profile::moments
-likelihood_profile::sum(const float* values,
-                        const curve& drawn,
-                        const weights& by,
-                        std::size_t first,
-                        std::size_t last,
-                        double hidden_from) const
+double likelihood_profile::inflation(double misfit) const
 {
-    const auto count = d_force.size();
-    const float *const free_n = values + free * count, *const in =
-                                                           values + inside * count;
-    const auto *const force = d_force.data(), *const place = drawn.place.data();
-    moments sums;
-    for (std::size_t k = first; k < last; k++) {
-        const double a = by.left[k], b = by.right[k], bend = by.bend[k], mass = a + b;
-        const double f_a = force[k], f_b = force[k + 1], step = f_b - f_a;
-        const double l_a = place[k], l_b = place[k + 1], rise = l_b - l_a;
-        sums.mass += mass;
-        sums.force += a * f_a + b * f_b;
-        sums.force_2 += a * f_a * f_a + b * f_b * f_b - bend * step * step;
-        sums.place += a * l_a + b * l_b;
-        sums.place_2 += a * (l_a * l_a + drawn.width[k]) +
-                        b * (l_b * l_b + drawn.width[k + 1]) - bend * rise * rise;
-        sums.product += a * f_a * l_a + b * f_b * l_b - bend * step * rise;
-        sums.hidden += free_n[k] > hidden_from ? mass : 0.0;
-        sums.outside += mass * (1 - in[k] * in[k + 1]);
-    }
-    return sums;
+    // location is free: one degree of freedom less
+    const auto freedom = static_cast<double>(d_fit.model().phases() - 1);
+    return misfit <= d_consistent ? 1.0 : misfit / freedom;
 }
 
-WIFORCE_CLONES
-likelihood_profile::reading likelihood_profile::read(std::size_t row,
-                                                     double offset_1,
-                                                     double offset_2,
-                                                     double noise_1,
-                                                     double noise_2) const
+void likelihood_profile::draw_rough(const phase_reading& wanted, branches& out) const
 {
-    const auto drawn = draw(row, offset_1, offset_2, noise_1, noise_2);
-    if (!std::isfinite(drawn.best))
-        return { NAN, NAN, NAN, NAN, NAN, drawn.best, 0, 0, 0 };
+    out.phases = d_fit.model().phases();
+    out.forces = d_forces.size();
+    out.most_apart = 4 * d_scan.reach_mm();
+    location_scan::target target;
+    for (std::size_t p = 0; p < out.phases; p++) {
+        target.phase[p] = location_scan::counts(wanted.phase[p]);
+        target.variance[p] =
+            static_cast<float>(std::max(wanted.std[p] * wanted.std[p], least_noise));
+    }
+    for (std::size_t k = 0; k < out.forces; k++) {
+        double location[location_scan::most_found];
+        if (wanted.location) {
+            out.count[k] = 1;
+            location[0] = *wanted.location;
+        } else
+            out.count[k] = d_scan.find(k, target, location);
+        for (std::size_t m = 0; m < out.count[k]; m++) {
+            auto& at = out.points[k * branches::per_force + m];
+            at.steps = static_cast<double>(d_forces[k]);
+            at.force = d_fit.model().force_n()[d_forces[k]];
+            at.location = location[m];
+            // from what was found at the force before, if that is as near
+            const auto before = k ? out.nearest(k - 1, location[m]) : branches::none;
+            if (before != branches::none &&
+                std::abs(out.points[before].location - location[m]) < d_scan.reach_mm())
+                at.location = out.points[before].location;
+            d_fit.at_force(wanted, d_scan.reach_mm(), rough_mm, at);
+        }
+    }
+    out.trace();
+    if (out.scattered()) {
+        out.most_apart = std::numeric_limits<double>::infinity();
+        out.trace();
+    }
+}
 
-    const auto count = d_force.size();
-    // Runs of likely segments are solutions; what lies between belongs to the run before.
-    std::array<std::size_t, most_nodes> starts;
-    std::size_t runs = 0, low = count, high = 0; // of segments that count
-    bool likely_before = false;
-    for (std::size_t k = 0; k + 1 < count; k++) {
-        const bool likely = drawn.misfit[k] < drawn.best + barrier;
-        if (likely && !likely_before)
-            starts[runs++] = k;
-        likely_before = likely;
-        if (drawn.misfit[k] < drawn.best + negligible) {
-            low = std::min(low, k);
-            high = k + 1;
-        }
+void likelihood_profile::halve(const phase_reading& wanted,
+                               const press_fit::point& from,
+                               const press_fit::point& to,
+                               std::size_t branch,
+                               int halvings,
+                               double reach,
+                               curve& out) const
+{
+    const auto phases = d_fit.model().phases();
+    press_fit::point middle;
+    middle.steps = 0.5 * (from.steps + to.steps);
+    middle.force = std::sqrt(from.force * to.force);
+    middle.location = 0.5 * (from.location + to.location);
+    d_fit.at_force(wanted, d_scan.reach_mm(), fine_mm, middle);
+    double square = 0;
+    for (std::size_t p = 0; p < phases; p++) {
+        const double bend =
+            middle.residual[p] - 0.5 * (from.residual[p] + to.residual[p]);
+        square += bend * bend;
     }
-    const auto by = weigh(drawn, low, high);
-    starts[0] = low;
-    starts[runs] = high;
-    const double hidden_from = hidden_n / std::sqrt(std::max({ noise_1, noise_2, 1.0 }));
-    const float* const values = &d_rows[row * columns * count];
-    moments all, chosen;
-    double chosen_worth = -1;
-    for (std::size_t run = 0; run < runs; run++) {
-        const auto sums =
-            sum(values, drawn, by, starts[run], starts[run + 1], hidden_from);
-        all += sums;
-        // the calibrated span decides between solutions that fit alike
-        const double inside_mass = sums.mass - sums.outside;
-        const double worth =
-            inside_mass > 1e-3 * sums.mass ? inside_mass : 1e-9 * sums.mass;
-        if (worth > chosen_worth) {
-            chosen = sums;
-            chosen_worth = worth;
+    const double bend = std::sqrt(square);
+    const auto half = [&](const auto& begin, const auto& end) {
+        const auto line = between(begin, end, phases);
+        const double nearest = std::max(std::sqrt(line.misfit) - bend, 0.0);
+        if (halvings > 1 && bend > straight && nearest * nearest < reach &&
+            out.points.size() < most_points) {
+            halve(wanted, begin, end, branch, halvings - 1, reach, out);
+            return;
         }
+        out.segments.push_back(line);
+        out.segments.back().point = out.points.size() - 1;
+        out.segments.back().branch = branch;
+        out.points.push_back(end);
+    };
+    half(from, middle);
+    half(middle, to);
+}
+
+void likelihood_profile::draw(const phase_reading& wanted, curve& out) const
+{
+    branches rough;
+    draw_rough(wanted, rough);
+    std::array<double, std::tuple_size_v<decltype(rough.steps)>> least;
+    double misfit = std::numeric_limits<double>::infinity();
+    for (std::size_t s = 0; s < rough.length; s++) {
+        if (!rough.joined(s))
+            continue;
+        const auto bounds = rough.misfit_after(s);
+        least[s] = bounds.least;
+        misfit = std::min(misfit, bounds.most);
     }
-    return summary(all, chosen, runs > 1, drawn.best);
+    const double reach = misfit + negligible * inflation(misfit);
+    out.points.clear();
+    out.segments.clear();
+    const auto settled = [&](std::size_t s) {
+        auto point = rough.points[rough.steps[s].point];
+        d_fit.at_force(wanted, d_scan.reach_mm(), fine_mm, point);
+        return point;
+    };
+    bool continued = false; // from the segment before
+    for (std::size_t s = 0; s < rough.length; s++) {
+        if (!rough.joined(s) || least[s] > reach) {
+            continued = false;
+            continue;
+        }
+        if (!continued)
+            out.points.push_back(settled(s));
+        const auto from = out.points.back();
+        halve(wanted,
+              from,
+              settled(s + 1),
+              rough.steps[s].branch,
+              most_halvings,
+              reach,
+              out);
+        continued = true;
+    }
+    misfit = std::numeric_limits<double>::infinity();
+    for (const auto& segment : out.segments)
+        misfit = std::min(misfit, segment.misfit);
+    out.inflation = inflation(misfit);
 }
 
 } // namespace gr::wiforce::kernel

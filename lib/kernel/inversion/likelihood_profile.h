@@ -1,128 +1,70 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include "phase_grid.h"
+#include "location_scan.h"
+#include "press_fit.h"
 
-#include <array>
 #include <cstddef>
-#include <cstdint>
 #include <vector>
 
 namespace gr::wiforce::kernel {
 
 /*!
- * Two phases to force and location by the profile of the likelihood over force.
+ * \brief The profile likelihood of a press over its force.
  *
- * At a given force the location that fits best leaves one number of the phases' error, z,
- * in standard deviations. Between nodes of force z is taken as a straight line, so that
- * the integrals of exp(-z^2 / 2) and its moments have closed forms, however narrow or
- * wide it is. The tables are made by sensor/profile.py.
+ * For every force, the location that explains the phases best. The residual that it
+ * leaves, in standard deviations, is taken as linear from one force to the next. Forces
+ * are taken closely enough for that wherever the likelihood is not negligible.
  */
 class likelihood_profile
 {
 public:
-    //! What a row holds at each node of force; columns of a row.
-    enum column {
-        place,   //!< location that fits best at the centre of the row's cell, mm
-        error_1, //!< what is left there of the phases' errors, deg
-        error_2,
-        slope_1, //!< of the phases by location, deg/mm
-        slope_2,
-        variance_1, //!< of the model, deg^2
-        variance_2,
-        free,   //!< N per deg of phase error where force is hidden, else 0
-        inside, //!< 1 within the calibrated span, else 0
-        columns
+    //! From one point to the next: the squared residual is rest + z^2 with z linear.
+    struct segment {
+        std::size_t point;  //!< where it begins; it ends at the next
+        std::size_t branch; //!< with gaps where the likelihood is negligible
+        double z_from, z_to, rest;
+        double misfit; //!< least squared residual
     };
 
-    struct reading {
-        double force, location, force_variance, location_variance, covariance;
-        double misfit;    //!< of the best solution, squared standard deviations
-        double hidden;    //!< part of the likelihood where force is hidden
-        double outside;   //!< part of it outside the calibrated span
-        double ambiguous; //!< 1 when another solution fits, with a barrier between
+    struct curve {
+        std::vector<press_fit::point> points;
+        std::vector<segment> segments; //!< those whose likelihood is not negligible
+        double inflation;              //!< of the variances, see draw()
     };
 
-    static constexpr std::size_t most_nodes = 32;
+    //! A least squared residual of up to `consistent` is that of a press.
+    likelihood_profile(tabulated_model model, double consistent);
 
-    //! Rows of a cell: two where a turn of phase brings another location near.
-    struct cell {
-        std::int32_t first, count;
-    };
-
-    //! What the rows of a cell say.
-    struct turns {
-        int count;
-        reading first, second;
-    };
+    const press_fit& fit() const { return d_fit; }
+    double consistent() const { return d_consistent; }
 
     /*!
-     * \param force nodes, rising, N
-     * \param rows rows x columns x nodes
-     * \param holds rows x (nodes - 1): whether z is a line on that segment
-     * \param cells of the plane of both phases
+     * Draws the profile; `out` may be used again to save the time for its memory.
+     *
+     * Where no press explains the phases, their errors are larger than was said. The
+     * variances are inflated by the Birge ratio, after which the residual has the size
+     * that is to be expected (R. T. Birge, Phys. Rev. 40, 1932).
      */
-    likelihood_profile(std::vector<double> force,
-                       std::vector<float> rows,
-                       const std::vector<std::uint8_t>& holds,
-                       std::vector<cell> cells);
-
-    std::size_t rows() const;
-
-    //! Reads by every row of the phases' cell; phases in degrees, their noise in deg^2.
-    turns read_turns(double psi_1, double psi_2, double noise_1, double noise_2) const;
-
-    //! Reads by one row; phases in degrees from the centre of its cell, their noise in
-    //! deg^2.
-    reading read(std::size_t row,
-                 double offset_1,
-                 double offset_2,
-                 double noise_1,
-                 double noise_2) const;
-
-    //! Sums of the likelihood times powers of force and location.
-    struct moments {
-        double mass = 0, force = 0, force_2 = 0, place = 0, place_2 = 0, product = 0;
-        double hidden = 0, outside = 0;
-
-        void operator+=(const moments& other);
-    };
+    void draw(const phase_reading& wanted, curve& out) const;
 
 private:
-    using column_values = std::array<double, most_nodes>;
+    struct branches;
 
-    // The profile of one pair of phases, at the nodes and on the segments between.
-    struct curve {
-        column_values z, place, width, scale;
-        column_values misfit; // least z^2, infinite where z is no line
-        double best;          // least misfit
-    };
+    void draw_rough(const phase_reading& wanted, branches& out) const;
+    void halve(const phase_reading& wanted,
+               const press_fit::point& from,
+               const press_fit::point& to,
+               std::size_t branch,
+               int halvings,
+               double reach,
+               curve& out) const;
+    double inflation(double misfit) const;
 
-    // Integrals of the likelihood, segment by segment: of what is a straight line from
-    // node to node, by the weights of its ends; of a product of two such, less `bend`
-    // times both rises.
-    struct weights {
-        column_values left, right, bend;
-    };
-
-    curve draw(std::size_t row,
-               double offset_1,
-               double offset_2,
-               double noise_1,
-               double noise_2) const;
-    weights weigh(const curve& drawn, std::size_t low, std::size_t high) const;
-    moments sum(const float* values,
-                const curve& drawn,
-                const weights& by,
-                std::size_t first,
-                std::size_t last,
-                double hidden_from) const;
-
-    std::vector<double> d_force;
-    std::vector<float> d_rows;   // half the memory to wait for
-    std::vector<float> d_closed; // 0 where a segment holds, else infinity
-    std::vector<cell> d_cells;
-    phase_grid d_grid;
+    press_fit d_fit;
+    double d_consistent;
+    std::vector<std::size_t> d_forces; // nodes of the table at which branches are sought
+    location_scan d_scan;
 };
 
 } // namespace gr::wiforce::kernel

@@ -72,7 +72,7 @@ class SensorReadout:
         self._retuned = False
         self._tracker = model.tracker(group_period_s, frequency_hz) if tracked else None
         if not tracked:
-            model.inverter(frequency_hz).prepare()  # takes a second, before samples arrive
+            model.inverter(frequency_hz)  # tabulates the model before samples arrive
 
     def read(self, groups: Groups, sensor: int) -> dict[str, Array]:
         """Touch, phases, force, location and flags of one sensor in a batch.

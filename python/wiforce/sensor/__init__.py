@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sensors: models, calibration, inversion, the physical line. No GNU Radio."""
+"""Sensor models, their calibration and inversion."""
 
 from .calibration import calibrate
-from .doubts import doubts
+from .calibration_warnings import calibration_warnings
 from .file import load_sensor, sensor_from_dict, sensor_to_dict, shipped_sensors, write_sensor
+from .inversion import Inversion
 from .model import LineModel, SensorModel
 from .refine import refine
 from .smoother import smooth_press
@@ -20,11 +21,12 @@ from .tracker import PressTracker
 
 __all__ = [
     "CalibrationTable",
+    "Inversion",
     "LineModel",
     "PressTracker",
     "SensorModel",
     "calibrate",
-    "doubts",
+    "calibration_warnings",
     "load_sensor",
     "measure_vna",
     "read_tap_csv",

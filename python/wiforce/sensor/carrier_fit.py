@@ -49,7 +49,7 @@ def fit_carrier(data, form, knots, length_mm, permittivity):
         covariance_deg2=covariance,
         noise_deg=tuple(noise for noise, _ in quality),
         misfit_deg=tuple(misfit for _, misfit in quality),
-        interpolation=interpolation.hypotheses,
+        interpolation=interpolation.transitions,
     )
 
 

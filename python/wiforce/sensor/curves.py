@@ -114,8 +114,8 @@ class Carrier:
     noise_deg, misfit_deg : (float, float)
         Scatter of the calibration data about the curves, and the part of it that is not noise
         but a form that does not fit; one standard deviation, per port.
-    interpolation : ndarray, shape (H, 6)
-        Hypotheses of :class:`~.location.LocationInterpolation`.
+    interpolation : tuple of Transition
+        See :class:`~.location.LocationInterpolation`.
     """
 
     frequency_hz: float
@@ -126,7 +126,7 @@ class Carrier:
     covariance_deg2: np.ndarray
     noise_deg: tuple
     misfit_deg: tuple
-    interpolation: np.ndarray
+    interpolation: tuple
 
 
 @dataclass(frozen=True)

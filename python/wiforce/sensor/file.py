@@ -15,8 +15,9 @@ from ..io.values import Choice, KeyPath, Scope
 from ..io.yamlfile import read_yaml
 from .checks import check_onset
 from .curves import Carrier, CurveModel
-from .file_schema import FILES, LineFile, Provenance, SensorFile
+from .file_schema import FILES, CarrierCurves, LineFile, Provenance, SensorFile
 from .line import ContactLaw
+from .location import Transition
 from .model import LineModel, SensorModel
 
 
@@ -109,10 +110,21 @@ def sensor_from_dict(content: dict[str, Any], where: str | Path = "sensor") -> S
     top = KeyPath(str(where))
     if not isinstance(content, dict):
         raise top.error("must be a mapping of keys to values", content)
+    _refuse_earlier_interpolation(content, top)
     kind = Choice(words=tuple(FILES)).read(content.get("kind"), top.key("kind"), Scope())
     file = read(FILES[kind], content, top)
     check_onset(top.key("onset_force_n"), file.onset_force_n, file.force_span_n[1])
     return _model_of(file)
+
+
+def _refuse_earlier_interpolation(content: dict[str, Any], top: KeyPath) -> None:
+    """Rows of numbers are what calibrations of earlier versions hold."""
+    carriers = content.get("carriers")
+    for i, carrier in enumerate(carriers if isinstance(carriers, list) else []):
+        rows = carrier.get("interpolation") if isinstance(carrier, dict) else None
+        if isinstance(rows, list) and rows and isinstance(rows[0], list):
+            rule = "is that of an earlier version: calibrate again with gr-wiforce calibrate"
+            raise top.key(f"carriers[{i}].interpolation").error(rule)
 
 
 def _model_of(file: SensorFile) -> SensorModel:
@@ -121,9 +133,14 @@ def _model_of(file: SensorFile) -> SensorModel:
     if isinstance(file, LineFile):
         values["contact"] = ContactLaw(onset_force_n=file.onset_force_n, **vars(file.contact))
         return LineModel(**values)
-    values["carriers"] = tuple(Carrier(**vars(curves)) for curves in values["carriers"])
+    values["carriers"] = tuple(map(_carrier_of, values["carriers"]))
     values["frequencies_hz"] = tuple(carrier.frequency_hz for carrier in values["carriers"])
     return CurveModel(**values)
+
+
+def _carrier_of(curves: CarrierCurves) -> Carrier:
+    transitions = tuple(Transition(**vars(row)) for row in curves.interpolation)
+    return Carrier(**vars(curves) | {"interpolation": transitions})
 
 
 def write_sensor(model: SensorModel, path: str | Path) -> None:

@@ -69,14 +69,10 @@ def _check_covariances(matrices: np.ndarray, scope: Scope) -> str | None:
     return "must hold symmetric, non-negative matrices"
 
 
-def _check_interpolation(rows: np.ndarray, scope: Scope) -> str | None:
-    if np.any(rows[:, [1, 3, 4]] < LEAST) or np.any(rows[:, 5] < 0):
-        return f"must have fades, scales and probabilities of at least {LEAST:g}"
-    if not np.all(np.isin(rows[:, 0], SHAPES)):
-        return "must have shapes (first column) 0 to 4"
-    total = rows[:, 4].sum()
+def _check_transitions(transitions: tuple["TransitionKeys", ...], scope: Scope) -> str | None:
+    total = sum(transition.probability for transition in transitions)
     if abs(total - 1) > 1e-6:
-        return f"must have probabilities (fifth column) that sum to 1, not to {total:g}"
+        return f"must have probabilities that sum to 1, not to {total:g}"
     return None
 
 
@@ -118,6 +114,35 @@ class Contact:
 
 
 @declared
+class TransitionKeys:
+    """One way in which the contact may change along the line (`sensor/location.py`)."""
+
+    shape: str = key(Choice(words=SHAPES), doc="Form of the transition between its two levels.")
+    probability: float = key(
+        Number(low=LEAST, high=1), doc="Those of all transitions of a carrier sum to 1."
+    )
+    fade_mm: float = key(
+        Number(unit="mm", low=LEAST, high=LARGEST), doc="Length over which the contact changes."
+    )
+    fade_relative_std: float = key(
+        Number(low=0, high=10), doc="Its standard deviation, relative to it."
+    )
+    shift_mm: float = key(
+        Number(unit="mm", low=-LARGEST, high=LARGEST),
+        doc="Distance of the transition from the middle of the line, away from the port.",
+    )
+    shift_std_mm: float = key(Number(unit="mm", low=0, high=LARGEST), doc="Its standard deviation.")
+    residual_length_mm: float = key(
+        Number(unit="mm", low=LEAST, high=LARGEST),
+        doc="Correlation length of what the shape does not explain.",
+    )
+    residual_variance: float = key(
+        Number(low=0, high=LARGEST),
+        doc="Variance of that, relative to the variance over the calibrated locations.",
+    )
+
+
+@declared
 class CarrierCurves:
     """Calibrated curves at one carrier (`sensor/curves.py`)."""
 
@@ -153,11 +178,10 @@ class CarrierCurves:
         Array(shape=(2,), unit="deg", as_tuple=True),
         doc="The part of it that is not noise but the curves' form, per port.",
     )
-    interpolation: np.ndarray = key(
-        Array(shape=(None, 6)),
-        check=_check_interpolation,
-        doc="Hypotheses about the curves between the calibrated locations: rows of shape, fade "
-        "(mm), shift (mm), scale (mm), probability and relative variance (`sensor/location.py`).",
+    interpolation: tuple[TransitionKeys, ...] = key(
+        ListOf(of=TransitionKeys, least=1, most=16),
+        check=_check_transitions,
+        doc="Ways in which the curves may change between the calibrated locations.",
     )
 
 

@@ -81,14 +81,21 @@ class ForwardMap:
         by_location = self._evaluate(self._phase, force_n, location_mm, 0, 1)
         return np.stack([by_force / np.asarray(force_n)[:, None], by_location], axis=-1)
 
-    def curvatures(self, force_n, location_mm):
-        """Second derivatives FF, Fl, ll; shape (n, P, 3)."""
-        force = np.asarray(force_n)[:, None]
-        by_force = self._evaluate(self._phase, force_n, location_mm, 1, 0)
-        twice = self._evaluate(self._phase, force_n, location_mm, 2, 0)
-        mixed = self._evaluate(self._phase, force_n, location_mm, 1, 1)
-        by_location = self._evaluate(self._phase, force_n, location_mm, 0, 2)
-        return np.stack([(twice - by_force) / force**2, mixed / force, by_location], axis=-1)
+    def table(self):
+        """At every node, what ``lib/kernel/inversion/tabulated_model.h`` interpolates.
+
+        Returns
+        -------
+        ndarray, shape (forces, locations, P, 5)
+            Phases, their derivatives by the logarithm of force, by location and by both, and
+            their variances.
+        """
+        axes = self._log_force, self.location_mm
+        orders = (0, 0), (1, 0), (0, 1), (1, 1)
+        phase = [[s(*axes, dx=dx, dy=dy) for dx, dy in orders] for s in self._phase]
+        variance = [[s(*axes)] for s in self._variance]
+        columns = np.concatenate([phase, variance], axis=1)
+        return np.ascontiguousarray(np.moveaxis(columns, (0, 1), (2, 3)))
 
     def _evaluate(self, splines, force_n, location_mm, dx=0, dy=0):
         log_force = np.log(force_n)

@@ -3,33 +3,28 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.stats import chi2
 
 from ..errors import InputError
-from ..wiforce_kernels import HIDDEN_N, HIDDEN_RATIO, calibrated_span, phase_inverter
+from ..wiforce_kernels import INVERSION_FLAGS, press_posterior
 from .forward import ForwardMap
-from .inversetable import InverseTable
-from .profile import tabulate
-from .search import Search
+
+if TYPE_CHECKING:
+    from .model import SensorModel
 
 # Standard deviation of a phase of which nothing is known.
 DEFAULT_STD_DEG = 1.0
-# Below this part of the domain's forces a standard deviation from the slopes at the solution is
-# trusted; above, the likelihood is integrated.
-_LOCAL = 0.08
-# So much larger a variance of the whole likelihood is taken instead of that from the slopes.
-_WIDER = 1.5
-# Phases fit no press when all solutions are this improbable.
-_IMPROBABLE = 0.9973
-# Part of the likelihood that lies where force is hidden, from which on it counts as hidden.
-_MOSTLY = 0.2
-# Flags as bits (those of lib/kernel/inversion/phase_inverter.h), and the names of each combination.
-_AMBIGUOUS, _UNOBSERVABLE, _INCONSISTENT, _EXTRAPOLATED = 1, 2, 4, 8
-_NAMES = ("ambiguous", "force-unobservable", "inconsistent", "extrapolated")
-_COMBINATIONS = [
-    tuple(name for bit, name in enumerate(_NAMES) if code >> bit & 1) for code in range(16)
+# Phases fit no press when their residual is larger than that of so many presses: 3 standard
+# deviations of a normal variable.
+_CONSISTENT = 0.9973
+# The words of each sum of flags.
+_WORDS = [
+    tuple(word for word, flag in INVERSION_FLAGS.items() if code & flag)
+    for code in range(2 * max(INVERSION_FLAGS.values()))
 ]
 
 
@@ -39,27 +34,42 @@ class Inversion:
 
     Attributes
     ----------
-    force_n, force_std_n, location_mm, location_std_mm : ndarray, shape (n,)
-        NaN where a phase is not finite. Standard deviations hold the phases' noise and the model's
-        own error.
+    force_n, location_mm : ndarray, shape (n,)
+        Posterior means; NaN where a phase is not finite.
     covariance : ndarray, shape (n, 2, 2)
-        Of (force, location).
-    flags : list of tuple of str
-        ``extrapolated`` (outside what was calibrated), ``ambiguous`` (another press would show the
-        same phases), ``force-unobservable`` (force and location cannot be told apart),
-        ``inconsistent`` (no single press shows such phases).
+        Of (force, location). It includes the phases' noise and the model's own error.
+    codes : ndarray of uint8, shape (n,)
+        Sums of the flags' values in ``INVERSION_FLAGS``.
     """
 
     force_n: np.ndarray
-    force_std_n: np.ndarray
     location_mm: np.ndarray
-    location_std_mm: np.ndarray
     covariance: np.ndarray
-    flags: list
+    codes: np.ndarray
+
+    @cached_property
+    def force_std_n(self) -> np.ndarray:
+        """Standard deviations of the force (N), shape (n,)."""
+        return np.sqrt(self.covariance[:, 0, 0])
+
+    @cached_property
+    def location_std_mm(self) -> np.ndarray:
+        """Standard deviations of the location (mm), shape (n,)."""
+        return np.sqrt(self.covariance[:, 1, 1])
+
+    @cached_property
+    def flags(self) -> list[tuple[str, ...]]:
+        """Flags in words, a tuple per reading.
+
+        ``extrapolated`` (outside what was calibrated), ``ambiguous`` (another press would show the
+        same phases), ``force-unobservable`` (force and location cannot be told apart),
+        ``inconsistent`` (no single press shows such phases).
+        """
+        return [_WORDS[code] for code in self.codes.tolist()]
 
 
 class Inverter:
-    """Inverts one model at one or several carriers; tables are built at the first use.
+    """Inverts one model at one or several carriers.
 
     Parameters
     ----------
@@ -70,32 +80,29 @@ class Inverter:
     Attributes
     ----------
     forward : ForwardMap
+
+    Notes
+    -----
+    The posterior of (force, location) given the phases of a reading, integrated by
+    ``lib/kernel/inversion/press_posterior.h``.
     """
 
-    def __init__(self, model, carriers):
-        self._model = model
-        self._carriers = carriers
+    def __init__(self, model: "SensorModel", carriers: tuple[int, ...]):
         self.forward = ForwardMap(model, carriers)
-        self._search = Search(self.forward)
-        self._limit = chi2.ppf(_IMPROBABLE, self.forward.size)
-        self._local_n = _LOCAL * np.ptp(self.forward.force_n)
-        self._low, self._high = self.forward.force_n[[0, -1]]
-        self._left, self._right = self.forward.location_mm[[0, -1]]
-        self._span = calibrated_span(*model.calibrated)
+        self._posterior = press_posterior(
+            self.forward.force_n,
+            self.forward.location_mm,
+            self.forward.table(),
+            model.calibrated,
+            chi2.ppf(_CONSISTENT, self.forward.size),
+        )
 
-    @cached_property
-    def _tables(self):
-        profile = tabulate(self.forward, self._model.in_span, self._hidden_n_per_deg)
-        table = InverseTable(self.forward, self._model.in_span, profile)
-        domain = (self._low, self._high), (self._left, self._right)
-        return phase_inverter(table.rows, table.row_of, profile, self._span, *domain, self._limit)
-
-    def prepare(self):
-        """Builds the tables now, which takes a second or so, instead of at the first reading."""
-        if len(self._carriers) == 1:
-            _ = self._tables
-
-    def invert(self, phases_deg, std_deg=None, location_mm=None):
+    def invert(
+        self,
+        phases_deg: ArrayLike,
+        std_deg: ArrayLike | None = None,
+        location_mm: ArrayLike | None = None,
+    ) -> Inversion:
         """See :meth:`SensorModel.invert`."""
         phases = np.asarray(phases_deg, float)
         if phases.ndim < 2:
@@ -105,107 +112,31 @@ class Inverter:
             raise InputError("phases_deg", rule, np.shape(phases_deg))
         std = _standard_deviations(std_deg, phases.shape)
         if location_mm is not None:
-            return self._at_location(phases, std, location_mm)
-        if len(self._carriers) > 1:
-            return self._one_by_one(phases, std)
-        return self._tabled(phases, std)
+            location_mm = self._known_location(location_mm, len(phases))
+        values, codes = self._posterior.invert(phases, std, location_mm)
+        return inversion_of(values, codes)
 
-    def solutions(self, phases_deg, std_deg=None):
-        """All solutions for one reading, the best first: see :class:`.search.Solutions`."""
-        phases = np.asarray(phases_deg, float).reshape(1, -1)
-        std = _standard_deviations(std_deg, phases.shape)
-        return self._search.solutions(phases[0], std[0] ** 2)
+    def _known_location(self, location_mm, count):
+        location = np.broadcast_to(np.asarray(location_mm, float), count)
+        left, right = self.forward.location_mm[[0, -1]]
+        outside = location[(location < left) | (location > right)]
+        if outside.size:
+            rule = f"must lie from {left:g} to {right:g}"
+            raise InputError("location_mm", rule, float(outside[0]))
+        return location
 
-    # one carrier: the tables
+    def unobservable(self, force, location, std=1.0):
+        """Whether force cannot be told from location with this noise (deg); broadcast."""
+        return self._posterior.unobservable(force, location, np.max(std))
 
-    def _tabled(self, phases, std):
-        values, codes, unknown = self._tables.invert(phases, std)
-        for i in unknown:
-            values[i], codes[i] = self._searched(phases[i], std[i])
-        return inversion_of(values, [_COMBINATIONS[code] for code in codes.tolist()])
-
-    # anything else: the search
-
-    def _one_by_one(self, phases, std):
-        results = [self._searched(p, s) for p, s in zip(phases, std, strict=True)]
-        values = np.array([r[0] for r in results]).reshape(-1, 6)
-        return inversion_of(values, [_COMBINATIONS[r[1]] for r in results])
-
-    def _searched(self, phases, std):
-        """Force, location and their covariance of one reading (6,), and its flags' code."""
-        if not np.all(np.isfinite(phases)):
-            return np.full(6, np.nan), _INCONSISTENT
-        variance = std**2
-        found = self._search.solutions(phases, variance)
-        inside = self._model.in_span(found.force_n, found.location_mm)
-        # the calibrated span decides between solutions that fit alike
-        fits = found.misfit <= self._limit
-        chosen = int(np.argmax(inside & fits)) if np.any(inside & fits) else 0
-        rivals = (inside | ~inside[chosen]) & fits
-        mean = np.array([found.force_n[chosen], found.location_mm[chosen]])
-        covariance = found.covariance[chosen]
-        inconsistent = found.misfit[chosen] > self._limit
-        unobservable = self.hidden(*mean, std)
-        if not inconsistent:
-            whole = self._search.moments(phases, variance)
-            # slopes at the solution say little of a likelihood that is wide or has a long tail
-            if whole[1][0, 0] > max(self._local_n**2, _WIDER * covariance[0, 0]):
-                mean, covariance, points, likelihood = whole
-                unobservable = likelihood @ self.hidden(*points.T, std) > _MOSTLY
-        ambiguous = np.count_nonzero(rivals) > 1
-        if ambiguous:
-            away = np.column_stack([found.force_n, found.location_mm])[rivals] - mean
-            covariance = covariance + away.T @ away / len(away)
-        if inconsistent:
-            covariance = covariance * found.misfit[chosen] / self._limit
-        code = (
-            _AMBIGUOUS * bool(ambiguous)
-            | _UNOBSERVABLE * bool(unobservable)
-            | _INCONSISTENT * bool(inconsistent)
-            | _EXTRAPOLATED * self._extrapolated(*mean, covariance[0, 0], covariance[1, 1])
-        )
-        return np.array([*mean, *covariance.ravel()]), code
-
-    def _extrapolated(self, force, location, force_variance, location_variance):
-        """Whether a solution lies outside the span by more than its standard deviation."""
-        return self._span.extrapolated(force, location, force_variance, location_variance)
-
-    def hidden(self, force, location, std=1.0):
-        """Whether force cannot be told from location, at the nearest nodes; broadcast."""
-        free = self._hidden_n_per_deg(force, location)
-        return free * max(np.max(std), 1.0) > HIDDEN_N
-
-    def _hidden_n_per_deg(self, force, location):
-        """Newtons per degree of phase error; 0 where knowing the location gains little."""
-        i = np.searchsorted(self.forward.force_n, force)
-        j = np.searchsorted(self.forward.location_mm, location)
-        shape = self._sensitivity.shape[1:]
-        free, ratio = self._sensitivity[:, np.minimum(i, shape[0] - 1), np.minimum(j, shape[1] - 1)]
-        return np.where(ratio > HIDDEN_RATIO, free, 0.0)
-
-    @cached_property
-    def _sensitivity(self):
-        """At the forward map's nodes: newtons per degree of phase error, and by what factor a known
-
-        location would cut that; shape (2, forces, locations).
-        """
-        grid = np.meshgrid(self.forward.force_n, self.forward.location_mm, indexing="ij")
-        slopes = self.forward.slopes(grid[0].ravel(), grid[1].ravel())
-        normal = np.einsum("npa,npb->nab", slopes, slopes)
-        determinant = np.maximum(np.linalg.det(normal), 1e-300)
-        free = np.sqrt(normal[:, 1, 1] / determinant)
-        ratio = free * np.sqrt(normal[:, 0, 0])
-        return np.stack([free, ratio]).reshape(2, *grid[0].shape)
-
-    def flags_at(self, found, std, ambiguous, inconsistent):
-        """Flags of a (force, its std, location, its std) that was found in another way."""
-        force, force_std, location, location_std = found
-        return _names(
-            extrapolated=self._extrapolated(force, location, force_std**2, location_std**2),
-            ambiguous=ambiguous,
-            unobservable=bool(self.hidden(force, location, std)),
-            inconsistent=inconsistent,
-        )
+    def code_of(self, force, force_std, location, location_std, std):
+        """Sum of the flags of a press that was found in another way."""
+        code = 0
+        if self._posterior.extrapolated(force, location, force_std**2, location_std**2):
+            code |= INVERSION_FLAGS["extrapolated"]
+        if self.unobservable(force, location, std):
+            code |= INVERSION_FLAGS["force-unobservable"]
+        return code
 
     def systematic(self, force_n, location_mm):
         """Covariance (2, 2) of force and location that the model's own error leaves.
@@ -217,64 +148,23 @@ class Inverter:
         variance = np.maximum(self.forward.variances(*at)[0], 1e-12)
         normal = slopes.T @ (slopes / variance[:, None])
         # no more can be unknown than the domain is wide
-        normal[0, 0] += 12.0 / (self._high - self._low) ** 2
-        normal[1, 1] += 12.0 / (self._right - self._left) ** 2
+        normal[0, 0] += 12.0 / np.ptp(self.forward.force_n) ** 2
+        normal[1, 1] += 12.0 / np.ptp(self.forward.location_mm) ** 2
         return np.linalg.inv(normal)
-
-    # location known
-
-    def _at_location(self, phases, std, location_mm):
-        location = np.broadcast_to(np.asarray(location_mm, float), len(phases))
-        values = np.full((len(phases), 6), np.nan)
-        flags = [("inconsistent",)] * len(phases)
-        for place in np.unique(location[np.isfinite(location)]):
-            if not self._left <= place <= self._right:
-                rule = f"must lie from {self._left:g} to {self._right:g}"
-                raise InputError("location_mm", rule, float(place))
-            rows = np.flatnonzero((location == place) & np.isfinite(phases).all(axis=1))
-            curve = self._search.at_location(place)
-            for i in rows:
-                force, variance, misfit, several = curve.invert(phases[i], std[i] ** 2)
-                values[i] = force, place, variance, 0.0, 0.0, 0.0
-                flags[i] = _names(
-                    extrapolated=self._extrapolated(force, place, variance, 0.0),
-                    ambiguous=several,
-                    inconsistent=misfit > self._limit,
-                )
-        return inversion_of(values, flags)
 
 
 def _standard_deviations(std_deg, shape):
     given = np.asarray(DEFAULT_STD_DEG if std_deg is None else std_deg, float)
-    few = given.size <= 2  # one reading must not wait for numpy
-    if not (all(map(_is_std, given.flat)) if few else np.all(_is_std(given))):
+    if not np.all((given >= 0) & (given < np.inf)):
         raise InputError("std_deg", "must be finite and not negative", given.tolist())
-    std = np.empty(shape)
-    std[...] = given
-    return std
+    return np.broadcast_to(given, shape)
 
 
-def _is_std(value):
-    return (value >= 0) & (value < np.inf)
-
-
-def _names(extrapolated=False, ambiguous=False, unobservable=False, inconsistent=False):
-    names = (
-        ("ambiguous", ambiguous),
-        ("force-unobservable", unobservable),
-        ("inconsistent", inconsistent),
-        ("extrapolated", extrapolated),
-    )
-    return tuple(name for name, raised in names if raised)
-
-
-def inversion_of(values, flags):
+def inversion_of(values, codes):
     """Inversion of rows (n, 6): force, location, and the rows of their covariance."""
-    return Inversion(
-        force_n=values[:, 0],
-        force_std_n=np.sqrt(values[:, 2]),
-        location_mm=values[:, 1],
-        location_std_mm=np.sqrt(values[:, 5]),
-        covariance=values[:, 2:].reshape(-1, 2, 2),
-        flags=flags,
-    )
+    return Inversion(values[:, 0], values[:, 1], values[:, 2:].reshape(-1, 2, 2), codes)
+
+
+def words_of(code):
+    """The flags of a sum, in words."""
+    return _WORDS[code]

@@ -1,21 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From a few calibrated locations to all of them, and how far wrong that may be.
+"""From a few calibrated locations to all of them, and the variance that this leaves.
 
 What the contact adds to the line's own phase changes with location because the end nearer to the
-press moves more: it goes over from one level to another somewhere about the middle. Where and how
-sharply is not known beforehand. Each hypothesis h = (shape, fade, shift, scale) is a Gaussian
-process (universal kriging) with the trend ``a + b S((l - L/2 - shift) / fade)``, mirrored for port
-2, and a Matern 5/2 residual of length ``scale``. Its restricted likelihood on the calibrated
-curves, times a broad prior, is its probability; the prediction is the mean over hypotheses, and its
-variance that within plus that between them. C. E. Rasmussen and C. K. I. Williams, *Gaussian
-Processes for Machine Learning*, 2006, sections 2.7 and 5.4.
-
-The shapes S differ in their tails: 0 ``tanh(x)``, exponential on both sides; 1
-``x / sqrt(1 + x^2)``, slow on both sides; the others hold one level up to the middle and leave it
-from there: 2 exponentially with a round start, 3 exponentially at once, 4 as a Gaussian.
+press moves more: it passes from one level to another somewhere about the middle. Where and how
+sharply is not known beforehand. Each :class:`Transition` is a Gaussian process (universal kriging)
+with the trend ``a + b S((l - L/2 - shift) / fade)``, mirrored for port 2, and a Matern 5/2
+residual. Its restricted likelihood given the calibrated curves, times a broad prior, is its
+probability; the prediction is the mean over all transitions, its variance that within plus that
+between them. C. E. Rasmussen and C. K. I. Williams, *Gaussian Processes for Machine Learning*,
+2006, sections 2.7 and 5.4.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -23,54 +19,92 @@ from scipy.interpolate import CubicSpline
 
 from ..errors import InputError
 
-SHAPES = np.arange(5)
-# Closer than what a calibration tells apart: else the one that happens to fit would be believed
-# alone.
+# The shapes S differ in their tails: exponential on both sides, slow on both sides, or one level up
+# to the middle that is left from there: exponentially with a round start, exponentially at once, or
+# as a Gaussian.
+_SHAPES = {
+    "tanh": np.tanh,
+    "algebraic": lambda x: x / np.hypot(1.0, x),
+    "gompertz": lambda x: 2 * np.exp(-np.exp(np.minimum(-2 * x, 50.0))) - 1,
+    "one-sided-exponential": lambda x: 1 - 2 * np.exp(-2 * np.maximum(x, 0.0)),
+    "one-sided-gaussian": lambda x: 1 - 2 * np.exp(-2 * np.maximum(x, 0.0) ** 2),
+}
+SHAPES = tuple(_SHAPES)
+# Grid of the posterior: closer than what a calibration can tell apart, or the node that happens to
+# fit would be believed alone.
 _FADES_MM = np.geomspace(5.0, 80.0, 49)
 _SHIFTS_MM = np.linspace(-5.0, 15.0, 33)
-_SCALES_MM = np.array([10.0, 25.0])
-# Where the prior expects the change-over, and how widely: a beam of several mm thickness cannot
-# change over within a few mm, nor needs it the whole line.
+_RESIDUAL_LENGTHS_MM = np.array([10.0, 25.0])
+# Where the prior expects the transition, and how widely: a beam several millimetres thick cannot
+# pass from one level to the other within a few, nor needs it the whole line.
 _FADE_PRIOR_MM, _FADE_PRIOR_LOG_STD, _SHIFT_PRIOR_STD_MM = 14.0, 0.6, 7.0
 # The residual is believed to be at least of this size, relative to the change with location, with
-# the weight of this many observations: no change-over has one of these shapes exactly, and what is
+# the weight of this many observations: no transition has one of these shapes exactly, and what is
 # no contact has none.
 _LEAST_RESIDUAL, _LEAST_RESIDUAL_UNPHYSICAL, _LEAST_RESIDUAL_WEIGHT = 0.015, 0.05, 4.0
-_MOST_HYPOTHESES = 64
+# Nodes of the grid within these of a likelier one are summarised with it, until so little of the
+# posterior is left. Predictions then differ by 0.01 of their standard deviation for smooth contact
+# laws, by 0.1 for those with kinks. Where the posterior is so wide that more transitions than these
+# remained, nodes further apart are summarised.
+_SAME_LOG_FADE, _SAME_SHIFT_MM, _LEFT_OUT = 0.3, 2.6, 0.02
+_MOST_TRANSITIONS = 16
 _NUGGET = 1e-6
 _STEP_MM = 0.25
 
 
-def _change_over(location, hypotheses, length_mm, port):
-    """S for each hypothesis; shape (H, n)."""
-    shape, fade, shift = (column[:, None] for column in hypotheses.T[:3])
+@dataclass(frozen=True)
+class Transition:
+    """One way in which the contact may change along the line.
+
+    Attributes
+    ----------
+    shape : str
+        Of :data:`SHAPES`.
+    probability : float
+        Those of all transitions sum to 1.
+    fade_mm, fade_relative_std : float
+        Length over which the contact changes, and its relative standard deviation.
+    shift_mm, shift_std_mm : float
+        Distance of the change from the line's middle, away from the port, and its standard
+        deviation.
+    residual_length_mm : float
+        Correlation length of what the shape does not explain.
+    residual_variance : float
+        Its variance, relative to the variance over the calibrated locations.
+    """
+
+    shape: str
+    probability: float
+    fade_mm: float
+    fade_relative_std: float
+    shift_mm: float
+    shift_std_mm: float
+    residual_length_mm: float
+    residual_variance: float
+
+    def hypotheses(self):
+        """Four equally likely (fade, shift), with the mean and covariance of these; (4, 2)."""
+        fade = self.fade_mm * np.exp(
+            np.sqrt(2.0) * self.fade_relative_std * np.array([1, -1, 0, 0])
+        )
+        shift = self.shift_mm + np.sqrt(2.0) * self.shift_std_mm * np.array([0, 0, 1, -1])
+        return np.column_stack([fade, shift])
+
+
+def _change(location, shape, fade_shift, length_mm, port):
+    """S of one shape for each pair (fade, shift); shape (H, n)."""
+    fade, shift = fade_shift.T[..., None]
     from_middle = location[None, :] - length_mm / 2
-    x = ((from_middle if port == 0 else -from_middle) - shift) / fade
-    beyond = np.maximum(x, 0.0)
-    steps = (
-        np.tanh(x),
-        x / np.hypot(1.0, x),
-        2 * np.exp(-np.exp(np.minimum(-2 * x, 50.0))) - 1,
-        1 - 2 * np.exp(-2 * beyond),
-        1 - 2 * np.exp(-2 * beyond**2),
-    )
-    return np.choose(shape.astype(int), steps)
+    return _SHAPES[shape](((from_middle if port == 0 else -from_middle) - shift) / fade)
 
 
-def _trend(location, hypotheses, length_mm, port):
-    """1 and S for each hypothesis; shape (H, n, 2)."""
-    step = _change_over(location, hypotheses, length_mm, port)
-    return np.stack([np.ones_like(step), step], axis=-1)
-
-
-def _matern(distance, scale):
-    q = np.sqrt(5.0) * distance[None] / scale[:, None, None]
+def _matern(distance, length):
+    q = np.sqrt(5.0) * distance / length
     return (1 + q + q * q / 3) * np.exp(-q)
 
 
-def _kernel(at, scale):
-    distance = np.abs(at[:, None] - at[None, :])
-    return _matern(distance, scale) + _NUGGET * np.eye(at.size)
+def _kernel(at, length):
+    return _matern(np.abs(at[:, None] - at[None, :]), length) + _NUGGET * np.eye(at.size)
 
 
 @dataclass(frozen=True)
@@ -83,45 +117,47 @@ class LocationInterpolation:
     ----------
     location_mm : ndarray, shape (J,)
     length_mm : float
-    hypotheses : ndarray, shape (H, 6)
-        Rows of shape, fade (mm), shift (mm), scale (mm), probability, and the residual's variance
-        relative to the variance over the calibrated locations.
+    transitions : tuple of Transition
     """
 
     location_mm: np.ndarray
     length_mm: float
-    hypotheses: np.ndarray
+    transitions: tuple
 
     @cached_property
     def _tables(self):
         """Splines over location, per port: mean weights, their covariance, residual variance."""
         grid = np.linspace(0.0, self.length_mm, int(np.ceil(self.length_mm / _STEP_MM)) + 1)
-        probability = self.hypotheses[:, 4]
         tables = []
         for port in (0, 1):
-            weights, variance = self._kriging(grid, port)
-            mean = np.einsum("h,hgj->gj", probability, weights)
-            spread = np.einsum("h,hgj,hgi->gji", probability, weights, weights)
+            predictions = [self._kriging(grid, t, port) for t in self.transitions]
+            weights = np.concatenate([p[0] for p in predictions])
+            share = np.repeat([t.probability for t in self.transitions], 4) / 4
+            mean = np.einsum("h,hgj->gj", share, weights)
+            spread = np.einsum("h,hgj,hgi->gji", share, weights, weights)
             spread -= mean[:, :, None] * mean[:, None, :]
-            within = np.einsum("h,h,hg->g", probability, self.hypotheses[:, 5], variance)
+            residual = np.repeat([t.residual_variance for t in self.transitions], 4)
+            within = (share * residual) @ np.concatenate([p[1] for p in predictions])
             tables.append([CubicSpline(grid, table) for table in (mean, spread, within)])
         return tables
 
-    def _kriging(self, grid, port):
-        """Weights (H, G, J) and unit variance (H, G) of universal kriging."""
-        at, count, scale = self.location_mm, self.location_mm.size, self.hypotheses[:, 3]
-        trend_at = _trend(at, self.hypotheses, self.length_mm, port)
-        system = np.zeros((len(scale), count + 2, count + 2))
-        system[:, :count, :count] = _kernel(at, scale)
+    def _kriging(self, grid, transition, port):
+        """Weights (4, G, J) and unit variance (4, G) of a transition's hypotheses."""
+        at, length = self.location_mm, transition.residual_length_mm
+        count, pairs = at.size, transition.hypotheses()
+
+        def trend(location):
+            change = _change(location, transition.shape, pairs, self.length_mm, port)
+            return np.stack([np.ones_like(change), change], axis=-1)
+
+        trend_at = trend(at)
+        system = np.zeros((len(pairs), count + 2, count + 2))
+        system[:, :count, :count] = _kernel(at, length)
         system[:, :count, count:] = trend_at
         system[:, count:, :count] = np.swapaxes(trend_at, 1, 2)
-        right = np.concatenate(
-            [
-                _matern(np.abs(grid[:, None] - at[None, :]), scale),
-                _trend(grid, self.hypotheses, self.length_mm, port),
-            ],
-            axis=-1,
-        )
+        near = _matern(np.abs(grid[:, None] - at[None, :]), length)
+        near = np.broadcast_to(near, (len(pairs), *near.shape))
+        right = np.concatenate([near, trend(grid)], axis=-1)
         try:
             solution = np.linalg.solve(system, np.swapaxes(right, 1, 2))
         except np.linalg.LinAlgError:
@@ -155,16 +191,16 @@ class LocationInterpolation:
 
 
 def learn_interpolation(location_mm, length_mm, values, noise_variance, physical=True):
-    """The hypotheses about the location dimension, weighed by the calibrated curves.
+    """The transitions that explain calibrated curves, with their probabilities.
 
     Parameters
     ----------
     location_mm : ndarray, shape (J,)
     length_mm : float
     values : ndarray, shape (2, J, n)
-        What the contact adds to the line's phase, for each port, location and a few forces.
+        What the contact adds to the line's phase (deg), for each port, location and a few forces.
     noise_variance : float
-        Variance of these values from noise in the calibration.
+        Variance of these values from noise in the calibration (deg^2).
     physical : bool
         False where the values cannot come from a contact (their steps are larger than a press is
         wide): then only slow trends are considered.
@@ -174,50 +210,64 @@ def learn_interpolation(location_mm, length_mm, values, noise_variance, physical
     LocationInterpolation
     """
     at = np.asarray(location_mm, float)
-    hypotheses, log_prior = _hypotheses(at, length_mm, physical)
-    variance = max(np.mean(np.var(values, axis=1, ddof=1)), 1e-12)
-    floor = max(noise_variance / variance, 1e-8)
-    least = _LEAST_RESIDUAL if physical else _LEAST_RESIDUAL_UNPHYSICAL
-    misfit = np.full(len(log_prior), _LEAST_RESIDUAL_WEIGHT * least**2)
-    observations, log_determinant = _LEAST_RESIDUAL_WEIGHT, np.zeros(len(log_prior))
-    for port in (0, 1):
-        components = _components(values[port] / np.sqrt(variance), floor)
-        rank = components.shape[1]
-        squares, trace, determinant = _restricted(at, hypotheses, length_mm, port, components)
-        misfit += squares + floor * rank * trace
-        observations += rank * (at.size - 2)
-        log_determinant += rank * determinant
-    amplitude = misfit / observations
-    log_posterior = log_prior - 0.5 * (observations * np.log(amplitude) + log_determinant)
-    probability = np.exp(log_posterior - log_posterior.max())
-    probability /= probability.sum()
-    chosen, share = _condense(probability)
-    weighed = np.column_stack([hypotheses[chosen], share, amplitude[chosen]])
-    return LocationInterpolation(at, float(length_mm), weighed)
+    curves = _Curves(at, float(length_mm), values, noise_variance, physical)
+    candidates = []  # (shape, residual length), nodes (fade, shift), log posterior, variance
+    for shape in SHAPES if physical else ("algebraic",):
+        pairs, log_prior = _nodes(at, shape, length_mm, physical)
+        for length in _RESIDUAL_LENGTHS_MM:
+            log_likelihood, variance = curves.likelihood(shape, pairs, length)
+            candidates.append(((shape, length), pairs, log_prior + log_likelihood, variance))
+    most = max(np.max(c[2], initial=-np.inf) for c in candidates)
+    total = sum(np.sum(np.exp(c[2] - most)) for c in candidates)
+    for width in (1.0, 2.0, 4.0, np.inf):
+        found = []
+        for (shape, length), pairs, log_posterior, variance in candidates:
+            share = np.exp(log_posterior - most) / total
+            found += _summaries(shape, float(length), pairs, share, variance, width)
+        transitions = _likeliest(found)
+        if len(transitions) <= _MOST_TRANSITIONS:
+            break
+    return LocationInterpolation(at, float(length_mm), transitions)
 
 
-def _condense(probability):
-    """A few indices and probabilities that stand for many, by systematic sampling."""
-    marks = (np.arange(_MOST_HYPOTHESES) + 0.5) / _MOST_HYPOTHESES
-    drawn = np.searchsorted(np.cumsum(probability), marks)
-    chosen, times = np.unique(np.minimum(drawn, len(probability) - 1), return_counts=True)
-    return chosen, times / _MOST_HYPOTHESES
-
-
-def _hypotheses(at, length_mm, physical):
-    """Shape, fade, shift and scale (H, 4) of what is considered, and log prior (H,)."""
+def _nodes(at, shape, length_mm, physical):
+    """Pairs (fade, shift) that are considered (H, 2), and their log prior (H,)."""
     if not physical:
-        slow = [[1.0, 4.0 * length_mm, 0.0, scale] for scale in _SCALES_MM]
-        return np.array(slow), np.zeros(len(slow))
-    axes = np.meshgrid(SHAPES, _FADES_MM, _SHIFTS_MM, _SCALES_MM, indexing="ij")
-    hypotheses = np.column_stack([axis.ravel() for axis in axes])
-    # enough of the change-over must lie among the calibrated locations to be told from a constant
-    steps = [np.ptp(_change_over(at, hypotheses, length_mm, port), axis=1) for port in (0, 1)]
-    seen = np.min(steps, axis=0) > 0.2 * np.minimum(2.0, np.ptp(at) / hypotheses[:, 1])
-    hypotheses = hypotheses[seen]
-    fade, shift = hypotheses[:, 1], hypotheses[:, 2]
+        return np.array([[4.0 * length_mm, 0.0]]), np.zeros(1)
+    fade, shift = (axis.ravel() for axis in np.meshgrid(_FADES_MM, _SHIFTS_MM, indexing="ij"))
+    pairs = np.column_stack([fade, shift])
+    # enough of the transition must lie among the calibrated locations to be told from a constant
+    steps = [np.ptp(_change(at, shape, pairs, length_mm, port), axis=1) for port in (0, 1)]
+    seen = np.min(steps, axis=0) > 0.2 * np.minimum(2.0, np.ptp(at) / fade)
     log_prior = -0.5 * (np.log(fade / _FADE_PRIOR_MM) / _FADE_PRIOR_LOG_STD) ** 2
-    return hypotheses, log_prior - 0.5 * (shift / _SHIFT_PRIOR_STD_MM) ** 2
+    log_prior -= 0.5 * (shift / _SHIFT_PRIOR_STD_MM) ** 2
+    return pairs[seen], log_prior[seen]
+
+
+class _Curves:
+    """Calibrated values over location, and how well a transition explains them."""
+
+    def __init__(self, at, length_mm, values, noise_variance, physical):
+        variance = max(np.mean(np.var(values, axis=1, ddof=1)), 1e-12)
+        self._at, self._length_mm = at, length_mm
+        self._floor = max(noise_variance / variance, 1e-8)
+        self._least = _LEAST_RESIDUAL if physical else _LEAST_RESIDUAL_UNPHYSICAL
+        self._components = [_components(port / np.sqrt(variance), self._floor) for port in values]
+
+    def likelihood(self, shape, pairs, length):
+        """Restricted log likelihood, and residual variance, of pairs (fade, shift); each (H,)."""
+        observations = _LEAST_RESIDUAL_WEIGHT
+        misfit = np.full(len(pairs), _LEAST_RESIDUAL_WEIGHT * self._least**2)
+        log_determinant = np.zeros(len(pairs))
+        for port, components in enumerate(self._components):
+            change = _change(self._at, shape, pairs, self._length_mm, port)
+            squares, trace, determinant = _restricted(self._at, change, length, components)
+            rank = components.shape[1]
+            misfit += squares + self._floor * rank * trace
+            observations += rank * (self._at.size - 2)
+            log_determinant += rank * determinant
+        variance = misfit / observations
+        return -0.5 * (observations * np.log(variance) + log_determinant), variance
 
 
 def _components(values, floor):
@@ -229,33 +279,68 @@ def _components(values, floor):
     return scaled[:, strong]
 
 
-def _restricted(at, hypotheses, length_mm, port, components):
-    """Restricted likelihood: generalised squares left by the trend, trace of their matrix, log
+def _restricted(at, change, length, components):
+    """Generalised squares that the trend leaves, the trace of their matrix, and the log
 
-    determinant; each of shape (H,).
+    determinant of the restricted likelihood; each of shape (H,).
     """
-    step = _change_over(at, hypotheses, length_mm, port)
-    squares, trace, determinant = np.zeros((3, len(hypotheses)))
-    for scale in np.unique(hypotheses[:, 3]):
-        which = hypotheses[:, 3] == scale
-        inverse = np.linalg.inv(_kernel(at, np.array([scale]))[0])
-        ones, changing = inverse.sum(axis=0), step[which] @ inverse
-        # of 1 with 1, 1 with S, S with S
-        normal = ones.sum(), changing.sum(axis=1), np.sum(changing * step[which], axis=1)
-        by_one, by_step = ones @ components, changing @ components
-        squares[which] = np.sum(components * (inverse @ components)) - _explained(
-            normal, by_one @ by_one, by_step @ by_one, np.sum(by_step**2, axis=1)
-        )
-        trace[which] = np.trace(inverse) - _explained(
-            normal, ones @ ones, changing @ ones, np.sum(changing**2, axis=1)
-        )
-        plain = at.size * np.sum(step[which] ** 2, axis=1) - np.sum(step[which], axis=1) ** 2
-        size = normal[0] * normal[2] - normal[1] ** 2
-        determinant[which] = np.log(size / plain) - np.linalg.slogdet(inverse)[1]
+    inverse = np.linalg.inv(_kernel(at, length))
+    ones, changing = inverse.sum(axis=0), change @ inverse
+    # of 1 with 1, 1 with S, S with S
+    normal = ones.sum(), changing.sum(axis=1), np.sum(changing * change, axis=1)
+    by_one, by_change = ones @ components, changing @ components
+    squares = np.sum(components * (inverse @ components)) - _explained(
+        normal, by_one @ by_one, by_change @ by_one, np.sum(by_change**2, axis=1)
+    )
+    trace = np.trace(inverse) - _explained(
+        normal, ones @ ones, changing @ ones, np.sum(changing**2, axis=1)
+    )
+    plain = at.size * np.sum(change**2, axis=1) - np.sum(change, axis=1) ** 2
+    size = normal[0] * normal[2] - normal[1] ** 2
+    determinant = np.log(size / plain) - np.linalg.slogdet(inverse)[1]
     return np.maximum(squares, 0.0), trace, determinant
 
 
-def _explained(normal, one, both, step):
+def _explained(normal, one, both, change):
     """What least squares on 1 and S explain, of the squares and the product of both projections."""
     size = normal[0] * normal[2] - normal[1] ** 2
-    return (normal[2] * one - 2 * normal[1] * both + normal[0] * step) / size
+    return (normal[2] * one - 2 * normal[1] * both + normal[0] * change) / size
+
+
+def _summaries(shape, length, pairs, share, variance, width):
+    """Transitions that stand for the nodes of one shape, nodes of similar fade and shift in one.
+
+    How similar, ``width`` says in units of the constants above.
+    """
+    log_fade, shift = np.log(pairs[:, 0]), pairs[:, 1]
+    left, found = share.copy(), []
+    while left.size and left.max() > 1e-3 * _LEFT_OUT:
+        centre = int(np.argmax(left))
+        near = np.abs(log_fade - log_fade[centre]) < width * _SAME_LOG_FADE
+        near &= (np.abs(shift - shift[centre]) < width * _SAME_SHIFT_MM) & (left > 0)
+        probability = left[near].sum()
+        weight = left[near] / probability
+        fade_mean, shift_mean = weight @ log_fade[near], weight @ shift[near]
+        found.append(
+            Transition(
+                shape=shape,
+                probability=float(probability),
+                fade_mm=float(np.exp(fade_mean)),
+                fade_relative_std=float(np.sqrt(weight @ (log_fade[near] - fade_mean) ** 2)),
+                shift_mm=float(shift_mean),
+                shift_std_mm=float(np.sqrt(weight @ (shift[near] - shift_mean) ** 2)),
+                residual_length_mm=length,
+                residual_variance=float(weight @ variance[near]),
+            )
+        )
+        left[near] = 0.0
+    return found
+
+
+def _likeliest(found):
+    """As many transitions as hold nearly all of the posterior, the likeliest first."""
+    found = sorted(found, key=lambda t: -t.probability)
+    total = np.cumsum([t.probability for t in found])
+    kept = found[: int(np.searchsorted(total, 1 - _LEFT_OUT)) + 1]
+    share = sum(t.probability for t in kept)
+    return tuple(replace(t, probability=t.probability / share) for t in kept)

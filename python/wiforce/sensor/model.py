@@ -3,12 +3,17 @@
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from ..signal.carrier import wrap_deg
 from . import line
+
+if TYPE_CHECKING:
+    from .inversion import Inversion
 
 # A carrier given within this fraction of a calibrated one is taken for it: 0.1 % changes 2 beta L
 # of an 80 mm line by 0.2 deg at 900 MHz.
@@ -141,8 +146,14 @@ class SensorModel:
         touched = (force >= self.onset_force_n)[..., None]
         return wrap_deg(np.where(touched, pressed, self._untouched_deg(carrier)))
 
-    def invert(self, phases_deg, std_deg=None, location_mm=None, frequency_hz=None):
-        """Force and location of touched readings.
+    def invert(
+        self,
+        phases_deg: ArrayLike,
+        std_deg: ArrayLike | None = None,
+        location_mm: ArrayLike | None = None,
+        frequency_hz: float | None = None,
+    ) -> "Inversion":
+        """Inverts the phases of touched readings to force and location.
 
         Parameters
         ----------
@@ -164,6 +175,19 @@ class SensorModel:
         ------
         InputError
             For a wrong shape, a negative standard deviation or a location outside the model.
+
+        Notes
+        -----
+        One call for many readings costs much less than a call for each; values are the same.
+        docs/sensors.md describes the estimator.
+
+        Examples
+        --------
+        >>> from gnuradio.wiforce.sensor import load_sensor
+        >>> sensor = load_sensor("line-900mhz-calibrated")
+        >>> found = sensor.invert(sensor.phases_deg([3.0, 5.0], [30.0, 45.0]), std_deg=0.2)
+        >>> found.force_n.round(2), found.location_mm.round(2), found.flags
+        (array([3., 5.]), array([30., 45.]), [(), ()])
         """
         return self.inverter(frequency_hz).invert(phases_deg, std_deg, location_mm)
 

@@ -55,7 +55,7 @@ def smooth_press(
 
 
 def _smoothed(history, bank, tracker, std):
-    """Rauch-Tung-Striebel per location, then the mixture over locations: values (n, 6), flags."""
+    """Rauch-Tung-Striebel per location, then the mixture of all: values (n, 6) and codes (n,)."""
     weight, location = bank.weights(), bank.curves.location_mm
     place, spread = bank.place()
     _, mean, variance = history[-1]
@@ -75,5 +75,5 @@ def _smoothed(history, bank, tracker, std):
         covariance += [[0.0, shared], [shared, 0.0]]
         rows.append([force, place, *covariance.ravel()])
     values = np.array(rows[::-1])
-    flags = [tracker.flags_of(row, noise) for row, noise in zip(values, std, strict=True)]
-    return values, flags
+    codes = [tracker.code_of(row, noise) for row, noise in zip(values, std, strict=True)]
+    return values, np.array(codes, np.uint8)

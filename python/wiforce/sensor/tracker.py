@@ -9,7 +9,9 @@ import numpy as np
 from scipy.stats import chi2
 
 from ..errors import InputError
+from ..wiforce_kernels import INVERSION_FLAGS
 from .filter_bank import FilterBank
+from .inversion import words_of
 
 # Force's random walk, N per root of a second.
 FORCE_WALK_N = 4.0
@@ -130,10 +132,12 @@ class PressTracker:
         systematic = self._inverter.systematic(force, place)
         variance, spread = variance + systematic[0, 0], spread + systematic[1, 1]
         values = (float(force), float(np.sqrt(variance)), float(place), float(np.sqrt(spread)))
-        flags = self._inverter.flags_at(
-            values, std, _two_places(bank.curves.location_mm, weight), lost
-        )
-        return (*values, flags)
+        code = self._inverter.code_of(*values, std)
+        if lost:
+            code |= INVERSION_FLAGS["inconsistent"]
+        if _two_places(bank.curves.location_mm, weight):
+            code |= INVERSION_FLAGS["ambiguous"]
+        return (*values, words_of(code))
 
     def systematic(self, force_n, location_mm):
         """See :meth:`~.inversion.Inverter.systematic`."""
@@ -149,11 +153,10 @@ class PressTracker:
         ends = self._forward.location_mm[[0, -1]]
         return FilterBank(self._forward, self._bank.about_place(*ends), *self._start)
 
-    def flags_of(self, values, std):
-        """Flags of force, location and their covariance, ``values`` (6,)."""
+    def code_of(self, values, std):
+        """Sum of the flags of force, location and their covariance, ``values`` (6,)."""
         force, place, variance, _, _, spread = values.tolist()
-        found = (force, np.sqrt(variance), place, np.sqrt(spread))
-        return self._inverter.flags_at(found, std, False, False)
+        return self._inverter.code_of(force, np.sqrt(variance), place, np.sqrt(spread), std)
 
 
 def _coarse_grid(forward):

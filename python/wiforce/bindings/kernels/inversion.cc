@@ -3,142 +3,105 @@
 
 #include <pybind11/stl.h>
 
-#include <kernel/inversion/hidden_force.h>
-#include <kernel/inversion/phase_inverter.h>
+#include <kernel/inversion/press_posterior.h>
 
-#include <algorithm>
-#include <cmath>
-#include <cstring>
+#include <array>
+#include <cstdint>
+#include <optional>
 #include <stdexcept>
-#include <string>
+#include <vector>
 
 namespace py = pybind11;
 using namespace py::literals;
 using namespace gr::wiforce::kernel;
 
-static py::ssize_t pairs_in(const array<double>& phases_deg, const array<double>& noise)
-{
-    const bool alike = phases_deg.ndim() == 2 && phases_deg.shape(1) == 2 &&
-                       noise.size() == phases_deg.size();
-    if (!alike)
-        throw std::invalid_argument("phases and their noise must have shape (n, 2)");
-    return phases_deg.shape(0);
-}
-
-// Readings (n, 9) in the order of likelihood_profile::reading; NaN where the phases' cell
-// has not exactly one row.
-static py::array_t<double> read_profile(const likelihood_profile& profile,
-                                        const array<double>& phases_deg,
-                                        const array<double>& variance_deg2)
-{
-    constexpr py::ssize_t size = sizeof(likelihood_profile::reading) / sizeof(double);
-    const auto count = pairs_in(phases_deg, variance_deg2);
-    const double* const psi = phases_deg.data();
-    const double* const noise = variance_deg2.data();
-    py::array_t<double> readings({ count, size });
-    double* out = readings.mutable_data();
-    for (py::ssize_t i = 0; i < count; i++, out += size) {
-        const auto found = profile.read_turns(
-            psi[2 * i], psi[2 * i + 1], noise[2 * i], noise[2 * i + 1]);
-        if (found.count == 1)
-            std::memcpy(out, &found.first, sizeof(found.first));
-        else
-            std::fill(out, out + size, NAN);
-    }
-    return readings;
-}
-
-// Values (n, 6): force, location and their covariance; flags (n,); and a list of the
-// readings that the tables do not hold.
-static py::tuple invert(const phase_inverter& inverter,
+// Values (n, 6), force, location and their covariance, and sums of flags (n,) of n
+// readings.
+static py::tuple invert(const press_posterior& posterior,
                         const array<double>& phases_deg,
-                        const array<double>& std_deg)
+                        const array<double>& std_deg,
+                        const std::optional<array<double>>& location_mm)
 {
-    static_assert(sizeof(phase_inverter::reading) == 6 * sizeof(double));
-    const auto count = pairs_in(phases_deg, std_deg);
+    const auto phases = static_cast<py::ssize_t>(posterior.phases());
+    const auto count = phases_deg.ndim() == 2 ? phases_deg.shape(0) : 0;
+    if (phases_deg.size() != count * phases || std_deg.size() != phases_deg.size() ||
+        (location_mm && location_mm->size() != count))
+        throw std::invalid_argument("phases, std and location must be of n readings");
     py::array_t<double> values({ count, py::ssize_t{ 6 } });
     py::array_t<std::uint8_t> flags(count);
     const double* const psi = phases_deg.data();
     const double* const std = std_deg.data();
-    auto* out = reinterpret_cast<phase_inverter::reading*>(values.mutable_data());
+    const double* const location = location_mm ? location_mm->data() : nullptr;
+    double* out = values.mutable_data();
     std::uint8_t* const out_flags = flags.mutable_data();
     {
         py::gil_scoped_release others_may_run;
-        inverter.read_all(psi, std, count, out, out_flags);
+        press_posterior::workspace work;
+        press_fit::press found;
+        for (py::ssize_t i = 0; i < count; i++, out += 6) {
+            out_flags[i] = posterior.invert(
+                { psi + i * phases, std + i * phases, location ? location + i : nullptr },
+                work,
+                found);
+            out[0] = found.force, out[1] = found.location;
+            out[2] = found.force_variance, out[5] = found.location_variance;
+            out[3] = out[4] = found.covariance;
+        }
     }
-    py::list unknown;
-    for (py::ssize_t i = 0; i < count; i++)
-        if (out_flags[i] == phase_inverter::unknown)
-            unknown.append(i);
-    return py::make_tuple(values, flags, unknown);
+    return py::make_tuple(values, flags);
 }
 
 void bind_inversion(py::module& m)
 {
-    m.attr("HIDDEN_N") = hidden_n;
-    m.attr("HIDDEN_RATIO") = hidden_ratio;
+    py::dict flags;
+    flags["ambiguous"] = int{ ambiguous };
+    flags["force-unobservable"] = int{ force_unobservable };
+    flags["inconsistent"] = int{ inconsistent };
+    flags["extrapolated"] = int{ extrapolated };
+    m.attr("INVERSION_FLAGS") = flags;
 
-    py::class_<likelihood_profile, std::shared_ptr<likelihood_profile>>(
+    py::class_<press_posterior>(
         m,
-        "likelihood_profile",
-        "Two phases to force and location; see sensor/profile.py.")
+        "press_posterior",
+        "Force and location given the phases; see sensor/inversion.py.")
         .def(py::init([](const array<double>& force,
-                         const array<float>& rows,
-                         const array<std::uint8_t>& holds,
-                         const array<std::int32_t>& cells) {
-                 return likelihood_profile(flat(force),
-                                           flat(rows),
-                                           flat(holds),
-                                           structures<likelihood_profile::cell>(cells));
+                         const array<double>& location,
+                         const array<double>& table,
+                         const std::array<std::vector<double>, 3>& calibrated,
+                         double consistent) {
+                 return press_posterior(
+                     tabulated_model(flat(force), flat(location), flat(table)),
+                     calibrated_span(calibrated[0], calibrated[1], calibrated[2]),
+                     consistent);
              }),
              "force_n"_a,
-             "rows"_a,
-             "holds"_a,
-             "cells"_a)
-        .def("read", &read_profile, "phases_deg"_a, "variance_deg2"_a);
-
-    py::class_<calibrated_span>(
-        m, "calibrated_span", "The forces and locations that a calibration covers.")
-        .def(py::init([](const array<double>& location,
-                         const array<double>& low,
-                         const array<double>& high) {
-                 return calibrated_span(flat(location), flat(low), flat(high));
-             }),
              "location_mm"_a,
-             "low_n"_a,
-             "high_n"_a)
-        .def("extrapolated",
-             &calibrated_span::extrapolated,
+             "table"_a,
+             "calibrated"_a,
+             "consistent"_a)
+        .def("invert", &invert, "phases_deg"_a, "std_deg"_a, "location_mm"_a = py::none())
+        .def("unobservable",
+             py::vectorize([](const press_posterior* posterior,
+                              double force,
+                              double location,
+                              double std) {
+                 return posterior->profile().fit().unobservable(force, location, std);
+             }),
              "force_n"_a,
              "location_mm"_a,
-             "force_variance"_a,
-             "location_variance"_a);
-
-    py::class_<phase_inverter>(
-        m, "phase_inverter", "Two phases to force, location and flags; see Inverter.")
-        .def(py::init([](const array<double>& rows,
-                         const array<std::int32_t>& row_of,
-                         std::shared_ptr<likelihood_profile> profile,
-                         const calibrated_span& span,
-                         std::pair<double, double> force,
-                         std::pair<double, double> location,
-                         double misfit) {
-                 return phase_inverter(
-                     inverse_table(structures<inverse_table::row>(rows), flat(row_of)),
-                     std::move(profile),
-                     span,
-                     { force.first,
-                       force.second,
-                       location.first,
-                       location.second,
-                       misfit });
-             }),
-             "rows"_a,
-             "row_of"_a,
-             "profile"_a,
-             "span"_a,
-             "force_n"_a,
-             "location_mm"_a,
-             "misfit"_a)
-        .def("invert", &invert, "phases_deg"_a, "std_deg"_a);
+             "std_deg"_a)
+        .def(
+            "extrapolated",
+            [](const press_posterior& posterior,
+               double force,
+               double location,
+               double force_variance,
+               double location_variance) {
+                return posterior.span().extrapolated(
+                    force, location, force_variance, location_variance);
+            },
+            "force_n"_a,
+            "location_mm"_a,
+            "force_variance"_a,
+            "location_variance"_a);
 }

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from gnuradio.wiforce._config import DATA_DIR
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.sensor import published, read_vna_csv
+from gnuradio.wiforce.sensor import read_vna_csv
 from wiforce_app.evaluate import evaluate
+from wiforce_app.evaluation import published
 
 FOLDER = Path(DATA_DIR) / "data" / "paper"
 # The form that cross-validation on the VNA curves chooses; a test below holds that it does.

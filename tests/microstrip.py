@@ -5,9 +5,8 @@ The sensor is a trace of 2.5 mm over a ground trace of 6 mm, 0.63 mm apart, air 
 """
 
 import numpy as np
+from gnuradio.wiforce.signal.carrier import SPEED_OF_LIGHT_M_S
 from scipy.optimize import brentq
-
-from ..signal.carrier import SPEED_OF_LIGHT_M_S
 
 TRACE_MM, GROUND_MM, HEIGHT_MM, LENGTH_MM = 2.5, 6.0, 0.63, 80.0
 _WAVE_IMPEDANCE_OHM = 376.730

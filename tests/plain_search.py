@@ -1,15 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Inversion without short cuts: every solution, and what remains open where there is hardly one.
-
-Used where the table of :mod:`.inversetable` does not reach: outside the model's image, where two
-solutions meet, where force is hardly observable, with several carriers.
-"""
+"""A reference for the inversion: every solution, by a search over the whole model in NumPy."""
 
 from dataclasses import dataclass
 
 import numpy as np
-
-from ..signal.carrier import wrap_deg
+from gnuradio.wiforce.signal.carrier import wrap_deg
 
 _GRID_LOCATION_STEP = 2
 _FINE_FORCES = 4
@@ -17,7 +12,7 @@ _STARTS = 12
 _STEPS = 12
 # Two solutions are different when they are this far apart.
 _APART_N, _APART_MM = 0.2, 1.0
-# Solutions this much worse than the best are no solutions: 3 standard deviations.
+# Solutions this much worse than the best are not solutions: 3 standard deviations.
 _WORSE = 9.0
 _HOPELESS = 100.0
 
@@ -144,105 +139,6 @@ class Search:
         normal[:, 0, 0] += 1.0 / np.ptp(self._force) ** 2
         normal[:, 1, 1] += 1.0 / np.ptp(self._location) ** 2
         return np.linalg.inv(normal)
-
-    def at_location(self, location_mm):
-        """The model at one known location: see :class:`KnownLocation`."""
-        return KnownLocation(self._forward, location_mm)
-
-    def moments(self, phases_deg, variance_deg2):
-        """Mean and covariance of (force, location) given one reading, all of them equally likely.
-
-        For every force the location that fits best is found; the likelihood along that curve,
-        times the width in location, is integrated over force.
-
-        Returns
-        -------
-        mean : ndarray, shape (2,)
-        covariance : ndarray, shape (2, 2)
-        points : ndarray, shape (m, 2)
-            The curve.
-        likelihood : ndarray, shape (m,)
-            Its weights; they sum to 1.
-        """
-        force = self._force
-        residual = wrap_deg(phases_deg - self._phase) ** 2
-        rough = np.sum(residual / (variance_deg2 + self._variance + self._quantum), axis=-1)
-        location = self._location[np.argmin(rough, axis=1)]
-        for _ in range(4):
-            weight = 1.0 / (variance_deg2 + self._forward.variances(force, location))
-            slope = self._forward.slopes(force, location)[..., 1]
-            error = wrap_deg(phases_deg - self._forward.phases(force, location))
-            curvature = np.sum(weight * slope**2, axis=1)
-            step = np.sum(weight * slope * error, axis=1) / curvature
-            _, location = self._forward.clip(force, location + np.clip(step, -2.0, 2.0))
-        misfit = self._misfit(force, location, phases_deg, variance_deg2)
-        misfit -= np.sum(np.log(weight), axis=1)
-        width = 1.0 / curvature
-        likelihood = np.exp(-0.5 * (misfit - misfit.min())) * np.sqrt(width) * np.gradient(force)
-        likelihood /= likelihood.sum()
-        points = np.column_stack([force, location])
-        mean = likelihood @ points
-        away = points - mean
-        covariance = np.einsum("n,na,nb->ab", likelihood, away, away)
-        covariance[1, 1] += likelihood @ width
-        return mean, covariance, points, likelihood
-
-
-class KnownLocation:
-    """Force from the phases at one known location, by weighted least squares.
-
-    Parameters
-    ----------
-    forward : ForwardMap
-    location_mm : float
-    """
-
-    def __init__(self, forward, location_mm):
-        steps = _FINE_FORCES * (len(forward.force_n) - 1) + 1
-        self._force = np.geomspace(forward.force_n[0], forward.force_n[-1], steps)
-        places = np.full(steps, float(location_mm))
-        self._phase = forward.phases(self._force, places)
-        self._variance = forward.variances(self._force, places)
-        self._slope = forward.slopes(self._force, places)[..., 0]
-
-    def invert(self, phases_deg, variance_deg2):
-        """Force of one reading.
-
-        Returns
-        -------
-        force_n, variance_n2 : float
-            The variance is of the slopes at the solution where these tell it well, else that of
-            the likelihood over all forces.
-        misfit : float
-            Sum of squared phase errors in standard deviations.
-        several : bool
-            Another force fits as well.
-        """
-        weight = 1.0 / (variance_deg2 + self._variance)
-        error = wrap_deg(phases_deg - self._phase)
-        # where the model itself is vague every phase fits: the logarithms weigh that
-        surprise = np.sum(weight * error**2 - np.log(weight), axis=1)
-        best = int(np.argmin(surprise))
-        information = np.sum(weight[best] * self._slope[best] ** 2)
-        step = np.sum(weight[best] * self._slope[best] * error[best]) / max(information, 1e-300)
-        low, high = self._force[max(best - 1, 0)], self._force[min(best + 1, len(weight) - 1)]
-        force = float(np.clip(self._force[best] + step, low, high))
-        likelihood = np.exp(-0.5 * (surprise - surprise[best])) * np.gradient(self._force)
-        likelihood /= likelihood.sum()
-        mean = likelihood @ self._force
-        spread = likelihood @ (self._force - mean) ** 2 + (mean - force) ** 2
-        local = 1.0 / max(information, 1e-300)
-        variance = local if local < (high - low) ** 2 else float(spread)
-        misfit = float(weight[best] @ error[best] ** 2)
-        return force, variance, misfit, _several(surprise, best)
-
-
-def _several(surprise, best):
-    """Whether another minimum fits as well, behind a barrier that noise does not explain."""
-    alike = surprise < surprise[best] + 1.0
-    barrier = surprise > surprise[best] + _WORSE
-    regions = np.cumsum(np.diff(np.concatenate([[0], barrier.astype(int)])) == 1)
-    return bool(np.unique(regions[alike & ~barrier]).size > 1)
 
 
 def _bounded_step(normal, right, force, location, forward):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a calibration cannot support, in words."""
+"""Warnings about what a calibration does not support."""
 
 import numpy as np
 
@@ -11,12 +11,12 @@ _UNEXPECTED = 3.0
 _LARGEST_STEP_MM = 15.0
 _FALL_DEG = 1.0
 _VAGUE_MM = 0.5
-_HIDDEN_PART = 0.2
+_UNOBSERVABLE_PART = 0.2
 _FORCES = 25
 
 
-def doubts(model):
-    """Warnings about a calibrated model, a sentence each; empty when there is none.
+def calibration_warnings(model):
+    """Lists what a calibrated model does not support.
 
     Parameters
     ----------
@@ -25,6 +25,7 @@ def doubts(model):
     Returns
     -------
     list of str
+        A sentence each; empty when there is nothing to warn of.
     """
     found = []
     for index, carrier in enumerate(model.carriers):
@@ -35,7 +36,7 @@ def doubts(model):
             *_misfit(carrier),
             *_steps(model, index),
             *_falls(model, index),
-            *_hidden(model, carrier),
+            *_unobservable(model, carrier),
         ]
         found += [at + text for text in own]
     return found
@@ -118,14 +119,14 @@ def _falls(model, index):
     return texts
 
 
-def _hidden(model, carrier):
+def _unobservable(model, carrier):
     inverter = model.inverter(carrier.frequency_hz)
     force = np.linspace(*model.force_span_n, _FORCES)
     places = np.linspace(*model.location_span_mm, 9)
     hidden = [
         place
         for place in places
-        if np.mean(inverter.hidden(force, np.full(_FORCES, place))) > _HIDDEN_PART
+        if np.mean(inverter.unobservable(force, np.full(_FORCES, place))) > _UNOBSERVABLE_PART
     ]
     if not hidden:
         return []

@@ -9,15 +9,17 @@ the other trial.
 from dataclasses import dataclass
 
 import numpy as np
-
-from ..errors import InputError
-from ..signal.carrier import wrap_deg
-from .calibration import calibrate
-from .curves import FORMS
-from .refine import refine
-from .smoother import smooth_press
-from .tables import CalibrationTable, read_vna_csv
-from .tracker import PressTracker
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.sensor import (
+    CalibrationTable,
+    PressTracker,
+    calibrate,
+    read_vna_csv,
+    refine,
+    smooth_press,
+)
+from gnuradio.wiforce.sensor.curves import FORMS
+from gnuradio.wiforce.signal.carrier import wrap_deg
 
 FREQUENCIES_HZ = (900e6, 2400e6)
 TRIALS = ("1", "2")

@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include "calibrated_span.h"
+#include "likelihood_profile.h"
+#include "reading_flags.h"
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+namespace gr::wiforce::kernel {
+
+/*!
+ * \brief The posterior of force and location given the phases of a reading.
+ *
+ * All forces and locations of the table are equally likely beforehand; noise and the
+ * model's own error are normal. The likelihood is integrated over location about the
+ * profile and over force along it, in closed form from point to point.
+ *
+ * Its parts with a dip of the likelihood between are different solutions. The solution
+ * with the largest part of the posterior is reported, by its mean; the calibrated span
+ * decides first. The covariance is about that mean and includes the other solutions.
+ */
+class press_posterior
+{
+public:
+    press_posterior(tabulated_model model, calibrated_span span, double consistent);
+
+    std::size_t phases() const { return d_profile.fit().model().phases(); }
+    const likelihood_profile& profile() const { return d_profile; }
+    const calibrated_span& span() const { return d_span; }
+
+    class workspace;
+
+    //! Inverts one reading; gives the sum of its flags. `work` may be used again to save
+    //! the time for its memory.
+    std::uint8_t
+    invert(const phase_reading& wanted, workspace& work, press_fit::press& out) const;
+
+private:
+    // Sums of the likelihood times powers of force and location.
+    struct moments {
+        double mass = 0, force = 0, force_2 = 0, location = 0, location_2 = 0,
+               product = 0;
+        double unobservable = 0, outside = 0;
+
+        void operator+=(const moments& other);
+    };
+
+    struct solution {
+        moments sums;
+        double misfit;       // least of its segments, which is at
+        std::size_t best;    // this one
+        bool inside() const; // the calibrated span, at least in part
+    };
+
+    // Integrals of the likelihood over a segment: of what is linear from one end to the
+    // other, by the weights of its ends; of a product of two such, less `bend` times both
+    // rises.
+    struct weights {
+        double left, right, bend;
+    };
+
+    void integrate(workspace& work) const;
+    void find_solutions(workspace& work) const;
+    void add(const workspace& work, std::size_t segment, moments& to) const;
+    const solution& choose(const workspace& work) const;
+    // The mean of a solution, and the covariance of all about it.
+    static press_fit::press mean(const moments& solution, const moments& all);
+    std::optional<press_fit::press> mode_near(const phase_reading& wanted,
+                                              const likelihood_profile::curve& drawn,
+                                              std::size_t segment) const;
+
+    likelihood_profile d_profile;
+    calibrated_span d_span;
+};
+
+class press_posterior::workspace
+{
+    friend press_posterior;
+
+    likelihood_profile::curve curve;
+    std::vector<double> z, density, outside;
+    std::vector<weights> weight;
+    std::vector<solution> solutions;
+};
+
+} // namespace gr::wiforce::kernel
