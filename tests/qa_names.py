@@ -20,7 +20,7 @@ def test_both_languages_use_the_same_names():
 def test_every_tag_and_port_has_a_row_in_the_table():
     table = (ROOT / "docs/architecture.md").read_text().split("### Tags, ports and keys")[1]
     rows = [
-        row.split("|")[1] for row in table.split("###")[0].splitlines() if row.startswith("| `")
+        row.split("|")[1] for row in table.split("\n## ")[0].splitlines() if row.startswith("| `")
     ]
     found = {name for row in rows for name in re.findall("`(.*?)`", row)}
     # The mask is a key of the message on the port `incomplete`.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from ..errors import InputError
 from ..wiforce_kernels import INVERSION_FLAGS, press_posterior
@@ -94,7 +94,7 @@ class Inverter:
             self.forward.location_mm,
             self.forward.table(),
             model.calibrated,
-            chi2.ppf(_CONSISTENT, self.forward.size),
+            chdtri(self.forward.size, 1 - _CONSISTENT),
         )
 
     def invert(

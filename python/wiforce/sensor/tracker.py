@@ -6,7 +6,7 @@ added to what is reported.
 """
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from ..errors import InputError
 from ..wiforce_kernels import INVERSION_FLAGS
@@ -70,7 +70,7 @@ class PressTracker:
         self._forward = self._inverter.forward
         self._walk = force_walk_n**2 * group_period_s
         self._start = (start_force_n, start_std_n)
-        self._limit = chi2.ppf(_LOST, self._forward.size)
+        self._limit = chdtri(self._forward.size, 1 - _LOST)
         self._bank, self._lost = None, 0
         self._coarse = _coarse_grid(self._forward)
 
