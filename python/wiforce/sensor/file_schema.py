@@ -82,7 +82,13 @@ def _check_interpolation(rows: np.ndarray, scope: Scope) -> str | None:
 
 @declared
 class Provenance:
-    """Where a sensor model comes from."""
+    """Where a sensor model comes from.
+
+    Examples
+    --------
+    >>> Provenance(source="bench", date="2024-05-01", assumed=[]).source
+    'bench'
+    """
 
     source: str = key(Text(limit=2000), doc="The data that the model was made from.")
     date: str = key(Date(), doc="When it was made.")
@@ -95,7 +101,13 @@ class Provenance:
 
 @declared
 class Contact:
-    """How a soft beam touches the line (`sensor/line.py`)."""
+    """How a soft beam touches the line (`sensor/line.py`).
+
+    Examples
+    --------
+    >>> Contact(decay_length_mm=9.0, asymmetry=0.3, fade_mm=8.0).width_mm
+    0.0
+    """
 
     decay_length_mm: float = key(
         Number(unit="mm", low=LEAST, high=LARGEST),
@@ -119,7 +131,14 @@ class Contact:
 
 @declared
 class CarrierCurves:
-    """Calibrated curves at one carrier (`sensor/curves.py`)."""
+    """Calibrated curves at one carrier (`sensor/curves.py`).
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.io.schema import keys
+    >>> list(keys(CarrierCurves))[:3]
+    ['frequency_hz', 'untouched_deg', 'location_mm']
+    """
 
     frequency_hz: float = key(
         Number(unit="Hz", low=LEAST_FREQUENCY_HZ, high=LARGEST), doc="Carrier frequency."
@@ -163,7 +182,14 @@ class CarrierCurves:
 
 @declared
 class SensorFile:
-    """Keys of every sensor file."""
+    """Keys of every sensor file.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.io.schema import keys
+    >>> list(keys(SensorFile))[:3]
+    ['name', 'kind', 'length_mm']
+    """
 
     name: str = key(Text(), doc="Name of the sensor.")
     kind: str = key(
@@ -196,7 +222,14 @@ class SensorFile:
 
 @declared
 class LineFile(SensorFile):
-    """A sensor evaluated by physics."""
+    """A sensor evaluated by physics.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.io.schema import keys
+    >>> sorted(set(keys(LineFile)) - set(keys(SensorFile)))
+    ['contact', 'frequencies_hz', 'port_offset_deg']
+    """
 
     kind: str = key(Choice(words=("line",)), doc="A physical model.")
     frequencies_hz: tuple[float, ...] = key(
@@ -211,7 +244,14 @@ class LineFile(SensorFile):
 
 @declared
 class CurvesFile(SensorFile):
-    """A sensor known by its calibration."""
+    """A sensor known by its calibration.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.io.schema import keys
+    >>> sorted(set(keys(CurvesFile)) - set(keys(SensorFile)))
+    ['carriers', 'cross_validation', 'form', 'knots_n']
+    """
 
     kind: str = key(Choice(words=("curves",)), doc="Calibrated curves.")
     cross_validation: dict[str, Any] = key(
