@@ -8,6 +8,7 @@ its :func:`keys`.
 """
 
 import dataclasses
+import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeVar, dataclass_transform
@@ -128,7 +129,8 @@ def declared(cls: type[T]) -> type[T]:
     attributes = [
         f"{name} : {each.type.allowed}\n    {each.doc}" for name, each in keys(cls).items()
     ]
-    cls.__doc__ = "\n".join([f"{cls.__doc__}\n", "Attributes", "----------", *attributes])
+    about = inspect.cleandoc(cls.__doc__ or "")
+    cls.__doc__ = "\n".join([f"{about}\n", "Attributes", "----------", *attributes])
     return cls
 
 

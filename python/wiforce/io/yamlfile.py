@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Safe reading of YAML files: limits on size and depth, no aliases, no repeated keys."""
 
-import os
+from pathlib import Path
 from typing import Any
 
 import yaml
@@ -48,7 +48,7 @@ def _check_structure(data: bytes) -> None:
         depth -= isinstance(event, yaml.CollectionEndEvent)
 
 
-def read_yaml(path: str | os.PathLike) -> dict[Any, Any]:
+def read_yaml(path: str | Path) -> dict[Any, Any]:
     """Read the mapping at the top of a YAML file.
 
     Parameters

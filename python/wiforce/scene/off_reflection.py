@@ -13,6 +13,11 @@ class OffReflection(ValueType):
 
     Read as a tuple of two complex numbers.
 
+    Parameters
+    ----------
+    optional : bool
+        Whether null is allowed.
+
     Examples
     --------
     >>> OffReflection().read([0.1, 0.2], KeyPath("scene.yaml"), Scope())

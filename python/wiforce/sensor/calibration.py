@@ -1,17 +1,25 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From a calibration table to a sensor model that knows its own errors."""
+"""Calibration: from a table of known presses to a sensor model that states its own errors."""
 
 import datetime
+from collections.abc import Sequence
 
 import numpy as np
 
 from ..errors import InputError
 from . import curves
-from .calibration_data import anchor_force, carrier_data, carriers_of, with_location_steps
+from .calibration_data import (
+    CarrierData,
+    anchor_force,
+    carrier_data,
+    carriers_of,
+    with_location_steps,
+)
 from .carrier_fit import fit_carrier
 from .checks import check_onset, check_table
 from .fit import force_knots
 from .model import MAX_FORCE_N, MAX_LENGTH_MM, MAX_PERMITTIVITY
+from .tables import CalibrationTable
 from .validation import leave_locations_out, validate_forms
 
 LOCATION_STEPS = ("nearest", "given", "line")
@@ -19,40 +27,43 @@ FORM_CHOICES = ("auto", "auto-beyond", *curves.FORMS)
 
 
 def calibrate(
-    table,
-    name,
-    length_mm=80.0,
-    form="auto",
-    onset_force_n=None,
-    location_steps="nearest",
-    mirror=False,
-    permittivity=1.0,
-    source=None,
-    date=None,
-):
-    """Makes a sensor model of a calibration table.
+    table: CalibrationTable,
+    name: str,
+    length_mm: float = 80.0,
+    form: str = "auto",
+    onset_force_n: float | None = None,
+    location_steps: str = "nearest",
+    mirror: bool = False,
+    permittivity: float = 1.0,
+    source: str | None = None,
+    date: str | None = None,
+) -> curves.CurveModel:
+    """Make a sensor model from a calibration table.
 
     Parameters
     ----------
     table : CalibrationTable
         One or several carriers.
     name : str
+        Of the sensor.
     length_mm : float
+        Of the line.
     form : str
-        ``cubic`` (the paper), ``power``, ``spline``; ``auto``: whichever predicts best what it has
-        not seen within the calibrated forces; ``auto-beyond``: likewise, a little beyond them
-        included (:func:`validate_forms`).
+        ``cubic`` (the paper), ``power``, ``spline``; ``auto``: the form that predicts data left out
+        best within the calibrated forces; ``auto-beyond``: the same, including forces slightly
+        beyond them (:func:`validate_forms`).
     onset_force_n : float, optional
         Force at which the line is first shorted. By default midway between the last untouched and
         the first touched force where sweeps start before the contact, else half the least
         calibrated force.
     location_steps : str
-        ``nearest``: multiples of 360 deg between locations as the line's physics wants them.
-        ``given``: the phases of different locations as they stand in the table.
-        ``line``: only the movement with force is taken from the table; in the middle of the common
-        span of force every location shows a short right at the press.
+        ``nearest``: multiples of 360 deg between locations are chosen to fit the physical line.
+        ``given``: the phases of different locations are used as they are in the table.
+        ``line``: only the change with force is taken from the table; at the middle of the common
+        span of force every location has a short exactly at the press.
     mirror : bool
-        Takes what is missing at ``length - location`` from ``location`` with the ports swapped.
+        Take locations that are missing at ``length - location`` from ``location`` with the ports
+        swapped.
     permittivity : float
         Effective relative permittivity of the line.
     source, date : str, optional
@@ -65,11 +76,27 @@ def calibrate(
     Raises
     ------
     InputError
-        Naming file, row, rule and value for what the table cannot support.
+        Naming file, row, rule and value where the table does not support a model.
+
+    Notes
+    -----
+    Phase over force is fitted per location and port, and interpolated over location along the
+    physical line (paper, section 5.1; docs/sensors.md).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from gnuradio.wiforce.sensor import load_sensor, measure_vna
+    >>> true = load_sensor("line-900mhz")
+    >>> table = measure_vna(true, [20.0, 30.0, 40.0, 50.0, 60.0], np.linspace(1, 8, 15), 0.2)
+    >>> model = calibrate(table, "arm", form="power")
+    >>> error_deg = model.phases_deg(4.0, 45.0) - true.phases_deg(4.0, 45.0)
+    >>> bool(np.all(np.abs(error_deg) < 2.0))
+    True
     """
     _check_settings(length_mm, form, onset_force_n, location_steps, permittivity)
     check_table(table, length_mm)
-    assumed = []
+    assumed: list[str] = []
     data = [
         carrier_data(table, frequency, length_mm, permittivity, mirror, assumed)
         for frequency in carriers_of(table)
@@ -111,7 +138,7 @@ def calibrate(
     )
 
 
-def _assumed_steps(location_steps, data):
+def _assumed_steps(location_steps: str, data: Sequence[CarrierData]) -> list[str]:
     if location_steps == "line":
         return [
             f"movement with force as measured, location steps those of the line: at "
@@ -122,7 +149,13 @@ def _assumed_steps(location_steps, data):
     return []
 
 
-def _check_settings(length_mm, form, onset_force_n, location_steps, permittivity):
+def _check_settings(
+    length_mm: float,
+    form: str,
+    onset_force_n: float | None,
+    location_steps: str,
+    permittivity: float,
+) -> None:
     limits = (
         ("length_mm", length_mm, MAX_LENGTH_MM),
         ("onset_force_n", onset_force_n, MAX_FORCE_N),
@@ -140,8 +173,13 @@ def _check_settings(length_mm, form, onset_force_n, location_steps, permittivity
         raise InputError("location_steps", rule, location_steps)
 
 
-def _onset(data, forces, onset_force_n, assumed):
-    seen = [d.onset for d in data if d.onset[0] is not None]
+def _onset(
+    data: Sequence[CarrierData],
+    forces: np.ndarray,
+    onset_force_n: float | None,
+    assumed: list[str],
+) -> float:
+    seen = [d.onset for d in data if d.onset is not None]
     if onset_force_n is not None:
         check_onset("onset_force_n", onset_force_n, np.max(forces))
         return float(onset_force_n)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a calibration table says of each location: phase that the contact adds, over force."""
+"""Calibration data per location and port: the phase added by the contact, over force."""
 
 from dataclasses import dataclass, replace
 
@@ -10,54 +10,151 @@ from ..signal.carrier import same_carrier
 from . import curves, line
 from .checks import check_places, continuous_phase, split_untouched
 from .model import LEAST_FREQUENCY_HZ
+from .tables import CalibrationTable
 
+# Forces at which curves of different locations are compared.
 _FORCES_COMPARED = 9
+# Relative difference below which two frequencies of a table are the same carrier.
+_CARRIER_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True)
 class ContactCurve:
-    """Data of one carrier, location and port: what the contact adds to the line's phase.
+    """Data of one carrier, location and port, in order of force.
 
-    Arrays are of shape (n,) and in order of force.
+    Attributes
+    ----------
+    force_n : ndarray, shape (n,)
+        Force in N.
+    added_deg : ndarray, shape (n,)
+        Phase relative to a short exactly at the press, in degrees.
+    press : ndarray of str, shape (n,)
+        The press that each sample belongs to.
+    copied : bool
+        Whether it is the mirror image of another location.
+
+    Examples
+    --------
+    >>> ContactCurve(np.array([1.0, 2.0]), np.array([3.0, 8.0]), np.array(["1", "1"])).copied
+    False
     """
 
     force_n: np.ndarray
     added_deg: np.ndarray
-    press: np.ndarray  # which press each row belongs to
-    copied: bool = False  # the mirror image of another
+    press: np.ndarray
+    copied: bool = False
 
 
 @dataclass(frozen=True)
 class CarrierData:
-    """A table's data of one carrier."""
+    """A table's data of one carrier.
+
+    Attributes
+    ----------
+    frequency_hz : float
+        Carrier, in Hz.
+    location_mm : ndarray, shape (J,)
+        Locations from port 1, rising.
+    curves : list of list of ContactCurve
+        By port and location.
+    untouched_deg : (float, float) or None
+        psi_10 and psi_20 in degrees; None when the table has no untouched rows.
+    onset : (float, float) or None
+        Largest untouched and smallest touched force of sweeps that begin before the contact, in N;
+        None when there are none.
+
+    Examples
+    --------
+    >>> CarrierData(900e6, np.array([20.0, 30.0]), [[], []], None, None).all_curves()
+    []
+    """
 
     frequency_hz: float
     location_mm: np.ndarray
-    curves: list  # [port][location] of ContactCurve
-    untouched_deg: tuple | None  # psi_10, psi_20
-    onset: tuple  # largest untouched and least touched force (N) seen in sweeps
+    curves: list[list[ContactCurve]]
+    untouched_deg: tuple[float, float] | None
+    onset: tuple[float, float] | None
 
-    def all_curves(self):
+    def all_curves(self) -> list[ContactCurve]:
+        """The curves of both ports, one after the other."""
         return [curve for port in self.curves for curve in port]
 
 
-def carriers_of(table):
-    """Carriers of a table, rising; values within 0.1 % of each other are one."""
-    carriers = []
+def carriers_of(table: CalibrationTable) -> list[float]:
+    """Carriers of a table in Hz, rising.
+
+    Parameters
+    ----------
+    table : CalibrationTable
+
+    Returns
+    -------
+    list of float
+        Values within 0.1 % of each other are one carrier.
+
+    Raises
+    ------
+    InputError
+        Naming the row of a frequency that is not positive.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.sensor import load_sensor, measure_vna
+    >>> carriers_of(measure_vna(load_sensor("line-900mhz"), [40.0], [2.0]))
+    [900000000.0]
+    """
+    carriers: list[float] = []
     for frequency in np.unique(table.frequency_hz):
         if frequency < LEAST_FREQUENCY_HZ:
             index = int(np.argmax(table.frequency_hz == frequency))
             rule = f"must be positive, at least {LEAST_FREQUENCY_HZ / 1e6:g}"
             raise InputError(f"{table.at(index)}: freq_mhz", rule, frequency / 1e6)
-        if not carriers or frequency > carriers[-1] * 1.001:
+        if not carriers or frequency > carriers[-1] * (1 + _CARRIER_TOLERANCE):
             carriers.append(float(frequency))
     return carriers
 
 
-def carrier_data(table, frequency, length_mm, permittivity, mirror, assumed):
-    """The rows of one carrier as curves; what had to be taken for granted goes to ``assumed``.
+def carrier_data(
+    table: CalibrationTable,
+    frequency: float,
+    length_mm: float,
+    permittivity: float,
+    mirror: bool,
+    assumed: list[str],
+) -> CarrierData:
+    """Arrange the rows of one carrier by location and port.
 
-    Raises InputError, naming file and row, for what no curve can be drawn through.
+    Parameters
+    ----------
+    table : CalibrationTable
+        Of all carriers.
+    frequency : float
+        Carrier, in Hz.
+    length_mm : float
+        Of the line.
+    permittivity : float
+        Effective relative permittivity of the line.
+    mirror : bool
+        See :func:`.calibration.calibrate`.
+    assumed : list of str
+        Assumptions are appended to it.
+
+    Returns
+    -------
+    CarrierData
+
+    Raises
+    ------
+    InputError
+        Naming file and row of data through which no curve can be drawn.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.sensor import load_sensor, measure_vna
+    >>> table = measure_vna(load_sensor("line-900mhz"), [30.0, 50.0], np.linspace(1, 8, 10))
+    >>> data = carrier_data(table, 900e6, 80.0, 1.0, False, [])
+    >>> data.location_mm.tolist(), len(data.all_curves()), data.onset
+    ([30.0, 50.0], 4, None)
     """
     table = table.take(same_carrier(table.frequency_hz, frequency))
     untouched = _untouched_phases(table)
@@ -66,7 +163,7 @@ def carrier_data(table, frequency, length_mm, permittivity, mirror, assumed):
             f"untouched phases at {frequency / 1e6:g} MHz are those of a line of "
             f"{length_mm:g} mm: the table has none"
         )
-    touched, below, above = _without_untouched_sweeps(table, untouched)
+    touched, onset = _without_untouched_sweeps(table, untouched)
     own = np.unique(touched.location_mm)
     if not len(own):
         raise InputError(table.source, f"has no row with a force at {frequency / 1e6:g} MHz")
@@ -81,23 +178,26 @@ def carrier_data(table, frequency, length_mm, permittivity, mirror, assumed):
         ]
         for port in (1, 2)
     ]
-    return CarrierData(frequency, places, rows, untouched, (below, above))
+    return CarrierData(frequency, places, rows, untouched, onset)
 
 
-def _untouched_phases(table):
+def _untouched_phases(table: CalibrationTable) -> tuple[float, float] | None:
     """psi_10, psi_20 (deg), averaged over phasors; None without such rows for both ports."""
     rows = table.take(table.untouched)
     if set(rows.port) != {1, 2}:
         return None
     means = [np.mean(np.exp(1j * np.deg2rad(rows.phase_deg[rows.port == p]))) for p in (1, 2)]
-    return tuple(float(np.rad2deg(np.angle(mean))) for mean in means)
+    first, second = (float(np.rad2deg(np.angle(mean))) for mean in means)
+    return first, second
 
 
-def _without_untouched_sweeps(table, untouched):
-    """Touched rows, the largest force seen without contact and the least seen with it."""
+def _without_untouched_sweeps(
+    table: CalibrationTable, untouched: tuple[float, float] | None
+) -> tuple[CalibrationTable, tuple[float, float] | None]:
+    """Touched rows; the largest force measured without contact and the smallest with it."""
     keep = ~table.untouched
     if untouched is None:
-        return table.take(keep), None, None
+        return table.take(keep), None
     sweeps = np.flatnonzero(keep)
     below, above = [], []
     for key in {(table.location_mm[i], table.port[i], table.press[i]) for i in sweeps}:
@@ -110,11 +210,11 @@ def _without_untouched_sweeps(table, untouched):
             above.append(table.force_n[rows[~before]].min())
             keep[rows[before]] = False
     if not below:
-        return table.take(keep), None, None
-    return table.take(keep), float(np.median(below)), float(np.median(above))
+        return table.take(keep), None
+    return table.take(keep), (float(np.median(below)), float(np.median(above)))
 
 
-def _mirrored(table, length_mm, assumed):
+def _mirrored(table: CalibrationTable, length_mm: float, assumed: list[str]) -> CalibrationTable:
     """The table with absent locations taken from their mirror images."""
     places = np.unique(table.location_mm)
     absent = [p for p in places if not np.any(np.isclose(length_mm - p, places))]
@@ -131,11 +231,20 @@ def _mirrored(table, length_mm, assumed):
     return replace(table, **joined)
 
 
-def _curve(table, place, port, length_mm, permittivity, copied):
+def _curve(
+    table: CalibrationTable,
+    place: float,
+    port: int,
+    length_mm: float,
+    permittivity: float,
+    copied: bool,
+) -> ContactCurve:
     rows = table.take((table.location_mm == place) & (table.port == port))
     distance = place if port == 1 else length_mm - place
     base = line.short_phase_deg(distance, rows.frequency_hz[0], permittivity)
-    forces, added, presses = [], [], []
+    forces: list[np.ndarray] = []
+    added: list[np.ndarray] = []
+    presses: list[np.ndarray] = []
     for press in dict.fromkeys(rows.press):
         one = rows.take(rows.press == press)
         order, phase = continuous_phase(one, permittivity)
@@ -150,8 +259,28 @@ def _curve(table, place, port, length_mm, permittivity, copied):
     return ContactCurve(force[order], value[order], np.concatenate(presses)[order], copied)
 
 
-def with_location_steps(data, location_steps):
-    """The same data with the offsets of the locations brought in line, as asked."""
+def with_location_steps(data: CarrierData, location_steps: str) -> CarrierData:
+    """Shift the phases of each location as a setting of :func:`.calibration.calibrate` says.
+
+    Parameters
+    ----------
+    data : CarrierData
+    location_steps : str
+        ``nearest``, ``given`` or ``line``.
+
+    Returns
+    -------
+    CarrierData
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> curve = ContactCurve(np.array([1.0, 2.0]), np.array([3.0, 8.0]), np.array(["", ""]))
+    >>> wrapped = replace(curve, added_deg=curve.added_deg + 360)
+    >>> data = CarrierData(900e6, np.array([20.0, 30.0]), [[curve, wrapped]] * 2, None, None)
+    >>> with_location_steps(data, "nearest").curves[0][1].added_deg.tolist()
+    [3.0, 8.0]
+    """
     if location_steps == "given":
         return data
     rows = []
@@ -160,7 +289,7 @@ def with_location_steps(data, location_steps):
         if location_steps == "line":
             shifts = [-_value_at(curve, anchor_force(data)) for curve in port]
         else:
-            # what the contact adds differs little from one location to the next
+            # the phase added by the contact differs little from one location to the next
             shifts, last = [], middles[0]
             for middle in middles:
                 shifts.append(360.0 * np.round((last - middle) / 360.0))
@@ -174,21 +303,52 @@ def with_location_steps(data, location_steps):
     return replace(data, curves=rows)
 
 
-def anchor_force(data):
-    """Middle (N) of the span of force that all locations share, or of all of it."""
+def anchor_force(data: CarrierData) -> float:
+    """Middle of the span of force that all locations share, in N.
+
+    Parameters
+    ----------
+    data : CarrierData
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> curve = ContactCurve(np.array([1.0, 3.0]), np.zeros(2), np.array(["", ""]))
+    >>> anchor_force(CarrierData(900e6, np.array([20.0]), [[curve], [curve]], None, None))
+    2.0
+    """
     low = max(curve.force_n[0] for curve in data.all_curves())
     high = min(curve.force_n[-1] for curve in data.all_curves())
-    return 0.5 * (low + high)
+    return float(0.5 * (low + high))
 
 
-def _value_at(curve, force):
+def _value_at(curve: ContactCurve, force: float) -> float:
     basis = curves.PowerBasis()
     coefficients = np.linalg.lstsq(basis(curve.force_n), curve.added_deg, rcond=None)[0]
     return float(basis(force) @ coefficients)
 
 
-def compared_forces(data):
-    """A few forces (N) within what every location covers, or, failing that, most of them."""
+def compared_forces(data: CarrierData) -> np.ndarray:
+    """Forces at which locations are compared, in N.
+
+    Parameters
+    ----------
+    data : CarrierData
+
+    Returns
+    -------
+    ndarray, shape (9,)
+        Over the span that all locations share, otherwise over the middle half of all forces.
+
+    Examples
+    --------
+    >>> curve = ContactCurve(np.array([1.0, 3.0]), np.zeros(2), np.array(["", ""]))
+    >>> compared_forces(CarrierData(900e6, np.array([20.0]), [[curve], [curve]], None, None))
+    array([1.  , 1.25, 1.5 , 1.75, 2.  , 2.25, 2.5 , 2.75, 3.  ])
+    """
     low = max(curve.force_n[0] for curve in data.all_curves())
     high = min(curve.force_n[-1] for curve in data.all_curves())
     if low >= high:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a calibration table must satisfy before curves are drawn through it."""
+"""Checks of a calibration table before curves are fitted to it."""
 
 import numpy as np
 
@@ -7,32 +7,69 @@ from ..errors import InputError
 from ..signal.carrier import wrap_deg
 from . import line
 from .model import LEAST
+from .tables import CalibrationTable
 
+# Forces per location and port from which a curve with four coefficients has a residual.
 LEAST_FORCES = 5
 
-# Between neighbouring forces the short moves at most this far; a jump beyond it is an error in the
-# data unless the whole curve is that rough.
+# Between neighbouring forces the short moves at most this far: by the contact law in line.py it
+# moves by 6 mm/N at 1.0 N and less above; at the onset it reaches 4 mm at once. A larger jump is an
+# error in the data unless the whole curve is as rough.
 _LARGEST_STEP_MM, _LARGEST_SLOPE_MM_PER_N = 4.0, 6.0
 _ROUGHNESS_FACTOR = 10.0
-# A sweep that starts before the contact shows the untouched phases first.
+# A sweep that starts before the contact begins with the untouched phase, within 3 deg, and leaves
+# it by a step of more than 6 deg.
 _UNTOUCHED_DEG, _ONSET_STEP_DEG = 3.0, 6.0
 
 
-def check_onset(where, onset_n, highest_n):
-    """The line must be shorted within the calibrated forces; raises InputError otherwise."""
+def check_onset(where: object, onset_n: float, highest_n: float) -> None:
+    """Check that the line is shorted within the calibrated forces.
+
+    Parameters
+    ----------
+    where : object
+        Parameter or key, for the message.
+    onset_n, highest_n : float
+        Force at which the line is first shorted, and highest calibrated force, in N.
+
+    Raises
+    ------
+    InputError
+
+    Examples
+    --------
+    >>> check_onset("onset_force_n", 9.0, 8.0)
+    Traceback (most recent call last):
+    gnuradio.wiforce.errors.InputError: onset_force_n: must be below the highest calibrated force, \
+8, got 9.0
+    """
     if onset_n >= highest_n:
         rule = f"must be below the highest calibrated force, {highest_n:g}"
         raise InputError(where, rule, onset_n)
 
 
-def check_table(table, length_mm):
-    """Refuses tables that hold errors.
+def check_table(table: CalibrationTable, length_mm: float) -> None:
+    """Reject tables with errors.
+
+    Parameters
+    ----------
+    table : CalibrationTable
+    length_mm : float
+        Of the line.
 
     Raises
     ------
     InputError
-        Naming row, rule and value: force of the other sign, location outside the line, the same
-        measurement twice.
+        Naming row, rule and value: a force of the other sign, a location outside the line, or the
+        same measurement twice.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.sensor import load_sensor, measure_vna
+    >>> check_table(measure_vna(load_sensor("line-900mhz"), [70.0], [2.0]), length_mm=60.0)
+    Traceback (most recent call last):
+    gnuradio.wiforce.errors.InputError: evaluated line-900mhz: row 22: location_mm: must lie \
+within the line, 0 to 60 mm, got 70.0
     """
     touched = ~table.untouched
     if not np.any(touched):
@@ -47,8 +84,8 @@ def check_table(table, length_mm):
     _check_duplicates(table)
 
 
-def _check_duplicates(table):
-    seen = {}
+def _check_duplicates(table: CalibrationTable) -> None:
+    seen: dict[tuple, int] = {}
     for index in np.flatnonzero(~table.untouched):
         key = (
             table.frequency_hz[index],
@@ -64,12 +101,27 @@ def _check_duplicates(table):
         seen[key] = table.row[index]
 
 
-def check_places(table):
-    """Refuses what cannot make a model of one carrier: too few locations, forces or ports.
+def check_places(table: CalibrationTable) -> None:
+    """Reject data that do not determine a model of one carrier.
+
+    Parameters
+    ----------
+    table : CalibrationTable
+        Rows of one carrier.
 
     Raises
     ------
     InputError
+        For fewer than two locations, fewer than five forces at a port, or ports whose forces do
+        not overlap.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.sensor import load_sensor, measure_vna
+    >>> check_places(measure_vna(load_sensor("line-900mhz"), [40.0], [2.0]))
+    Traceback (most recent call last):
+    gnuradio.wiforce.errors.InputError: evaluated line-900mhz: row 22: location_mm: must have at \
+least two locations at 900 MHz, got [40.0]
     """
     touched = table.take(~table.untouched)
     frequency = f"{table.frequency_hz[0] / 1e6:g} MHz"
@@ -90,20 +142,35 @@ def check_places(table):
             raise InputError(where, "must have forces that both ports share", spans)
 
 
-def continuous_phase(table, permittivity):
-    """Phases of one carrier, location, port and press in order of force, without 360 deg jumps.
+def continuous_phase(table: CalibrationTable, permittivity: float) -> tuple[np.ndarray, np.ndarray]:
+    """Sort phases by force and unwrap them.
+
+    Parameters
+    ----------
+    table : CalibrationTable
+        Rows of one carrier, location, port and press.
+    permittivity : float
+        Effective relative permittivity of the line.
 
     Returns
     -------
-    order : ndarray of int
+    order : ndarray of int, shape (n,)
         Rows by rising force.
-    phase_deg : ndarray
+    phase_deg : ndarray, shape (n,)
         In that order.
 
     Raises
     ------
     InputError
-        For a jump that is neither a multiple of 360 deg nor in the force.
+        For a jump of the phase that no jump of the force explains.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.sensor import load_sensor, measure_vna
+    >>> table = measure_vna(load_sensor("line-900mhz"), [40.0], [4.0, 2.0], untouched_sweeps=0)
+    >>> order, phase_deg = continuous_phase(table.take(table.port == 1), 1.0)
+    >>> order.tolist(), bool(np.diff(phase_deg)[0] > 0)
+    ([1, 0], True)
     """
     order = np.argsort(table.force_n, kind="stable")
     phase = np.unwrap(table.phase_deg[order], period=360.0)
@@ -121,20 +188,28 @@ def continuous_phase(table, permittivity):
     return order, phase
 
 
-def split_untouched(table, untouched_deg):
-    """Rows of a sweep taken before the contact.
+def split_untouched(table: CalibrationTable, untouched_deg: float) -> np.ndarray:
+    """Find the rows of a sweep that were measured before the contact.
 
     Parameters
     ----------
     table : CalibrationTable
         One carrier, location, port and press.
     untouched_deg : float
-        psi_i0 of this port.
+        psi_i0 of this port, in degrees.
 
     Returns
     -------
-    ndarray of bool
-        True for the first rows by force that show the untouched phase, where a step follows.
+    ndarray of bool, shape (n,)
+        True for the first rows by force with the untouched phase, if a step follows.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.sensor import load_sensor, measure_vna
+    >>> model = load_sensor("line-900mhz")
+    >>> table = measure_vna(model, [40.0], [0.2, 0.5, 2.0, 4.0], untouched_sweeps=0)
+    >>> split_untouched(table.take(table.port == 1), model.untouched_deg()[0])
+    array([ True,  True, False, False])
     """
     order = np.argsort(table.force_n, kind="stable")
     away = np.abs(wrap_deg(table.phase_deg[order] - untouched_deg))

@@ -147,7 +147,7 @@ class CurveModel(SensorModel):
 
     form: str = "power"
     carriers: tuple = ()
-    knots_n: np.ndarray = None
+    knots_n: np.ndarray | None = None
     permittivity: float = 1.0
     cross_validation: dict = field(default_factory=dict, compare=False)
 

@@ -157,6 +157,14 @@ def write_sensor(model: SensorModel, path: str | Path) -> None:
         When the file cannot be written.
     OutputError
         When the disk is full.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "arm.yaml"
+    >>> write_sensor(load_sensor("line-900mhz"), path)
+    >>> load_sensor(path).name
+    'line-900mhz'
     """
     text = yaml.safe_dump(
         sensor_to_dict(model), sort_keys=False, width=100, default_flow_style=None

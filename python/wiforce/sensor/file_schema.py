@@ -78,7 +78,13 @@ def _check_transitions(transitions: tuple["TransitionKeys", ...], scope: Scope) 
 
 @declared
 class Provenance:
-    """Where a sensor model comes from."""
+    """Where a sensor model comes from.
+
+    Examples
+    --------
+    >>> Provenance(source="bench", date="2024-05-01", assumed=[]).source
+    'bench'
+    """
 
     source: str = key(Text(limit=2000), doc="The data that the model was made from.")
     date: str = key(Date(), doc="When it was made.")
@@ -91,7 +97,13 @@ class Provenance:
 
 @declared
 class Contact:
-    """How a soft beam touches the line (`sensor/line.py`)."""
+    """How a soft beam touches the line (`sensor/line.py`).
+
+    Examples
+    --------
+    >>> Contact(decay_length_mm=9.0, asymmetry=0.3, fade_mm=8.0).width_mm
+    0.0
+    """
 
     decay_length_mm: float = key(
         Number(unit="mm", low=LEAST, high=LARGEST),
@@ -144,7 +156,14 @@ class TransitionKeys:
 
 @declared
 class CarrierCurves:
-    """Calibrated curves at one carrier (`sensor/curves.py`)."""
+    """Calibrated curves at one carrier (`sensor/curves.py`).
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.io.schema import keys
+    >>> list(keys(CarrierCurves))[:3]
+    ['frequency_hz', 'untouched_deg', 'location_mm']
+    """
 
     frequency_hz: float = key(
         Number(unit="Hz", low=LEAST_FREQUENCY_HZ, high=LARGEST), doc="Carrier frequency."
@@ -187,7 +206,14 @@ class CarrierCurves:
 
 @declared
 class SensorFile:
-    """Keys of every sensor file."""
+    """Keys of every sensor file.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.io.schema import keys
+    >>> list(keys(SensorFile))[:3]
+    ['name', 'kind', 'length_mm']
+    """
 
     name: str = key(Text(), doc="Name of the sensor.")
     kind: str = key(
@@ -220,7 +246,14 @@ class SensorFile:
 
 @declared
 class LineFile(SensorFile):
-    """A sensor evaluated by physics."""
+    """A sensor evaluated by physics.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.io.schema import keys
+    >>> sorted(set(keys(LineFile)) - set(keys(SensorFile)))
+    ['contact', 'frequencies_hz', 'port_offset_deg']
+    """
 
     kind: str = key(Choice(words=("line",)), doc="A physical model.")
     frequencies_hz: tuple[float, ...] = key(
@@ -235,7 +268,14 @@ class LineFile(SensorFile):
 
 @declared
 class CurvesFile(SensorFile):
-    """A sensor known by its calibration."""
+    """A sensor known by its calibration.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.io.schema import keys
+    >>> sorted(set(keys(CurvesFile)) - set(keys(SensorFile)))
+    ['carriers', 'cross_validation', 'form', 'knots_n']
+    """
 
     kind: str = key(Choice(words=("curves",)), doc="Calibrated curves.")
     cross_validation: dict[str, Any] = key(

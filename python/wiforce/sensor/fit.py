@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Curves of phase against force at one location: least squares, smoothing monotone spline."""
+"""Fit of phase over force at one location: least squares, or a smoothing monotone spline."""
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,16 +9,36 @@ from scipy.optimize import lsq_linear
 
 from . import curves
 
+# Knots of the spline, at equal steps of touch-down. Their freedom is limited by smoothing, whose
+# weight is chosen among these by cross-validation.
 SPLINE_KNOTS = 8
 _SMOOTHING = np.geomspace(1e-8, 1.0, 17)
+# Relative weight of the coefficients' size, small enough to have no effect where data exist.
 _RIDGE = 1e-6
+
+Samples = Sequence[tuple[np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True)
 class ForceCurve:
-    """One fitted curve: coefficients (K,), their covariance without the noise variance (K, K),
+    """One fitted curve.
 
-    residuals in order of force, and the degrees of freedom left.
+    Attributes
+    ----------
+    coefficients : ndarray, shape (K,)
+        In degrees.
+    unit_covariance : ndarray, shape (K, K)
+        Of the coefficients, for noise of unit variance.
+    residual : ndarray, shape (n,)
+        In degrees, in order of force.
+    freedom : float
+        Remaining degrees of freedom.
+
+    Examples
+    --------
+    >>> fit = ForceCurve(np.array([1.0, 2.0]), np.eye(2), np.zeros(5), 3.0)
+    >>> fit.freedom
+    3.0
     """
 
     coefficients: np.ndarray
@@ -26,8 +47,26 @@ class ForceCurve:
     freedom: float
 
 
-def force_knots(form, forces):
-    """Knots of the basis for calibrations at these forces; None for the power law."""
+def force_knots(form: str, forces: np.ndarray) -> np.ndarray | None:
+    """Knots of the functions of force.
+
+    Parameters
+    ----------
+    form : str
+        One of ``curves.FORMS``.
+    forces : ndarray
+        Calibrated forces, in N.
+
+    Returns
+    -------
+    ndarray or None
+        In N, rising; None for the power law.
+
+    Examples
+    --------
+    >>> force_knots("cubic", np.array([2.0, 1.0, 8.0]))
+    array([1., 8.])
+    """
     low, high = float(np.min(forces)), float(np.max(forces))
     if form == "power":
         return None
@@ -43,35 +82,45 @@ class CurveFitter:
     Parameters
     ----------
     form : str
-        Of :data:`curves.FORMS`.
+        One of ``curves.FORMS``.
     knots_n : ndarray or None
+        See :func:`force_knots`.
     samples : sequence of (force_n, value_deg)
         All curves of the sensor, from which the smoothing is chosen by generalised
         cross-validation (P. Craven and G. Wahba, Numer. Math. 31, 1979).
+
+    Examples
+    --------
+    >>> force = np.linspace(1.0, 8.0, 20)
+    >>> value = 50 - 40 / np.cbrt(force)
+    >>> fitter = CurveFitter("power", None, [(force, value)])
+    >>> fit = fitter.fit(force, value)
+    >>> bool(np.allclose(fitter.value(fit, 4.5), 50 - 40 / np.cbrt(4.5), atol=0.5))
+    True
     """
 
-    def __init__(self, form, knots_n, samples):
+    def __init__(self, form: str, knots_n: np.ndarray | None, samples: Samples) -> None:
         self._basis = curves.force_basis(form, knots_n)
         self.size = self._basis.size
         # rows appended to the least squares, per root of the number of samples
-        self._penalty = None
+        self._penalty: np.ndarray | None = None
         if form == "spline":
             choices = [np.sqrt(weight) * self._basis.bends() for weight in _SMOOTHING]
             scores = [self._score(samples, penalty) for penalty in choices]
             self._penalty = choices[int(np.argmin(scores))]
 
-    def _score(self, samples, penalty):
-        misfit, count, freedom = 0.0, 0, 0.0
+    def _score(self, samples: Samples, penalty: np.ndarray) -> float:
+        squares, count, freedom = 0.0, 0, 0.0
         for force, value in samples:
             basis = self._basis(force)
             inverse = _penalised_inverse(basis, penalty)
-            misfit += np.sum((value - basis @ (inverse @ (basis.T @ value))) ** 2)
+            squares += np.sum((value - basis @ (inverse @ (basis.T @ value))) ** 2)
             freedom += len(force) - np.trace(inverse @ basis.T @ basis)
             count += len(force)
-        return count * misfit / max(freedom, 1e-9) ** 2
+        return count * squares / max(freedom, 1e-9) ** 2
 
-    def fit(self, force_n, value_deg):
-        """The curve through the samples.
+    def fit(self, force_n: np.ndarray, value_deg: np.ndarray) -> ForceCurve:
+        """Fit a curve to samples.
 
         Parameters
         ----------
@@ -93,27 +142,27 @@ class CurveFitter:
         residual = (value_deg - basis @ coefficients)[np.argsort(force_n, kind="stable")]
         return ForceCurve(coefficients, inverse, residual, float(freedom))
 
-    def value(self, fit, force_n):
-        """The fitted curve at other forces."""
+    def value(self, fit: ForceCurve, force_n: np.ndarray | float) -> np.ndarray:
+        """Evaluate a fitted curve, in degrees, at forces in N."""
         return self._basis(force_n) @ fit.coefficients
 
 
-def _penalised_inverse(basis, penalty):
+def _penalised_inverse(basis: np.ndarray, penalty: np.ndarray) -> np.ndarray:
     rows = _penalty_rows(basis, penalty)
     return np.linalg.inv(basis.T @ basis + rows.T @ rows)
 
 
-def _penalty_rows(basis, penalty):
-    """Bends and, so that every coefficient is determined, a trace of its size."""
+def _penalty_rows(basis: np.ndarray, penalty: np.ndarray) -> np.ndarray:
+    """Curvature and, so that every coefficient is determined, a small ridge."""
     rows = np.vstack([penalty, _RIDGE * np.eye(basis.shape[1])])
     return np.sqrt(len(basis)) * rows
 
 
-def _monotone(basis, penalty, value):
+def _monotone(basis: np.ndarray, penalty: np.ndarray, value: np.ndarray) -> np.ndarray:
     """Penalised least squares with coefficients that only rise or only fall.
 
-    B-splines with monotone coefficients are monotone. A short widens with force, so a phase rises;
-    the far end of a measured sensor may fall all the same, and is then left to.
+    B-splines with monotone coefficients are monotone. A short widens with force, so a phase rises
+    in theory; falling curves are allowed because the far end of measured sensors has them.
     """
     size = basis.shape[1]
     rows = _penalty_rows(basis, penalty)
@@ -129,16 +178,31 @@ def _monotone(basis, penalty, value):
     return cumulate @ min(fits, key=lambda fit: fit.cost).x
 
 
-def noise_and_misfit(fits):
-    """Standard deviations (deg) of the noise about curves, and of the part of it that is no noise.
-
-    A form that does not fit leaves residuals that are alike at neighbouring forces; noise does not.
-    Their product averages to the square of the misfit.
+def noise_and_misfit(fits: Iterable[ForceCurve]) -> tuple[float, float]:
+    """Standard deviation of the samples about the curves, and its systematic part.
 
     Parameters
     ----------
-    fits : sequence of ForceCurve
+    fits : iterable of ForceCurve
+
+    Returns
+    -------
+    noise_deg, misfit_deg : float
+        In degrees.
+
+    Notes
+    -----
+    Noise is independent at neighbouring forces, a misfit of the form is not. The mean product of
+    neighbouring residuals therefore is the square of the misfit.
+
+    Examples
+    --------
+    >>> fit = ForceCurve(np.zeros(2), np.eye(2), np.array([1.0, 1.0, -1.0, -1.0, 1.0, 1.0]), 6.0)
+    >>> noise_deg, misfit_deg = noise_and_misfit([fit])
+    >>> noise_deg, round(misfit_deg, 2)
+    (1.0, 0.45)
     """
+    fits = list(fits)
     total = sum(np.sum(fit.residual**2) for fit in fits)
     noise = np.sqrt(total / sum(fit.freedom for fit in fits))
     products = np.concatenate([fit.residual[1:] * fit.residual[:-1] for fit in fits])

@@ -10,31 +10,42 @@ untouched line ends in an open: ``psi_i = offset_i - 2 beta L``.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..signal.carrier import SPEED_OF_LIGHT_M_S
 
 
-def round_trip_deg_per_mm(frequency_hz, permittivity=1.0):
+def round_trip_deg_per_mm(frequency_hz: float, permittivity: float = 1.0) -> float:
     """2 beta: the round-trip phase of a line in degrees per millimetre.
 
     Parameters
     ----------
     frequency_hz : float
+        Carrier, in Hz.
     permittivity : float
         Effective relative permittivity; 1 for a line in air.
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> round(float(round_trip_deg_per_mm(900e6)), 3)
+    2.161
     """
     return 720.0 * frequency_hz * np.sqrt(permittivity) / (SPEED_OF_LIGHT_M_S * 1e3)
 
 
-def _foundation_profile(u):
+def _foundation_profile(u: np.ndarray) -> np.ndarray:
     """Deflection of a beam on an elastic foundation, relative to that under the load, at u = kx."""
     return np.exp(-u) * (np.cos(u) + np.sin(u))
 
 
-def _spread_profile(u, half):
+def _spread_profile(u: np.ndarray, half: float) -> np.ndarray:
     """The same for a load spread evenly over -half..half: the profile's integral over the load."""
 
-    def integral(v):  # of the profile from 0 to v; odd
+    def integral(v: np.ndarray | float) -> np.ndarray:  # of the profile from 0 to v; odd
         return np.sign(v) * (1 - np.exp(-np.abs(v)) * np.cos(v))
 
     return (integral(u + half) - integral(u - half)) / (2 * integral(half))
@@ -45,7 +56,7 @@ _PROFILE_U = np.linspace(0.0, np.pi, 4001)
 _PROFILE = _foundation_profile(_PROFILE_U)
 
 
-def _inverse_profile(ratio):
+def _inverse_profile(ratio: np.ndarray) -> np.ndarray:
     """u in [0, pi] at which the relative deflection is ``ratio`` in (0, 1]; Newton-refined."""
     u = np.interp(-ratio, -_PROFILE, _PROFILE_U)
     for _ in range(2):
@@ -56,7 +67,7 @@ def _inverse_profile(ratio):
     return u
 
 
-def _inverse_spread_profile(ratio, half):
+def _inverse_spread_profile(ratio: np.ndarray, half: float) -> np.ndarray:
     """u at which the relative deflection under a spread load is ``ratio`` in (0, 1]."""
     # Squared spacing: the profile is flat under the load.
     u = (half + np.pi) * np.linspace(0.0, 1.0, 8001) ** 2
@@ -74,8 +85,8 @@ class ContactLaw:
     ``exp(-ka) (cos ka + sin ka) = F_onset / F``. The ends of the beam are held, which tilts the
     short towards the nearer end: ``a_1 = a (1 + t)``, ``a_2 = a (1 - t)`` with
     ``t = asymmetry x / sqrt(x^2 + fade^2)``, ``x = L/2 - l``; in the middle both ends move alike.
-    What presses over a width (a fingertip) deflects the beam by the average of that profile over
-    its width: the line is touched later, and then over more of its length.
+    A wide object (a fingertip) deflects the beam by the average of that profile over its width: the
+    line is touched at a higher force, and then over more of its length.
 
     Attributes
     ----------
@@ -88,7 +99,13 @@ class ContactLaw:
     fade_mm : float
         Distance from the middle over which the tilt builds up.
     width_mm : float
-        Width of what presses, evenly loaded; 0 for a point.
+        Width of the object that presses, evenly loaded; 0 for a point.
+
+    Examples
+    --------
+    >>> law = ContactLaw(onset_force_n=0.9, decay_length_mm=9.0, asymmetry=0.3, fade_mm=8.0)
+    >>> law.extents_mm(4.0, 40.0, 80.0).round(2).tolist()  # in the middle both are equal
+    [13.77, 13.77]
     """
 
     onset_force_n: float
@@ -97,10 +114,22 @@ class ContactLaw:
     fade_mm: float
     width_mm: float = 0.0
 
-    def extents_mm(self, force_n, location_mm, length_mm):
-        """How far the short reaches towards port 1 and port 2; shape (..., 2).
+    def extents_mm(
+        self, force_n: ArrayLike, location_mm: ArrayLike, length_mm: float
+    ) -> np.ndarray:
+        """Extent of the short towards port 1 and port 2.
 
-        Forces below the onset count as the onset, where the short has no width.
+        Parameters
+        ----------
+        force_n, location_mm : array_like, shape (...)
+            Forces below the onset count as the onset, where the short has no width.
+        length_mm : float
+            Of the line.
+
+        Returns
+        -------
+        ndarray, shape (..., 2)
+            a_1 and a_2 in mm.
         """
         force, location = np.broadcast_arrays(
             np.asarray(force_n, float), np.asarray(location_mm, float)
@@ -116,19 +145,83 @@ class ContactLaw:
         return np.stack([half_width * (1 + tilt), half_width * (1 - tilt)], axis=-1)
 
 
-def shorting_points_mm(contact, force_n, location_mm, length_mm):
-    """Distance of each end from the short it sees, not below 0; shape (..., 2)."""
+def shorting_points_mm(
+    contact: ContactLaw, force_n: ArrayLike, location_mm: ArrayLike, length_mm: float
+) -> np.ndarray:
+    """Distance of each end from the nearer edge of the short.
+
+    Parameters
+    ----------
+    contact : ContactLaw
+    force_n, location_mm : array_like, shape (...)
+        Of the press.
+    length_mm : float
+        Of the line.
+
+    Returns
+    -------
+    ndarray, shape (..., 2)
+        d_1 and d_2 in mm, not below 0.
+
+    Examples
+    --------
+    >>> law = ContactLaw(onset_force_n=0.9, decay_length_mm=9.0, asymmetry=0.3, fade_mm=8.0)
+    >>> shorting_points_mm(law, 0.9, 30.0, 80.0).tolist()
+    [30.0, 50.0]
+    """
     location = np.asarray(location_mm, float)
     extents = contact.extents_mm(force_n, location, length_mm)
     centre = np.stack(np.broadcast_arrays(location, length_mm - location), axis=-1)
     return np.maximum(centre - extents, 0.0)
 
 
-def short_phase_deg(distance_mm, frequency_hz, permittivity=1.0):
-    """psi of a short at a distance, not wrapped: 180 deg - 2 beta d."""
+def short_phase_deg(
+    distance_mm: ArrayLike, frequency_hz: float, permittivity: float = 1.0
+) -> np.ndarray:
+    """psi of a short, 180 deg - 2 beta d.
+
+    Parameters
+    ----------
+    distance_mm : array_like, shape (...)
+        d, from the port.
+    frequency_hz : float
+        Carrier, in Hz.
+    permittivity : float
+        Effective relative permittivity.
+
+    Returns
+    -------
+    ndarray, shape (...)
+        In degrees, not wrapped.
+
+    Examples
+    --------
+    >>> short_phase_deg([0.0, 10.0], 900e6).round(1).tolist()
+    [180.0, 158.4]
+    """
     return 180.0 - round_trip_deg_per_mm(frequency_hz, permittivity) * np.asarray(distance_mm)
 
 
-def open_phase_deg(length_mm, frequency_hz, permittivity=1.0):
-    """psi of the untouched line, not wrapped: -2 beta L."""
+def open_phase_deg(length_mm: float, frequency_hz: float, permittivity: float = 1.0) -> float:
+    """psi of the untouched line, -2 beta L.
+
+    Parameters
+    ----------
+    length_mm : float
+        L.
+    frequency_hz : float
+        Carrier, in Hz.
+    permittivity : float
+        Effective relative permittivity.
+
+    Returns
+    -------
+    float
+        In degrees, not wrapped.
+
+    Examples
+    --------
+    >>> round(open_phase_deg(80.0, 900e6), 1)
+    -172.9
+    """
     return -round_trip_deg_per_mm(frequency_hz, permittivity) * length_mm

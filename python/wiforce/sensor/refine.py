@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A model brought closer to what a reader sees, by a few taps of known force and place.
+"""Refinement of a calibrated model by a few taps of known force and location over the air.
 
-Between the bench and the air a sensor's phases differ by some degrees, mostly by a constant and
-most at low forces. The curves' coefficients are given that freedom as a prior and updated with the
-taps (Bayesian linear regression; noise Student-t, by iteratively reweighted least squares).
+The phases of a sensor on the bench and over the air differ by several degrees, by a constant and by
+a part that is largest at low forces. This difference is the prior of the curves' coefficients,
+which the taps update (Bayesian linear regression with Student-t noise, by iteratively reweighted
+least squares).
 """
 
 import datetime
@@ -17,20 +18,29 @@ from ..signal.carrier import same_carrier, wrap_deg
 from . import curves
 from .checks import check_table
 from .filter_bank import NOISE_FREEDOM
+from .tables import CalibrationTable
 
-# How far bench and air may differ, per location: a constant, and what changes over the span as
-# touch-down does.
+# Prior standard deviation of the difference between bench and air per location: a constant, and a
+# part that varies over the forces as touch-down does. The published wireless readings differ from
+# the VNA curves by several degrees, most below 3.5 N.
 _OFFSET_STD_DEG, _SHAPE_STD_DEG = 10.0, 10.0
+# Smallest noise of a tap, in degrees, and rounds of the reweighting.
 _LEAST_NOISE_DEG = 0.05
 _ROUNDS = 20
 
 
-def refine(model, table, name=None, date=None):
-    """The model after a few taps.
+def refine(
+    model: curves.CurveModel,
+    table: CalibrationTable,
+    name: str | None = None,
+    date: str | None = None,
+) -> curves.CurveModel:
+    """Refine a model by a few taps.
 
     Parameters
     ----------
     model : CurveModel
+        As calibrated on the bench.
     table : CalibrationTable
         Taps of known force and location, see :func:`~.tables.read_tap_csv`. Untouched rows replace
         the untouched phases.
@@ -44,7 +54,15 @@ def refine(model, table, name=None, date=None):
     Raises
     ------
     InputError
-        For a model without curves, or taps that do not suit it.
+        For a model without curves, or taps outside its locations or carriers.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.sensor import load_sensor, measure_vna
+    >>> bench, air = load_sensor("line-900mhz-calibrated"), load_sensor("line-900mhz")
+    >>> taps = measure_vna(air, [30.0, 50.0], [2.0, 4.0, 6.0])
+    >>> refine(bench, taps, name="refined").name
+    'refined'
     """
     if not isinstance(model, curves.CurveModel):
         raise InputError("sensor", "must have calibrated curves to be refined", model.name)
@@ -67,14 +85,16 @@ def refine(model, table, name=None, date=None):
     )
 
 
-def _carrier_of(model, table, row):
+def _carrier_of(model: curves.CurveModel, table: CalibrationTable, row: int) -> int:
     try:
         return model.carrier_index(table.frequency_hz[row])
     except InputError as error:
         raise InputError(table.at(row), f"must be at a carrier of the model ({error})") from error
 
 
-def _refined_carrier(model, index, rows):
+def _refined_carrier(
+    model: curves.CurveModel, index: int, rows: CalibrationTable
+) -> curves.Carrier:
     carrier = model.carriers[index]
     taps = rows.take(~rows.untouched)
     low, high = model.location_span_mm
@@ -103,17 +123,18 @@ def _refined_carrier(model, index, rows):
     )
 
 
-def _untouched(rows, before):
+def _untouched(rows: CalibrationTable, before: tuple[float, float]) -> tuple[float, float]:
     untouched = rows.take(rows.untouched)
     if set(untouched.port) != {1, 2}:
         return before
     means = [
         np.mean(np.exp(1j * np.deg2rad(untouched.phase_deg[untouched.port == p]))) for p in (1, 2)
     ]
-    return tuple(float(np.rad2deg(np.angle(mean))) for mean in means)
+    first, second = (float(np.rad2deg(np.angle(mean))) for mean in means)
+    return first, second
 
 
-def _bench_to_air(model, carrier):
+def _bench_to_air(model: curves.CurveModel, carrier: curves.Carrier) -> np.ndarray:
     """Prior covariance (K, K) of the coefficients' difference between bench and air."""
     force = np.geomspace(carrier.force_span_n.min(), carrier.force_span_n.max(), 40)
     basis = curves.force_basis(model.form, model.knots_n)(force)
@@ -124,7 +145,13 @@ def _bench_to_air(model, carrier):
     return projected @ projected.T
 
 
-def _update_port(model, index, port, taps, freedom):
+def _update_port(
+    model: curves.CurveModel,
+    index: int,
+    port: int,
+    taps: CalibrationTable,
+    freedom: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, float]:
     """Coefficients (J, K), their covariances (J, K, K) and the noise (deg) of one port."""
     carrier = model.carriers[index]
     count, size = carrier.coefficients_deg.shape[1:]
@@ -141,7 +168,7 @@ def _update_port(model, index, port, taps, freedom):
         gain = np.linalg.solve(total, design @ prior).T
         step = gain @ difference
         residual = difference - design @ step
-        # what the fit takes from the residuals goes back into the noise
+        # The fit reduces the residuals; the noise is corrected for it.
         kept = max(1.0 - np.trace(design @ gain) / max(len(residual), 1), 0.1)
         square = (residual / noise) ** 2
         weight = (NOISE_FREEDOM + 1) / (NOISE_FREEDOM + square)

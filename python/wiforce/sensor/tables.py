@@ -5,8 +5,10 @@ import csv
 import io
 import math
 import warnings
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +16,10 @@ from ..errors import InputError
 from ..io.textfile import read_bytes, read_csv
 from ..signal.carrier import same_carrier
 
+if TYPE_CHECKING:
+    from .model import SensorModel
+
+# A two-port file with 100 000 frequencies.
 _MAX_TOUCHSTONE_BYTES = 8_000_000
 _LARGEST = 1e6  # of any number in a table: MHz, mm, N, degrees
 _VNA_COLUMNS = ("freq_mhz", "location_mm", "port", "force_n", "phase_deg")
@@ -34,7 +40,14 @@ class CalibrationTable:
     port : ndarray of int
         1 or 2.
     press : ndarray of str
-        Which press a row belongs to, where the file says so (column ``press`` or ``trial``).
+        The press that a row belongs to, from the column ``press`` or ``trial``; otherwise empty.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.sensor import load_sensor
+    >>> table = measure_vna(load_sensor("line-900mhz"), [40.0], [2.0], untouched_sweeps=1)
+    >>> table.port.tolist(), table.force_n.tolist(), table.untouched.tolist()
+    ([1, 2, 1, 2], [0.0, 0.0, 2.0, 2.0], [True, True, False, False])
     """
 
     source: str
@@ -46,22 +59,22 @@ class CalibrationTable:
     phase_deg: np.ndarray
     press: np.ndarray
 
-    def take(self, which):
-        """The rows that a boolean or index array names."""
+    def take(self, which: np.ndarray) -> "CalibrationTable":
+        """The rows selected by a boolean or index array."""
         arrays = {f.name: getattr(self, f.name)[which] for f in fields(self) if f.name != "source"}
         return replace(self, **arrays)
 
-    def at(self, index):
-        """Name of one row for messages."""
+    def at(self, index: int) -> str:
+        """Name of one row, for messages."""
         return f"{self.source}: row {self.row[index]}"
 
     @property
-    def untouched(self):
-        """Rows of the untouched sensor; bool (n,)."""
+    def untouched(self) -> np.ndarray:
+        """Whether each row is of the untouched sensor; bool (n,)."""
         return (self.force_n == 0) & np.isnan(self.location_mm)
 
 
-def _table(source, rows):
+def _table(source: object, rows: Iterable[tuple]) -> CalibrationTable:
     columns = list(zip(*rows, strict=True))
     kinds = (int, float, float, int, float, float, str)
     return CalibrationTable(
@@ -69,18 +82,20 @@ def _table(source, rows):
     )
 
 
-def read_vna_csv(path, frequency_hz=None):
-    """Reads a VNA calibration.
+def read_vna_csv(path: str | Path, frequency_hz: float | None = None) -> CalibrationTable:
+    """Read a VNA calibration.
 
     Columns ``freq_mhz, location_mm, port, force_n, phase_deg``; rows with force 0 and no location
-    are the untouched sensor. A column ``press`` or ``trial`` tells presses apart; others are
-    ignored.
+    are the untouched sensor. A column ``press`` or ``trial`` distinguishes presses; other columns
+    are ignored.
 
     Parameters
     ----------
-    path : path
+    path : str or Path
+        CSV file.
     frequency_hz : float, optional
-        The carrier where the file has no ``freq_mhz``; else only its rows at this carrier count.
+        Carrier in Hz. Required where the file has no ``freq_mhz``; otherwise only rows at this
+        carrier are read.
 
     Returns
     -------
@@ -90,10 +105,18 @@ def read_vna_csv(path, frequency_hz=None):
     ------
     InputError
         Naming file, row, rule and value.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "vna.csv"
+    >>> _ = path.write_text("location_mm,port,force_n,phase_deg\\n40,1,2.5,-100\\n40,2,2.5,-110\\n")
+    >>> read_vna_csv(path, frequency_hz=900e6).phase_deg.tolist()
+    [-100.0, -110.0]
     """
     header, lines = read_csv(path)
     needed = _VNA_COLUMNS[1:] if frequency_hz is not None else _VNA_COLUMNS
-    _need_columns(path, header, needed, _other_tables(header))
+    _need_columns(path, header, needed, _hint(header))
     rows = []
     for number, line in lines:
         where = f"{path}: row {number}"
@@ -114,12 +137,19 @@ def read_vna_csv(path, frequency_hz=None):
     return table
 
 
-def read_tap_csv(path, frequency_hz):
-    """Reads wireless taps of known force and place.
+def read_tap_csv(path: str | Path, frequency_hz: float) -> CalibrationTable:
+    """Read wireless taps of known force and location.
 
     Columns ``phase1_deg, phase2_deg, force_n, location_mm``, as in a readings file whose force and
-    location were put in from a load cell and a ruler. A column ``press`` or ``trial`` tells presses
-    apart; rows with force 0 and no location are the untouched sensor.
+    location were replaced by those of a load cell and a ruler. A column ``press`` or ``trial``
+    distinguishes presses; rows with force 0 and no location are the untouched sensor.
+
+    Parameters
+    ----------
+    path : str or Path
+        CSV file.
+    frequency_hz : float
+        Carrier, in Hz.
 
     Returns
     -------
@@ -129,6 +159,15 @@ def read_tap_csv(path, frequency_hz):
     ------
     InputError
         Naming file, row, rule and value.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "taps.csv"
+    >>> _ = path.write_text("phase1_deg,phase2_deg,force_n,location_mm\\n-100,-110,2.5,40\\n")
+    >>> table = read_tap_csv(path, 900e6)
+    >>> table.port.tolist(), table.phase_deg.tolist()
+    ([1, 2], [-100.0, -110.0])
     """
     header, lines = read_csv(path)
     _need_columns(path, header, ("phase1_deg", "phase2_deg", "force_n", "location_mm"))
@@ -142,16 +181,38 @@ def read_tap_csv(path, frequency_hz):
     return _table(path, rows)
 
 
-def read_touchstone_index(path, frequency_hz):
-    """Reads Touchstone ``.s2p`` files listed in an index CSV of ``file, force_n, location_mm``.
+def read_touchstone_index(path: str | Path, frequency_hz: float) -> CalibrationTable:
+    """Read Touchstone ``.s2p`` files listed in an index CSV of ``file, force_n, location_mm``.
 
     The phases are those of S11 (port 1) and S22 (port 2), interpolated to the carrier. File names
-    count from the index file's folder. Rows with force 0 and no location are the untouched sensor.
+    are relative to the index file's folder. Rows with force 0 and no location are the untouched
+    sensor.
+
+    Parameters
+    ----------
+    path : str or Path
+        CSV file.
+    frequency_hz : float
+        Carrier, in Hz.
+
+    Returns
+    -------
+    CalibrationTable
 
     Raises
     ------
     InputError
         Naming file, row, rule and value; also for a carrier outside a file's span.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> folder = pathlib.Path(tempfile.mkdtemp())
+    >>> lines = ["# MHz S MA R 50", "800 1 170 0 0 0 0 1 150", "1000 1 150 0 0 0 0 1 130"]
+    >>> _ = (folder / "press.s2p").write_text("\\n".join(lines))
+    >>> _ = (folder / "index.csv").write_text("file,force_n,location_mm\\npress.s2p,2.5,40\\n")
+    >>> read_touchstone_index(folder / "index.csv", 900e6).phase_deg.round(6).tolist()
+    [160.0, 140.0]
     """
     header, lines = read_csv(path)
     _need_columns(path, header, ("file", "force_n", "location_mm"))
@@ -165,32 +226,35 @@ def read_touchstone_index(path, frequency_hz):
     return _table(path, rows)
 
 
-def _beside(index, name, where):
-    """The file that an index names: it must not lead out of the index's folder."""
+def _beside(index: str | Path, name: str, where: str) -> Path:
+    """The file that an index names, which must lie in the index's folder."""
     if Path(name).is_absolute() or ".." in Path(name).parts:
         raise InputError(f"{where}: file", "must lie in the index's folder", name)
     return Path(index).parent / name
 
 
-def _touchstone_phases(path, frequency_hz, where):
+def _touchstone_phases(path: Path, frequency_hz: float, where: str) -> list[float]:
     """Phases (deg) of S11 and S22 at the carrier."""
     import skrf
 
     try:
-        text = read_bytes(path, _MAX_TOUCHSTONE_BYTES)
+        text = read_bytes(
+            path,  # A two-port file with 100 000 frequencies.
+            _MAX_TOUCHSTONE_BYTES,
+        )
     except InputError as error:
         raise InputError(f"{where}: file", str(error)) from None
     try:
         named = io.StringIO(text.decode("latin-1"))
         named.name = path.name  # its suffix tells the number of ports
         network = skrf.Network()
-        # What is not finite, or not in order, is refused below.
+        # Values that are not finite or not in order are rejected below.
         with np.errstate(all="ignore"), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             network.read_touchstone(named)  # by name, Network would try to unpickle the file
         low, high = network.f[0], network.f[-1]
     except Exception as error:
-        # scikit-rf raises whatever its parser stumbles over
+        # scikit-rf's parser raises exceptions of many types.
         raise InputError(f"{where}: file", "is not a Touchstone file", str(path)) from error
     if network.nports != 2:
         raise InputError(f"{where}: file", "must have two ports", network.nports)
@@ -209,12 +273,31 @@ def _touchstone_phases(path, frequency_hz, where):
     return phases
 
 
-def table_kind(path):
-    """``vna``, ``touchstone`` or ``taps``, by the columns of a CSV file.
+def table_kind(path: str | Path) -> str:
+    """Kind of a calibration table by the columns of its CSV file.
+
+    Parameters
+    ----------
+    path : str or Path
+        CSV file.
+
+    Returns
+    -------
+    str
+        ``vna``, ``touchstone`` or ``taps``.
 
     Raises
     ------
     InputError
+        When the file cannot be read.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "taps.csv"
+    >>> _ = path.write_text("phase1_deg,phase2_deg,force_n,location_mm\\n-100,-110,2.5,40\\n")
+    >>> table_kind(path)
+    'taps'
     """
     header, _ = read_csv(path)
     if "file" in header:
@@ -222,27 +305,42 @@ def table_kind(path):
     return "taps" if "phase1_deg" in header else "vna"
 
 
-def measure_vna(model, location_mm, force_n, noise_deg=0.0, seed=1, untouched_sweeps=10):
-    """The table a VNA would give of a sensor that is evaluated, not measured.
+def measure_vna(
+    model: "SensorModel",
+    location_mm: Sequence[float] | np.ndarray,
+    force_n: Sequence[float] | np.ndarray,
+    noise_deg: float = 0.0,
+    seed: int = 1,
+    untouched_sweeps: int = 10,
+) -> CalibrationTable:
+    """Simulate the table that a VNA would measure.
 
     Parameters
     ----------
     model : SensorModel
-        The sensor that stands on the bench.
+        The sensor on the bench.
     location_mm, force_n : sequence of float
-        Every force at every location; untouched rows come first.
+        Every force in N at every location in mm; untouched rows come first.
     noise_deg : float
-        Standard deviation of the phases.
+        Standard deviation of the phases, in degrees.
     seed : int
+        Of the noise.
     untouched_sweeps : int
-        Rows of the untouched sensor, per port: their noise is common to all readings.
+        Rows of the untouched sensor per port; their noise is common to all readings.
 
     Returns
     -------
     CalibrationTable
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.sensor import load_sensor
+    >>> table = measure_vna(load_sensor("line-900mhz"), [30.0, 50.0], [1.0, 2.0, 4.0])
+    >>> len(table.row)  # 2 ports: 10 untouched rows and 2 x 3 presses
+    32
     """
     rng = np.random.default_rng(seed)
-    rows = []
+    rows: list[tuple] = []
     for frequency in model.frequencies_hz:
         for port, phase in enumerate(model.untouched_deg(frequency), 1):
             rows += [(0, frequency, math.nan, port, 0.0, phase, "")] * untouched_sweeps
@@ -256,8 +354,28 @@ def measure_vna(model, location_mm, force_n, noise_deg=0.0, seed=1, untouched_sw
     return replace(table, row=np.arange(2, table.row.size + 2), phase_deg=noisy)
 
 
-def write_vna_csv(table, path):
-    """Writes a table as VNA calibration CSV."""
+def write_vna_csv(table: CalibrationTable, path: str | Path) -> None:
+    """Write a table as VNA calibration CSV.
+
+    Parameters
+    ----------
+    table : CalibrationTable
+    path : str or Path
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from gnuradio.wiforce.sensor import load_sensor
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "vna.csv"
+    >>> write_vna_csv(measure_vna(load_sensor("line-900mhz"), [40.0], [2.0]), path)
+    >>> read_vna_csv(path).force_n[-1]
+    2.0
+    """
     try:
         with open(path, "w", encoding="utf-8", newline="") as stream:
             writer = csv.writer(stream, lineterminator="\n")
@@ -276,15 +394,17 @@ def write_vna_csv(table, path):
         raise InputError(path, f"cannot be written ({error.strerror})") from error
 
 
-def _need_columns(path, header, needed, hint=""):
+def _need_columns(
+    path: str | Path, header: Sequence[str], needed: Sequence[str], hint: str = ""
+) -> None:
     missing = [name for name in needed if name not in header]
     if missing:
         rule = f"must have the columns {', '.join(needed)} {hint}".rstrip()
         raise InputError(path, rule, ",".join(header))
 
 
-def _other_tables(header):
-    """What else a table without a VNA's columns may be read as."""
+def _hint(header: Sequence[str]) -> str:
+    """Suggestion for a table without the columns of a VNA calibration."""
     hints = {
         "phase1_deg": "(or, for readings over the air, give --kind taps)",
         "file": "(or, for Touchstone files, give --kind touchstone)",
@@ -293,7 +413,7 @@ def _other_tables(header):
     return next((hint for column, hint in hints.items() if column in header), "")
 
 
-def _number(line, key, where, empty=None):
+def _number(line: Mapping[str, Any], key: str, where: str, empty: float | None = None) -> float:
     text = (line[key] or "").strip()
     if not text and empty is not None:
         return empty
@@ -306,7 +426,7 @@ def _number(line, key, where, empty=None):
     return value
 
 
-def _place_and_force(line, where):
+def _place_and_force(line: Mapping[str, Any], where: str) -> tuple[float, float]:
     force = _number(line, "force_n", where, empty=0.0)
     location = _number(line, "location_mm", where, empty=math.nan)
     if math.isnan(location) and force != 0:
@@ -314,5 +434,5 @@ def _place_and_force(line, where):
     return (math.nan, 0.0) if force == 0 else (location, force)
 
 
-def _press(line):
+def _press(line: Mapping[str, Any]) -> str:
     return (line.get("press") or line.get("trial") or "").strip()

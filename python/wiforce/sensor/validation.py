@@ -1,30 +1,49 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Errors of calibrated curves on forces, presses and locations that they have not seen."""
+"""Cross-validation of calibrated curves on forces, presses and locations that were left out."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from . import curves
-from .calibration_data import compared_forces
+from .calibration_data import CarrierData, ContactCurve, compared_forces
 from .carrier_fit import interpolate
 from .fit import CurveFitter, force_knots
 
+# Blocks of neighbouring forces that are left out in turn: four of the six lie inside.
 _BLOCKS = 6
-# Samples from which a curve is drawn when some are left out.
+# Fewest samples that a curve is fitted to when others are left out.
 _LEAST_LEFT = 5
 
 
-def validate_forms(data):
-    """Errors of each form on data it has not seen.
+def validate_forms(data: Sequence[CarrierData]) -> dict[str, Any]:
+    """Cross-validate each form of the curves.
 
-    Where locations were pressed more than once, a press is left out at a time; else a block of
-    neighbouring forces. The first and the last block of a location lie beyond what is left.
+    Where locations were pressed more than once, one press is left out at a time, otherwise a block
+    of neighbouring forces. The first and the last block of a location are extrapolated.
+
+    Parameters
+    ----------
+    data : sequence of CarrierData
+        By carrier.
 
     Returns
     -------
     dict
         ``left_out`` (``press`` or ``forces``); ``best``, the form chosen by :func:`best_form`,
-        ``auto`` without the blocks that lie beyond and ``auto-beyond`` with them; ``forms``: for
-        each form the rms errors in degrees and the number of samples predicted.
+        ``auto`` without the extrapolated blocks and ``auto-beyond`` with them; ``forms``: for each
+        form the rms errors in degrees and the number of samples predicted.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.sensor import load_sensor, measure_vna
+    >>> from gnuradio.wiforce.sensor.calibration_data import carrier_data
+    >>> table = measure_vna(load_sensor("line-900mhz"), [30.0, 50.0], np.linspace(1, 8, 18), 0.2)
+    >>> data = carrier_data(table, 900e6, 80.0, 1.0, False, [])
+    >>> result = validate_forms([data])
+    >>> result["left_out"], sorted(result["forms"])
+    ('forces', ['cubic', 'power', 'spline'])
     """
     several = any(len(set(c.press)) > 1 for d in data for c in d.all_curves())
     squares = {
@@ -47,21 +66,33 @@ def validate_forms(data):
     }
 
 
-def _root_mean(squares):
+def _root_mean(squares: Sequence[np.ndarray]) -> float:
     return round(float(np.sqrt(np.mean(np.concatenate(squares)))), 4)
 
 
-def best_form(squares):
-    """The simplest form that does as well as the best on what it has not seen.
-
-    As well: the mean difference of squared errors over what was left out is within its own standard
-    error (the one-standard-error rule, L. Breiman et al., *Classification and Regression Trees*,
-    1984, section 3.4.3).
+def best_form(squares: Mapping[str, Sequence[np.ndarray]]) -> str:
+    """Choose the simplest form that predicts as well as the best one.
 
     Parameters
     ----------
-    squares : dict
-        For each form a list of squared errors, an array for everything left out together.
+    squares : dict of str to list of ndarray
+        Squared errors of each form, one array per fold.
+
+    Returns
+    -------
+    str
+
+    Notes
+    -----
+    A form predicts as well as the best when their mean difference of squared errors over the folds
+    is within its standard error (the one-standard-error rule, L. Breiman et al., *Classification
+    and Regression Trees*, 1984, section 3.4.3).
+
+    Examples
+    --------
+    >>> folds = {"power": [np.array([1.1]), np.array([0.9])], "cubic": [np.ones(1), np.ones(1)]}
+    >>> best_form(folds | {"spline": [np.full(1, 0.9), np.full(1, 1.2)]})
+    'power'
     """
     means = {form: np.array([np.mean(s) for s in folds]) for form, folds in squares.items()}
     if not all(mean.size for mean in means.values()):
@@ -75,8 +106,8 @@ def best_form(squares):
     return best
 
 
-def _left_out(data, form, by_press):
-    """Squared errors of everything left out in turn, and whether it lies beyond what is left."""
+def _left_out(data: CarrierData, form: str, by_press: bool) -> list[tuple[np.ndarray, bool]]:
+    """Squared errors of each fold, and whether the fold is extrapolated."""
     knots = force_knots(form, np.concatenate([c.force_n for c in data.all_curves()]))
     samples = [(c.force_n, c.added_deg) for c in data.all_curves()]
     fitter = CurveFitter(form, knots, samples)
@@ -91,15 +122,48 @@ def _left_out(data, form, by_press):
     return folds
 
 
-def _folds(curve, by_press):
+def _folds(curve: ContactCurve, by_press: bool) -> list[tuple[np.ndarray, bool]]:
     if by_press:
         return [(curve.press == press, False) for press in dict.fromkeys(curve.press)]
     block = np.minimum(np.arange(curve.force_n.size) * _BLOCKS // curve.force_n.size, _BLOCKS - 1)
     return [(block == b, b in (0, _BLOCKS - 1)) for b in range(_BLOCKS)]
 
 
-def leave_locations_out(data, carrier, form, knots, length_mm):
-    """How well each inner location is predicted from the others: a row per location and port."""
+def leave_locations_out(
+    data: CarrierData,
+    carrier: curves.Carrier,
+    form: str,
+    knots: np.ndarray | None,
+    length_mm: float,
+) -> list[dict[str, Any]]:
+    """Predict each inner location from the others.
+
+    Parameters
+    ----------
+    data : CarrierData
+    carrier : Carrier
+        The curves fitted to it.
+    form : str
+        Form of the curves.
+    knots : ndarray or None
+        See :func:`.fit.force_knots`.
+    length_mm : float
+        Of the line.
+
+    Returns
+    -------
+    list of dict
+        ``frequency_mhz``, ``location_mm``, ``port``, ``rms_deg`` of the prediction and
+        ``expected_deg``, which the interpolation states; by location and port.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.sensor import calibrate, load_sensor, measure_vna
+    >>> table = measure_vna(load_sensor("line-900mhz"), [20.0, 40.0, 60.0], np.linspace(1, 8, 9))
+    >>> rows = calibrate(table, "arm", form="power").cross_validation["locations"]
+    >>> [(row["location_mm"], row["port"]) for row in rows]
+    [(40.0, 1), (40.0, 2)]
+    """
     forces = compared_forces(data)
     basis = curves.force_basis(form, knots)(forces)
     rows = []
