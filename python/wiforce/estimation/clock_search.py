@@ -117,25 +117,19 @@ class ClockSearch:
         tones = self._model.without_others(tag, item, fit)
         return tag.likelihood.covariance(tones, self._noise.variance * item.weights.loss)
 
-    def measure_phases(
-        self, item: GroupTones, fit: GroupFit | None
-    ) -> dict[TrackedTag, tuple[float, float]]:
+    def measure_phases(self, fit: GroupFit | None) -> dict[TrackedTag, tuple[float, float]]:
         """Error of each locked tag's predicted phase and its variance, by the complete model."""
         if fit is None:
             return {}
-        errors, variances = phase_errors(*self._information(item, fit))
+        errors, variances = phase_errors(*self._information(fit))
         return {
             tag: (float(error), float(variance))
             for tag, error, variance in zip(self._model.locked, errors, variances, strict=True)
         }
 
-    def _information(self, item: GroupTones, fit: GroupFit) -> tuple[Array, Array, Array]:
-        weights = item.weights
-        slopes = weights.mix([tag.slopes(item.center_s, weights) for tag in self._model.locked])
-        slopes = weights.whitener @ slopes
-        inverse_noise = self._noise.inverse
+    def _information(self, fit: GroupFit) -> tuple[Array, Array, Array]:
         return phase_information(
-            fit.white, fit.solver, slopes, fit.ends, fit.residual, inverse_noise
+            fit.white, fit.solver, fit.slopes, fit.ends, fit.residual, self._noise.inverse
         )
 
     def _take_residuals(self, items: Sequence[GroupTones]) -> None:
@@ -159,10 +153,10 @@ class ClockSearch:
         gradient, information = np.zeros(2 * count), np.zeros((2 * count, 2 * count))
         excess = np.zeros(2 * count)
         for item in items:
-            fit = self._model.fit(item)
+            fit = self._model.fit(item, slopes=True)
             if fit is None:
                 continue
-            slope, curvature, noise = self._information(item, fit)
+            slope, curvature, noise = self._information(fit)
             elapsed = np.array([1.0, item.center_s - start_s])
             gradient += np.kron(elapsed, slope)
             information += np.kron(np.outer(elapsed, elapsed), curvature)

@@ -144,10 +144,9 @@ def phase_information(
     # The part of a rotation that a change of the ends cannot compensate.
     projected: Array = slopes - mixing @ (solver @ slopes)
     turns = [projected[:, 2 * t : 2 * t + 2] @ ends[2 * t : 2 * t + 2] for t in range(tags)]
-    gradient = np.array([2 * np.sum((t.conj() * residual).real @ inverse_noise) for t in turns])
-    information = np.array(
-        [[2 * np.sum((a.conj() * b).real @ inverse_noise) for b in turns] for a in turns]
-    )
+    weighted = [turn * inverse_noise for turn in turns]
+    gradient = np.array([2 * np.vdot(turn, residual).real for turn in weighted])
+    information = np.array([[2 * np.vdot(a, b).real for b in turns] for a in weighted])
     spread = solver @ solver.conj().T
     gram: Array = projected.conj().T @ projected
     excess = np.array(

@@ -44,12 +44,14 @@ class GroupFit:
         The whitened mixing matrix.
     solver : ndarray of complex, shape (E, M)
         Its pseudo-inverse.
+    slopes : ndarray of complex, shape (M, E)
+        Derivatives of ``white`` by each tag's clock phase; empty when they were not wanted.
 
     Examples
     --------
     >>> mixing, ends = np.eye(4)[:, :2], np.ones((2, 62))
     >>> fit = GroupFit(
-    ...     np.arange(2), mixing, ends, np.ones(2), np.zeros((4, 62)), mixing, mixing.T)
+    ...     np.arange(2), mixing, ends, np.ones(2), np.zeros((4, 62)), mixing, mixing.T, mixing)
     >>> fit.ends.shape
     (2, 62)
     """
@@ -61,6 +63,7 @@ class GroupFit:
     residual: Array
     white: Array
     solver: Array
+    slopes: Array
 
 
 class ToneModel:
@@ -144,20 +147,42 @@ class ToneModel:
         times_s = self.table.times_s[mask]
         return GroupWeights(partial, self._line_gain, times_s, len(mask) / len(times_s))
 
-    def fit(self, item: GroupTones) -> GroupFit | None:
-        """Least squares over the locked tags at their clocks; None without a tag or tones."""
+    def fit(self, item: GroupTones, slopes: bool = False) -> GroupFit | None:
+        """Least squares over the locked tags at their clocks; None without a tag or tones.
+
+        Parameters
+        ----------
+        item : GroupTones
+        slopes : bool
+            Whether the derivatives by the clocks' phases are wanted too.
+        """
         locked = self.locked
         if not locked or not item.usable:
             return None
-        mixing = item.weights.mix([tag.waveforms(item.center_s, item.weights) for tag in locked])
-        white = item.weights.whitener @ mixing
+        weights, columns = item.weights, 2 * len(locked)
+        if slopes:
+            both = [tag.waveforms_and_slopes(item.center_s, weights) for tag in locked]
+            mixed = weights.mix([w for w, _ in both] + [s for _, s in both])
+        else:
+            mixed = weights.mix([tag.waveforms(item.center_s, weights) for tag in locked])
+        whitened = weights.whitener @ mixed
+        white = whitened[:, :columns]
         adjoint = white.conj().T
         inverse = inverse_of(adjoint @ white)
         solver = inverse @ adjoint
         ends = solver @ item.white
         residual: Array = item.white - white @ ends
         rows = np.array([row for tag in locked for row in tag.rows])
-        return GroupFit(rows, mixing, ends, inverse.diagonal().real, residual, white, solver)
+        return GroupFit(
+            rows,
+            mixed[:, :columns],
+            ends,
+            inverse.diagonal().real,
+            residual,
+            white,
+            solver,
+            whitened[:, columns:],
+        )
 
     def solve(self, item: GroupTones) -> tuple[Array, Array, Array]:
         """Solve a group for all ends.

@@ -166,8 +166,8 @@ class EndSeparator:
             self._noise.set(item.power(), [item])
         tags = self._model.tags
         jointly = self._search.jointly
-        predicted = self._model.fit(item) if len(tags) > 1 or jointly else None
-        measured = self._search.measure_phases(item, predicted) if jointly else {}
+        predicted = self._model.fit(item, jointly) if len(tags) > 1 or jointly else None
+        measured = self._search.measure_phases(predicted) if jointly else {}
         for tag in tags:
             if tag.tracker is not None and item.center_s - tag.last_seen_s > _BRIDGED_S:
                 tag.drop()

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..signal.switching import switch_averages, switch_slopes
+from ..signal.switching import switch_averages, switch_averages_and_slopes
 from ..signal.weights import ToneTable
 from .acquisition import ClockFit
 from .clock_tracker import ClockTracker
@@ -113,9 +113,9 @@ class TrackedTag:
         """s_1 and s_2 averaged over every snapshot of a group; shape (n, 2)."""
         return switch_averages(*self._at(center_s, weights))
 
-    def slopes(self, center_s: float, weights: GroupWeights) -> Array:
-        """Derivatives of the waveforms by the clock's phase; shape (n, 2)."""
-        return switch_slopes(*self._at(center_s, weights))
+    def waveforms_and_slopes(self, center_s: float, weights: GroupWeights) -> tuple[Array, Array]:
+        """The same, and their derivatives by the clock's phase; shape (n, 2) each."""
+        return switch_averages_and_slopes(*self._at(center_s, weights))
 
     def _at(self, center_s: float, weights: GroupWeights) -> tuple[Array, float, float]:
         """Clock phase of every snapshot, half the phase of Ta, and the delay of clock 2."""

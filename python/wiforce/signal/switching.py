@@ -74,18 +74,13 @@ def switch_averages(phase: np.ndarray, half_window: float, clock2_delay: float =
            [0. , 1. ],
            [0. , 0. ]])
     """
-    cycles = _cycles_from_pulse(phase, clock2_delay)
-    np.abs(cycles, out=cycles)
-    # A window that is shorter than pulse and gap sees one edge at most: the average is a ramp.
-    half = half_window / (2 * np.pi) * np.array([1.0, 2.0])
-    cycles -= 1 / 8 + half
-    cycles /= -2 * half
-    np.maximum(cycles, 0.0, out=cycles)
-    return np.minimum(cycles, 1.0, out=cycles)
+    return _ramps(_cycles_from_pulse(phase, clock2_delay), half_window).T
 
 
-def switch_slopes(phase: np.ndarray, half_window: float, clock2_delay: float = 0.0) -> np.ndarray:
-    """Derivatives of :func:`switch_averages` by the clock's phase.
+def switch_averages_and_slopes(
+    phase: np.ndarray, half_window: float, clock2_delay: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """The averages of :func:`switch_averages` and their derivatives by the clock's phase.
 
     Parameters
     ----------
@@ -94,28 +89,43 @@ def switch_slopes(phase: np.ndarray, half_window: float, clock2_delay: float = 0
 
     Returns
     -------
-    ndarray of float, shape (n, 2)
+    averages : ndarray of float, shape (n, 2)
+    slopes : ndarray of float, shape (n, 2)
         Per radian; 0 where the window holds no edge.
 
     Examples
     --------
     >>> half_window = np.pi / 16
-    >>> (switch_slopes(np.array([0.0, np.pi / 4]), half_window) * half_window).round(3) + 0
+    >>> slopes = switch_averages_and_slopes(np.array([0.0, np.pi / 4]), half_window)[1]
+    >>> (slopes * half_window).round(3) + 0
     array([[ 0. ,  0. ],
            [-0.5,  0. ]])
     """
     cycles = _cycles_from_pulse(phase, clock2_delay)
-    half = half_window / (2 * np.pi) * np.array([1.0, 2.0])
-    # The second clock turns twice as fast, and its window is twice as wide in its own cycles.
-    steepness = np.array([1.0, 2.0]) / (2 * np.pi) / (2 * half)
-    on_ramp = np.abs(np.abs(cycles) - 1 / 8) < half
-    return np.where(on_ramp, -np.sign(cycles) * steepness, 0.0)
+    averages = _ramps(cycles.copy(), half_window)
+    # Both clocks' ramps are as steep: the second runs twice as fast and so does its window.
+    slopes = np.sign(cycles)
+    slopes *= -0.5 / half_window
+    slopes[(averages == 0.0) | (averages == 1.0)] = 0.0
+    return averages.T, slopes.T
 
 
 def _cycles_from_pulse(phase: np.ndarray, clock2_delay: float) -> np.ndarray:
-    """Cycles from the nearest pulse's centre, each clock in its own: pulses are 1/4 wide."""
-    cycles = np.empty((len(phase), 2))
-    np.multiply(phase, 1 / (2 * np.pi), out=cycles[:, 0])
-    np.subtract(2 * cycles[:, 0], 0.5 + clock2_delay / np.pi, out=cycles[:, 1])
+    """Cycles from the nearest pulse's centre, each clock in its own: pulses are 1/4 wide; (2, n)."""
+    cycles = np.empty((2, len(phase)))
+    np.multiply(phase, 1 / (2 * np.pi), out=cycles[0])
+    np.multiply(cycles[0], 2, out=cycles[1])
+    cycles[1] -= 0.5 + clock2_delay / np.pi
     cycles -= np.rint(cycles)
     return cycles
+
+
+def _ramps(cycles: np.ndarray, half_window: float) -> np.ndarray:
+    """Averages of both waveforms at these cycles from the pulses' centres, in place."""
+    np.abs(cycles, out=cycles)
+    # A window that is shorter than pulse and gap sees one edge at most: the average is a ramp.
+    half = half_window / (2 * np.pi) * np.array([[1.0], [2.0]])
+    cycles -= 1 / 8 + half
+    cycles *= -1 / (2 * half)
+    np.maximum(cycles, 0.0, out=cycles)
+    return np.minimum(cycles, 1.0, out=cycles)
