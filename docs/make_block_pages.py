@@ -9,6 +9,7 @@ Do not edit these pages by hand; a test compares them with their sources.
 
 import inspect
 import re
+import textwrap
 from pathlib import Path
 
 import yaml
@@ -33,7 +34,7 @@ def parameters_in_docstring(text):
     """{name: description} of a numpy docstring's section Parameters."""
     match = re.search(r"\n\s*Parameters\n\s*-+\n(.*?)(?=\n\s*\w+\n\s*-{3,}|\Z)", text, re.S)
     found, names = {}, []
-    for line in inspect.cleandoc(match[1]).splitlines() if match else ():
+    for line in textwrap.dedent(match[1]).splitlines() if match else ():
         if line and not line[0].isspace():
             names = re.split(r",\s*", line.split(" : ")[0])
             found |= {name: "" for name in names}
