@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Two receive antennas: their ratio is read where one antenna on a clock of its own is not."""
 
+import shutil
+
 import numpy as np
 import pytest
 from gnuradio import blocks, gr, wiforce
@@ -80,6 +82,18 @@ def test_antenna_ratio_with_carrier_offset_and_phase_noise_is_read(captures):
     # not quite linear in the tag: up to 2 |T|/|S| = 0.29 deg, and noise of 0.1 deg
     assert len(found) >= 8 and np.abs(np.median(errors, axis=0)).max() < 0.35
     assert np.abs([r.location_mm - 33 for r in found]).max() < 0.3
+
+
+def test_antenna_ratio_recording_that_ends_within_a_group_gives_whole_groups(captures, tmp_path):
+    """As with one antenna: the part of a group at the end would be flagged as a loss of samples."""
+    name, scene = captures
+    group_bytes = 4 * scene.phase_group.snapshots * scene.sounding.frame_length
+    for own in ("press", "press.antenna2"):
+        data = name.with_name(f"{own}.sigmf-data").read_bytes()
+        (tmp_path / f"{own}.sigmf-data").write_bytes(data[: 20 * group_bytes + group_bytes // 2])
+        shutil.copy(name.with_name(f"{own}.sigmf-meta"), tmp_path)
+    found = wiforce.read(tmp_path / "press", scene)
+    assert len(found) == 20 and not found["flags"].str.contains("gap").any()
 
 
 def test_single_antenna_with_free_clock_reads_nothing(captures):

@@ -283,7 +283,9 @@ class _AntennaRatio:
         ):
             more = self._read_frames()
             if not len(more[0]):
-                return self._groups(len(self._kept[0]))
+                # As with one antenna, a group that the recording ends in is not read.
+                whole = self._kept[0][-1] % self._length == self._length - 1
+                return self._groups(len(self._kept[0]) if whole else 0)
             self._kept = tuple(map(np.concatenate, zip(self._kept, more, strict=True)))
         snapshots = self._kept[0]
         if not len(snapshots):
