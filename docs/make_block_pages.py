@@ -9,7 +9,6 @@ Do not edit these pages by hand; a test compares them with their sources.
 
 import inspect
 import re
-import textwrap
 from pathlib import Path
 
 import yaml

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Two receive antennas: their ratio is read where one antenna on a clock of its own is not."""
 
-import shutil
-
 import numpy as np
 import pytest
 from gnuradio import blocks, gr, wiforce

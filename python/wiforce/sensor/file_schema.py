@@ -127,7 +127,15 @@ class Contact:
 
 @declared
 class TransitionKeys:
-    """One way in which the contact may change along the line (`sensor/location.py`)."""
+    """One way in which the contact may change along the line (`sensor/location.py`).
+
+    Examples
+    --------
+    >>> spread = {"fade_relative_std": 0.1, "shift_mm": 0.0, "shift_std_mm": 0.1}
+    >>> residual = {"residual_length_mm": 10.0, "residual_variance": 4e-4}
+    >>> TransitionKeys(shape="tanh", probability=1.0, fade_mm=8.0, **spread, **residual).shape
+    'tanh'
+    """
 
     shape: str = key(Choice(words=SHAPES), doc="Form of the transition between its two levels.")
     probability: float = key(

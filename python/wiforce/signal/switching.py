@@ -111,7 +111,7 @@ def switch_averages_and_slopes(
 
 
 def _cycles_from_pulse(phase: np.ndarray, clock2_delay: float) -> np.ndarray:
-    """Cycles from the nearest pulse's centre, each clock in its own: pulses are 1/4 wide; (2, n)."""
+    """Cycles from the nearest pulse's centre, each clock in its own; pulses are 1/4 wide. (2, n)"""
     cycles = np.empty((2, len(phase)))
     np.multiply(phase, 1 / (2 * np.pi), out=cycles[0])
     np.multiply(cycles[0], 2, out=cycles[1])
