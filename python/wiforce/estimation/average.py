@@ -3,6 +3,11 @@
 
 from __future__ import annotations
 
+import math
+from collections import deque
+from collections.abc import Sequence
+from itertools import accumulate
+
 import numpy as np
 
 from ..errors import InputError
@@ -83,13 +88,13 @@ class SubcarrierAverage:
     def _smooth(self, groups: Groups, ratios: Array, variance: Array) -> tuple[Array, Array]:
         means, variances = np.empty_like(ratios), np.empty_like(variance)
         tags = ratios.shape[1] // 2
-        for row, restarts in enumerate(groups.new_reference.tolist()):
+        rows = zip(groups.new_reference.tolist(), ratios.tolist(), variance.tolist(), strict=True)
+        for row, (restarts, values, spreads) in enumerate(rows):
             if restarts or not self._windows:
                 self._windows = [AdaptiveAverage(self._smoothing) for _ in range(tags)]
             for i, window in enumerate(self._windows):
                 own = slice(2 * i, 2 * i + 2)
-                mean, spread = window.update(ratios[row, own], variance[row, own])
-                means[row, own], variances[row, own] = mean, spread
+                means[row, own], variances[row, own] = window.update(values[own], spreads[own])
         return means, variances
 
 
@@ -144,60 +149,69 @@ class AdaptiveAverage:
 
     Examples
     --------
-    >>> average, variance = AdaptiveAverage(4), np.array([1e-4])
+    >>> average = AdaptiveAverage(4)
     >>> for phase in (0.00, 0.01, 0.50):
-    ...     ratio, spread = average.update(np.array([np.exp(1j * phase)]), variance)
+    ...     (ratio,), (spread,) = average.update([np.exp(1j * phase)], [1e-4])
     ...     print(np.angle(ratio).round(3), spread)
-    [0.] [0.0001]
-    [0.005] [5.e-05]
-    [0.5] [0.0001]
+    0.0 0.0001
+    0.005 5e-05
+    0.5 0.0001
     """
 
     def __init__(self, length: int) -> None:
-        self._length = length
-        self._ratios: list[Array] = []
-        self._precision: list[Array] = []
+        # Of each group, the newest first: ratio over variance and 1 / variance of every ratio.
+        self._window: deque[list[tuple[complex, float]]] = deque(maxlen=length)
 
-    def update(self, ratios: Array, variance: Array) -> tuple[Array, Array]:
+    def update(
+        self, ratios: Sequence[complex], variance: Sequence[float]
+    ) -> tuple[list[complex], list[float]]:
         """Take one group.
 
         Parameters
         ----------
-        ratios : ndarray of complex, shape (n,)
+        ratios : sequence of complex, length n
             The window is common to all of them.
-        variance : ndarray, shape (n,)
+        variance : sequence of float, length n
             Of each ratio; the window is emptied where one is not finite.
 
         Returns
         -------
-        ratios : ndarray of complex, shape (n,)
+        ratios : list of complex, length n
             Averages over the window.
-        variance : ndarray, shape (n,)
+        variance : list of float, length n
             Of the averages.
         """
-        if not np.isfinite(variance).all():
-            self._ratios.clear()
-            self._precision.clear()
-            return ratios, variance
-        # The newest first, so that sums over the newest 1, 2, ... groups are cumulative.
-        self._ratios.insert(0, ratios / variance)
-        self._precision.insert(0, 1 / variance)
-        del self._ratios[self._length :], self._precision[self._length :]
-        sums = np.cumsum(self._ratios, axis=0)
-        precision = np.cumsum(self._precision, axis=0)
-        count = len(sums)
-        while count > 1 and _changed(sums[:count], precision[:count]):
+        if not all(map(math.isfinite, variance)):
+            self._window.clear()
+            return list(ratios), list(variance)
+        pairs = zip(ratios, variance, strict=True)
+        self._window.appendleft([(ratio / spread, 1 / spread) for ratio, spread in pairs])
+        # Sums over the newest 1, 2, ... groups of each ratio.
+        sums = [list(accumulate(item, _add)) for item in zip(*self._window, strict=True)]
+        count = len(self._window)
+        while count > 1 and any(_changed(each, count) for each in sums):
             count -= 1
-        del self._ratios[count:], self._precision[count:]
-        return sums[count - 1] / precision[count - 1], 1 / precision[count - 1]
+            self._window.pop()
+        return (
+            [each[count - 1][0] / each[count - 1][1] for each in sums],
+            [1 / each[count - 1][1] for each in sums],
+        )
 
 
-def _changed(sums: Array, precision: Array) -> bool:
-    """Whether the phase of some newer part differs from that of the rest."""
-    mean = sums[-1] / precision[-1]
-    newer, older = precision[:-1], precision[-1] - precision[:-1]
-    difference = sums[:-1] / newer - (sums[-1] - sums[:-1]) / older
-    across = difference.imag * mean.real - difference.real * mean.imag
+def _add(a: tuple[complex, float], b: tuple[complex, float]) -> tuple[complex, float]:
+    return a[0] + b[0], a[1] + b[1]
+
+
+def _changed(sums: list[tuple[complex, float]], count: int) -> bool:
+    """Whether the phase of some newer part of ``count`` groups differs from that of the rest."""
+    total, precision = sums[count - 1]
+    mean = (total / precision).conjugate()
     # Half of a complex variance lies across the mean.
-    spread = (1 / newer + 1 / older) / 2 * (mean.real**2 + mean.imag**2)
-    return bool((across**2 > _CHANGE * spread).any())
+    limit = _CHANGE / 2 * (mean.real**2 + mean.imag**2)
+    for newer, newer_precision in sums[: count - 1]:
+        older_precision = precision - newer_precision
+        difference = newer / newer_precision - (total - newer) / older_precision
+        across = (difference * mean).imag
+        if across**2 > limit * (1 / newer_precision + 1 / older_precision):
+            return True
+    return False

@@ -68,7 +68,8 @@ class GroupWeights:
         ndarray of complex, shape (M, 2 tags)
             The mixing matrix.
         """
-        mixed = self._mixer @ (waveforms[0] if len(waveforms) == 1 else np.hstack(waveforms))
+        rows = [waveform.T for waveform in waveforms]  # contiguous, as they were made
+        mixed = self._mixer @ (rows[0] if len(rows) == 1 else np.concatenate(rows)).T
         half = len(mixed) // 2
         return mixed[:half] + 1j * mixed[half:]
 

@@ -96,6 +96,7 @@ class ToneModel:
         self.table = table
         self.tags = tags
         self.group_period_s = table.group_length * table.snapshot_period_s
+        self._all_ends = np.arange(2 * len(tags))
         self._line_gain = np.ones((len(table.tones), 1))
         if sample_rate_hz is not None:
             self._line_gain = 1 / table.symbol_gain(sample_rate_hz)[:, None]
@@ -172,7 +173,9 @@ class ToneModel:
         solver = inverse @ adjoint
         ends = solver @ item.white
         residual: Array = item.white - white @ ends
-        rows = np.array([row for tag in locked for row in tag.rows])
+        rows = self._all_ends
+        if len(rows) != columns:
+            rows = np.array([row for tag in locked for row in tag.rows])
         return GroupFit(
             rows,
             mixed[:, :columns],
@@ -201,16 +204,14 @@ class ToneModel:
             Mean square of the whitened residual per degree of freedom.
         """
         count, subcarriers = 2 * len(self.tags), item.tones.shape[1]
-        ends = np.zeros((count, subcarriers), complex)
-        gain = np.full(count, np.inf)
-        if not item.usable:
-            return ends, gain, np.zeros(subcarriers)
         fit = self.fit(item)
-        if fit is None:
-            return ends, gain, item.power()
-        if len(fit.rows) == count:
+        if fit is not None and len(fit.rows) == count:
             ends, gain = fit.ends, fit.gain.copy()
         else:
+            ends = np.zeros((count, subcarriers), complex)
+            gain = np.full(count, np.inf)
+            if fit is None:
+                return ends, gain, item.power() if item.usable else np.zeros(subcarriers)
             ends[fit.rows], gain[fit.rows] = fit.ends, fit.gain
         # In units of the whole group: a perfect end would have 1/N.
         gain[gain * self.table.group_length >= _WORST_GAIN] = np.inf

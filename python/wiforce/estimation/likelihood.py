@@ -134,15 +134,12 @@ class PhaseLikelihood:
         """
         turned = self._derivatives * np.exp(-1j * phase * self.lines)
         u, slope, curvature = (turned @ tones[self.rows]).reshape(3, 2, -1)
-        weighted = u.conj() * inverse_noise
+        weighted = u * inverse_noise
+        bend = np.vdot(weighted, curvature).real + np.vdot(slope, slope * inverse_noise).real
         return (
-            float(np.vdot(weighted.conj(), u).real),
-            2 * float(np.vdot(weighted.conj(), slope).real),
-            2
-            * float(
-                np.vdot(weighted.conj(), curvature).real
-                + np.vdot(slope, slope * inverse_noise).real
-            ),
+            float(np.vdot(weighted, u).real),
+            2 * float(np.vdot(weighted, slope).real),
+            2 * float(bend),
         )
 
     @property
