@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The receiver: tones of phase groups in, readings of force and location out."""
+"""The receiver: from the tones of phase groups to readings of force and location."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from threadpoolctl import ThreadpoolController
 
+from .errors import InputError
 from .estimation.average import SubcarrierAverage
 from .estimation.estimators import estimator_named
 from .estimation.groups import Groups
@@ -28,25 +29,27 @@ class Receiver:
         Follow each press over time (location constant, force a random walk) instead of inverting
         each group by itself.
     derotated : bool
-        Whether the tones come derotated (``ToneTable.derotation``), as all front ends here do.
+        Whether the tones are derotated (``ToneTable.derotation``), as by all front ends of the
+        project; False for tones from channel snapshots.
     on_groups : callable, optional
-        Called with every batch of :class:`Groups` that has been read, before it is known which of
-        them hold a transition.
+        Called with every batch of :class:`Groups` that has been read, before transitions are
+        flagged.
 
     Attributes
     ----------
     plan : Plan
+        As given.
     counts : GroupCounts
-        Of the readings given so far.
+        Outcomes of the readings given so far.
 
     Notes
     -----
-    A batch goes through five stages, each of which adds arrays to it: separation of the tags' ends
-    at the tracked clock (docs/estimation.md, section 3), difference against the untouched
-    reference, average over the subcarriers, readout of touch, force and location, and the flag of
-    groups in which a press changed. Groups are held back until clocks and reference are known, and
-    each group until the next one has come. How groups are divided into batches does not change
-    their readings.
+    A batch passes five stages, each of which adds arrays to it (docs/estimation.md; step by step in
+    docs/walkthrough.md): separation of the tags' ends at the tracked clock, difference against the
+    untouched reference, average over the subcarriers, readout of touch, force and location, and
+    the flag of groups in which a press changed. Groups are held back until clocks and reference are
+    known, and each group until the next one has been received. The readings do not depend on how
+    groups are divided into batches.
 
     Examples
     --------
@@ -78,6 +81,7 @@ class Receiver:
 
     @property
     def counts(self) -> GroupCounts:
+        """Outcomes of the readings given so far."""
         return self.readout.counts
 
     def process(self, groups: Groups) -> list[Reading]:
@@ -91,10 +95,19 @@ class Receiver:
         Returns
         -------
         list of Reading
-            A reading per group and sensor; groups of which nothing was received are flagged
-            ``gap``.
+            A reading per group and sensor; groups that were not received are flagged ``gap``.
+
+        Raises
+        ------
+        InputError
+            When the tones are missing, or do not have the lines and subcarriers of the plan.
         """
-        # Threads cost more than they bring in matrices as small as these.
+        expected = (len(self.plan.table.tones), len(self.plan.waveform.bins))
+        shape = None if groups.tones is None else groups.tones.shape
+        if shape is None or shape[1:] != expected:
+            rule = f"must have the shape (groups, {expected[0]}, {expected[1]}) of the plan"
+            raise InputError("groups.tones", rule, shape)
+        # Threads are slower than one core for matrices as small as these.
         with self._blas.limit(limits=1, user_api="blas"):
             return self._read(self.reference.process(self.separation.process(groups)))
 
@@ -106,7 +119,7 @@ class Receiver:
             return readings + self.readout.flush()
 
     def tare(self) -> None:
-        """Take the untouched reference anew from the groups that follow."""
+        """Take a new untouched reference from the groups that follow."""
         self.reference.tare()
 
     def _read(self, groups: Groups) -> list[Reading]:
@@ -116,7 +129,7 @@ class Receiver:
 def make_readout(
     plan: Plan, tracked: bool = False, on_groups: Callable[[Groups], None] | None = None
 ) -> Readout:
-    """The readout of a plan's sensors.
+    """Make the readout of a plan's sensors.
 
     Parameters
     ----------

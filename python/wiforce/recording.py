@@ -27,7 +27,7 @@ from .wiforce_kernels import folded_reader, tone_reader
 if TYPE_CHECKING:
     import pandas
 
-# Groups that are read at a time: larger batches are no faster, smaller ones are.
+# Groups that are read at a time. Larger batches are not faster, smaller ones are slower.
 _BATCH = 256
 
 
@@ -60,7 +60,7 @@ def read(
         A row per phase group and sensor with the columns of a readings file: ``time_s``,
         ``sensor``, ``touch``, ``force_n``, ``force_std_n``, ``location_mm``, ``location_std_mm``,
         ``phase1_deg``, ``phase2_deg``, ``snr_db``, ``flags`` (words with spaces between). Numbers
-        are not rounded; what is unknown is NaN.
+        are not rounded; unknown values are NaN.
 
     Raises
     ------
@@ -102,7 +102,9 @@ class RecordingReader:
     Parameters
     ----------
     recording : Capture
+        Must agree with the plan's scene.
     plan : Plan
+        Of a scene: ``wiforce.plan(scene)``.
     frame_offset : int, optional
         Samples before the first frame; searched in the samples when not given.
     tracked : bool
@@ -113,14 +115,16 @@ class RecordingReader:
     Attributes
     ----------
     frame_offset : int
+        Samples before the first frame.
     receiver : Receiver
+        Reads the groups.
     times_ignored : int
-        Of a stream; a recording has none.
+        Implausible ``rx_time`` tags; 0, since a recording has no tags.
 
     Raises
     ------
     InputError
-        When the capture disagrees with the scene, or holds no reading at all.
+        When the capture contradicts the scene, or is shorter than the reference and one group.
 
     Examples
     --------
@@ -138,7 +142,8 @@ class RecordingReader:
         tracked: bool = False,
         on_groups: Callable[[Groups], None] | None = None,
     ) -> None:
-        assert plan.scene is not None
+        if plan.scene is None:
+            raise ValueError("a plan without a scene has no sensors to read")
         recording.check_against(plan.scene)
         self._recording, self._plan = recording, plan
         if frame_offset is None:
@@ -172,7 +177,7 @@ class RecordingReader:
 
     @property
     def leftover(self) -> int:
-        """Samples behind the last whole frame."""
+        """Samples after the last whole frame."""
         return (self._recording.span - self.frame_offset) % self._plan.waveform.frame_length
 
     @property
@@ -181,11 +186,11 @@ class RecordingReader:
         return self.receiver.counts
 
     def samples_missing(self) -> dict[Path, int]:
-        """Samples that each file lacked because it was cut short while it was read."""
+        """Samples missing from each file because it was truncated while it was read."""
         return self._source.samples_missing()
 
     def frames_moved(self) -> dict[Path, int]:
-        """How often the frames of each file were found at another place than before."""
+        """Number of times that the frame timing of each file shifted."""
         return self._source.frames_moved()
 
     def __iter__(self) -> Iterator[list[Reading]]:

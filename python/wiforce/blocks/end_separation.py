@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Block: tones of a group to the complex channels of the tags' ends."""
 
+from typing import Any
+
 import numpy as np
 import pmt
 
 from .. import names
 from ..estimation.estimators import estimator_named
-from .group_block import GroupBlock
+from ..estimation.groups import Array, Groups
+from ..planning.plan import Plan
+from .group_block import GroupBlock, Tags
 from .tone_input import ToneInput
 
 
@@ -24,9 +28,14 @@ class end_separation(GroupBlock):
         Of a scene: ``wiforce.plan(scene)``.
     derotated : bool
         Whether the channel estimator was given the plan's derotation.
+
+    Examples
+    --------
+    >>> from gnuradio import wiforce
+    >>> separation = end_separation(wiforce.plan("demo"))
     """
 
-    def __init__(self, plan, derotated=True):
+    def __init__(self, plan: Plan, derotated: bool = True) -> None:
         self._input = ToneInput(plan, derotated)
         self._bins = plan.waveform.bins
         self.stage = estimator_named(plan.estimator).separator(
@@ -37,17 +46,17 @@ class end_separation(GroupBlock):
         self.message_port_register_in(pmt.intern(names.INCOMPLETE))
         self.set_msg_handler(pmt.intern(names.INCOMPLETE), self._on_incomplete)
 
-    def _on_incomplete(self, message):
+    def _on_incomplete(self, message: Any) -> None:
         try:
             self._input.on_incomplete(message)
         except Exception as error:
             self.fail(error)
 
-    def take(self, items, tags):
+    def take(self, items: Array, tags: Tags) -> tuple[int, Groups]:
         count, groups = self._input.collect(items, tags)
         return count, self.stage.process(groups)
 
-    def vectors(self, groups):
+    def vectors(self, groups: Groups) -> Array:
         items = np.zeros((*groups.ends.shape[:2], 64), complex)
         items[:, :, self._bins] = groups.ends
         return items.reshape(len(groups), -1)
