@@ -11,9 +11,8 @@ import re
 import pytest
 from gnuradio import wiforce
 
-# Blocks load GNU Radio's runtime, where an example is a flowgraph; the widgets' examples need a
-# QApplication and run with the tests of the display.
-WITHOUT_EXAMPLES = ("blocks", "gui", "bindings")
+# The widgets' examples need a QApplication and run with the tests of the display.
+WITHOUT_EXAMPLES = ("gui", "bindings")
 # Not yet complete: what examples they have are run, but none is demanded.
 INCOMPLETE = (
     "io.arrays",
@@ -33,7 +32,7 @@ INCOMPLETE = (
 
 
 def module_names():
-    """Names of the package's modules that need NumPy only, relative to it; none is imported."""
+    """Names of the package's modules relative to it; none is imported."""
     for top in pkgutil.iter_modules(wiforce.__path__):
         if top.ispkg and top.name not in WITHOUT_EXAMPLES:
             folders = [f"{folder}/{top.name}" for folder in wiforce.__path__]

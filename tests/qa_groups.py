@@ -80,3 +80,11 @@ def test_groups_having_other_arrays_leave_the_groups_they_came_from():
     assert after.tones is None and after.ratios.shape == (2, 2)
     assert before.tones is not None and before.ratios is None
     assert after.index is before.index
+
+
+def test_groups_indexed_and_iterated_give_batches_of_one():
+    whole = batch(10, 3)
+    assert [group.index.tolist() for group in whole] == [[10], [11], [12]]
+    assert whole[-1].tones.shape == (1, 4, 3) and whole[np.int64(1)].index.tolist() == [11]
+    with pytest.raises(IndexError, match="group 3 of a batch of 3"):
+        whole[3]

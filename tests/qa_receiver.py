@@ -253,3 +253,9 @@ def test_receiver_on_groups_sees_every_group_that_is_read():
     groups = Groups.concatenate(seen)
     assert groups.index.tolist() == list(range(20))
     assert groups.phases_deg[:, 0, 0] == pytest.approx([r.phase1_deg for r in readings])
+
+
+@pytest.mark.parametrize("tones", [None, np.zeros((2, 5, 62)), np.zeros((2, 16, 52))])
+def test_receiver_tones_of_another_plan_are_refused(tones):
+    with pytest.raises(InputError, match="^groups.tones: must have the shape"):
+        Receiver(make_plan()).process(Groups(np.arange(2), tones))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The receiver: tones of phase groups in, readings of force and location out."""
+"""The receiver: from the tones of phase groups to readings of force and location."""
 
 from __future__ import annotations
 
@@ -30,25 +30,27 @@ class Receiver:
         Follow each press over time (location constant, force a random walk) instead of inverting
         each group by itself.
     derotated : bool
-        Whether the tones come derotated (``ToneTable.derotation``), as all front ends here do.
+        Whether the tones are derotated (``ToneTable.derotation``), as by all front ends of the
+        project; False for tones from channel snapshots.
     on_groups : callable, optional
-        Called with every batch of :class:`Groups` that has been read, before it is known which of
-        them hold a transition.
+        Called with every batch of :class:`Groups` that has been read, before transitions are
+        flagged.
 
     Attributes
     ----------
     plan : Plan
+        As given.
     counts : GroupCounts
-        Of the readings given so far.
+        Outcomes of the readings given so far.
 
     Notes
     -----
-    A batch goes through five stages, each of which adds arrays to it: separation of the tags' ends
-    at the tracked clock (docs/estimation.md, section 3), difference against the untouched
-    reference, average over the subcarriers, readout of touch, force and location, and the flag of
-    groups in which a press changed. Groups are held back until clocks and reference are known, and
-    each group until the next one has come. How groups are divided into batches does not change
-    their readings.
+    A batch passes five stages, each of which adds arrays to it (docs/estimation.md; step by step in
+    docs/walkthrough.md): separation of the tags' ends at the tracked clock, difference against the
+    untouched reference, average over the subcarriers, readout of touch, force and location, and
+    the flag of groups in which a press changed. Groups are held back until clocks and reference are
+    known, and each group until the next one has been received. The readings do not depend on how
+    groups are divided into batches.
 
     Examples
     --------
@@ -80,6 +82,7 @@ class Receiver:
 
     @property
     def counts(self) -> GroupCounts:
+        """Outcomes of the readings given so far."""
         return self.readout.counts
 
     def process(self, groups: Groups) -> list[Reading]:
@@ -93,8 +96,7 @@ class Receiver:
         Returns
         -------
         list of Reading
-            A reading per group and sensor; groups of which nothing was received are flagged
-            ``gap``.
+            A reading per group and sensor; groups that were not received are flagged ``gap``.
 
         Raises
         ------
@@ -102,7 +104,7 @@ class Receiver:
             For arrays of another shape than the plan asks for, and indices that do not rise.
         """
         self._check(groups)
-        # Threads cost more than they bring in matrices as small as these.
+        # Threads are slower than one core for matrices as small as these.
         with self._blas.limit(limits=1, user_api="blas"):
             return self._read(self.reference.process(self.separation.process(groups)))
 
@@ -114,7 +116,7 @@ class Receiver:
             return readings + self.readout.flush()
 
     def tare(self) -> None:
-        """Take the untouched reference anew from the groups that follow."""
+        """Take a new untouched reference from the groups that follow."""
         self.reference.tare()
 
     def _check(self, groups: Groups) -> None:
@@ -127,9 +129,9 @@ class Receiver:
         if np.shape(groups.tones) != shape:
             rule = f"must have shape {shape}: groups, tones and subcarriers of the plan"
             raise InputError("groups.tones", rule, np.shape(groups.tones))
-        weights, shape = groups.snapshot_weights, (len(groups), self.plan.group_length)
-        if weights is not None and np.shape(weights) != shape:
-            rule = f"must have shape {shape}: groups and snapshots of the plan"
+        weights, snapshots = groups.snapshot_weights, (len(groups), self.plan.group_length)
+        if weights is not None and np.shape(weights) != snapshots:
+            rule = f"must have shape {snapshots}: groups and snapshots of the plan"
             raise InputError("groups.snapshot_weights", rule, np.shape(weights))
 
     def _read(self, groups: Groups) -> list[Reading]:
@@ -139,7 +141,7 @@ class Receiver:
 def make_readout(
     plan: Plan, tracked: bool = False, on_groups: Callable[[Groups], None] | None = None
 ) -> Readout:
-    """The readout of a plan's sensors.
+    """Make the readout of a plan's sensors.
 
     Parameters
     ----------

@@ -28,7 +28,7 @@ from .wiforce_kernels import folded_reader, tone_reader
 if TYPE_CHECKING:
     import pandas
 
-# Groups that are read at a time: larger batches are no faster, smaller ones are.
+# Groups that are read at a time. Larger batches are not faster, smaller ones are slower.
 _BATCH = 256
 
 
@@ -61,7 +61,7 @@ def read(
         A row per phase group and sensor with the columns of a readings file: ``time_s``,
         ``sensor``, ``touch``, ``force_n``, ``force_std_n``, ``location_mm``, ``location_std_mm``,
         ``phase1_deg``, ``phase2_deg``, ``snr_db``, ``flags`` (words with spaces between). Numbers
-        are not rounded; what is unknown is NaN.
+        are not rounded; unknown values are NaN.
 
     Raises
     ------
@@ -103,7 +103,9 @@ class RecordingReader:
     Parameters
     ----------
     recording : Capture
+        Must agree with the plan's scene.
     plan : Plan
+        Of a scene: ``wiforce.plan(scene)``.
     frame_offset : int, optional
         Samples before the first frame; searched in the samples when not given.
     tracked : bool
@@ -114,17 +116,19 @@ class RecordingReader:
     Attributes
     ----------
     frame_offset : int
+        Samples before the first frame.
     receiver : Receiver
+        Reads the groups.
     source : object
         Its ``read()`` gives the next Groups of tones, an empty one at the end.
     times_ignored : int
-        Of a stream; a recording has none.
+        Implausible ``rx_time`` tags; 0, since a recording has no tags.
 
     Raises
     ------
     InputError
-        When the capture disagrees with the scene or holds no reading at all, or for a bad
-        ``frame_offset``.
+        When the capture contradicts the scene, is shorter than the reference and one group, or for
+        a bad ``frame_offset``.
 
     Examples
     --------
@@ -178,7 +182,7 @@ class RecordingReader:
 
     @property
     def leftover(self) -> int:
-        """Samples behind the last whole frame."""
+        """Samples after the last whole frame."""
         return (self._recording.span - self.frame_offset) % self._plan.waveform.frame_length
 
     @property

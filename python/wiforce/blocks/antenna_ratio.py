@@ -1,19 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Block: two receive antennas' folded vectors to those of their ratio."""
+"""Block: ratio of two receive antennas, as folded vectors."""
 
 import numpy as np
 from gnuradio import gr
 
 from ..estimation.antennas import folded_ratio
+from ..estimation.groups import Array
 from ..signal.waveform import FFT_LENGTH, sounding_waveform
 
 
 class antenna_ratio(gr.sync_block):
     """The channel of one receive antenna over that of another, as folded vectors.
 
-    For a transmitter and a receiver on clocks of their own (``reader_clock: free``): the phase of
-    the receiver's oscillator is the same on both antennas and leaves the ratio. What comes out
-    enters a ``reader`` with the input ``folded``.
+    For a transmitter and a receiver with separate clocks (``reader_clock: free``): the phase of the
+    receiver's oscillator is the same on both antennas and cancels in the ratio. Connect the output
+    to a ``reader`` with the input ``folded``.
 
     Input 0 and 1: vectors of 64 complex, a frame each (``preamble_fold``, ``capture_source``), of
     the same frames; gaps must be the same. Output: vectors of 64; tags are those of input 0.
@@ -30,16 +31,22 @@ class antenna_ratio(gr.sync_block):
     Raises
     ------
     InputError
-        For a sounding frame that cannot be.
+        (A ValueError) naming parameter, rule and value.
+
+    Examples
+    --------
+    >>> ratio = antenna_ratio("repeated", frame_length=720)
     """
 
-    def __init__(self, waveform="repeated", frame_length=720, sample_rate=12.5e6):
+    def __init__(
+        self, waveform: str = "repeated", frame_length: int = 720, sample_rate: float = 12.5e6
+    ) -> None:
         vector = (np.complex64, FFT_LENGTH)
         gr.sync_block.__init__(self, "antenna_ratio", in_sig=[vector, vector], out_sig=[vector])
         self._waveform = sounding_waveform(waveform, frame_length, sample_rate)
         self.set_tag_propagation_policy(gr.TPP_DONT)
 
-    def work(self, input_items, output_items):
+    def work(self, input_items: list[Array], output_items: list[Array]) -> int:
         first, second = input_items
         output_items[0][:] = folded_ratio(first, second, self._waveform)
         start = self.nitems_read(0)

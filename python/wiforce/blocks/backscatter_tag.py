@@ -2,11 +2,13 @@
 """Block: a sensor with its tag on the air."""
 
 from collections import deque
+from collections.abc import Callable
 
 import numpy as np
 from gnuradio import gr
 
 from ..errors import InputError
+from ..estimation.groups import Array
 from ..scene import load_scene
 from ..simulation.channel import AirChannel
 
@@ -53,25 +55,32 @@ class backscatter_tag(gr.sync_block):
     ------
     InputError
         (A ValueError) naming parameter, rule and value.
+
+    Examples
+    --------
+    >>> tag = backscatter_tag("line-900mhz", clock_hz=1000.0)
+    >>> tag.set_force_n(4.0)
+    >>> tag.force_n()
+    4.0
     """
 
     def __init__(
         self,
-        model="line-900mhz",
-        clock_hz=1000.0,
-        clock_offset_ppm=40.0,
-        force_n=0.0,
-        location_mm=40.0,
-        snr_db=10.0,
-        static_clutter_db=60.0,
-        amplitude=0.5,
-        off_reflection=0j,
-        center_frequency=900e6,
-        sample_rate=12.5e6,
-        waveform="repeated",
-        frame_length=720,
-        seed=1,
-    ):
+        model: str = "line-900mhz",
+        clock_hz: float = 1000.0,
+        clock_offset_ppm: float = 40.0,
+        force_n: float = 0.0,
+        location_mm: float = 40.0,
+        snr_db: float = 10.0,
+        static_clutter_db: float = 60.0,
+        amplitude: float = 0.5,
+        off_reflection: complex = 0j,
+        center_frequency: float = 900e6,
+        sample_rate: float = 12.5e6,
+        waveform: str = "repeated",
+        frame_length: int = 720,
+        seed: int = 1,
+    ) -> None:
         if not (np.isfinite(amplitude) and amplitude > 0):
             raise InputError("amplitude", "must be above 0", amplitude)
         if static_clutter_db is None:
@@ -104,65 +113,67 @@ class backscatter_tag(gr.sync_block):
         self._rate = scene.radio.sample_rate_hz
         self._air = AirChannel(scene, amplitude, through=True)
         self._tag = self._air.sensors["tag"]
-        self._changes = deque()
+        self._changes: deque[Callable[[float], None]] = deque()
         self._force_n, self._location_mm = 0.0, 0.0
         self.set_location_mm(location_mm)
         self.set_force_n(force_n)
         self._ask_for_buffer(4 * _WORK_ITEMS)
 
-    def set_force_n(self, force_n):
+    def set_force_n(self, force_n: float) -> None:
         """Press with this force from now on."""
         self._force_n = _checked("force_n", force_n, 0, 1000)
         self._press()
 
-    def set_location_mm(self, location_mm):
+    def set_location_mm(self, location_mm: float) -> None:
         """Press here from now on."""
         self._location_mm = _checked("location_mm", location_mm, 0, self._length_mm)
         self._press()
 
-    def set_clock_offset_ppm(self, offset_ppm):
-        """Change the rate of the tag's clock; its phase goes on without a step."""
+    def set_clock_offset_ppm(self, offset_ppm: float) -> None:
+        """Change the rate of the tag's clock; its phase stays continuous."""
         offset_ppm = _checked("clock_offset_ppm", offset_ppm, -1000, 1000)
         self._changes.append(lambda now_s: self._tag.clock.retune(now_s, offset_ppm))
 
-    def set_snr_db(self, snr_db):
+    def set_snr_db(self, snr_db: float) -> None:
         """Change the noise; the tag stays as strong as it is."""
         snr_db = _checked("snr_db", snr_db, -100, 140)
         self._changes.append(lambda now_s: self._air.set_snr_db(snr_db))
 
-    def set_on(self, on):
+    def set_on(self, on: bool) -> None:
         """Take the tag off the air, or put it back."""
         self._tag.on = bool(on)
 
-    def force_n(self):
+    def force_n(self) -> float:
+        """Force that is set, in N."""
         return self._force_n
 
-    def location_mm(self):
+    def location_mm(self) -> float:
+        """Location that is set, in mm from port 1."""
         return self._location_mm
 
-    def _ask_for_buffer(self, items):
-        """As set_min_output_buffer, which tells the console of it, does in silence."""
+    def _ask_for_buffer(self, items: int) -> None:
+        """Call set_min_output_buffer without the line that it prints."""
         level = self.log_level()
         self.set_log_level("warn")
         self.set_min_output_buffer(items)
         self.set_log_level(level)
 
-    def _press(self):
+    def _press(self) -> None:
         self._tag.pressed.hold(self._force_n, self._location_mm)
 
-    def start(self):
+    def start(self) -> bool:
         self._air.restart(self.nitems_read(0))
         return True
 
-    def work(self, input_items, output_items):
+    def work(self, input_items: list[Array], output_items: list[Array]) -> int:
         first = self.nitems_read(0)
-        while self._changes:  # set by other threads, made between two calls
+        while self._changes:  # set by other threads, applied between two calls
             self._changes.popleft()(first / self._rate)
         output_items[0][:] = self._air.process(input_items[0], first)
         return len(output_items[0])
 
 
-def _checked(name, value, low, high):
+def _checked(name: str, value: float, low: float, high: float) -> float:
     if not low <= value <= high:
         raise InputError(name, f"must be from {low:g} to {high:g}", value)
     return float(value)

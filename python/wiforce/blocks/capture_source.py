@@ -1,15 +1,22 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Block: a capture's folded frames, gaps and all, as its metadata and a scene describe it."""
+"""Block: folded frames of a capture, with its gaps, as its metadata and a scene describe it."""
 
 import os
+from pathlib import Path
+from typing import Any
 
 from ..errors import InputError
 from ..io.capture import Capture, open_capture
-from ..scene import load_scene
+from ..scene import Scene, load_scene
 from ..wiforce_python import recording_source
 
 
-def capture_source(recording, scene, frame_offset=0, datatype=None):
+def capture_source(
+    recording: str | Path | Capture,
+    scene: str | dict[str, Any] | Scene,
+    frame_offset: int = 0,
+    datatype: str | None = None,
+) -> recording_source:
     """A ``recording_source`` for a capture of a scene.
 
     Output: one vector of 64 complex per frame, for a ``reader`` with the input ``folded``.
@@ -19,7 +26,7 @@ def capture_source(recording, scene, frame_offset=0, datatype=None):
     recording : str, Path or Capture
         SigMF pair, by either file's name or their common stem; raw samples with ``datatype``.
     scene : str, dict or Scene
-        Says the sounding frame; must agree with the capture on sample rate and carrier.
+        Defines the sounding frame; must agree with the capture on sample rate and carrier.
     frame_offset : int
         Samples before the first frame.
     datatype : str, optional
@@ -33,6 +40,10 @@ def capture_source(recording, scene, frame_offset=0, datatype=None):
     ------
     InputError
         Naming file, rule and value, when a file is missing, broken, or contradicts the scene.
+
+    Examples
+    --------
+    >>> source = capture_source("press", "demo")  # doctest: +SKIP
     """
     if frame_offset < 0:
         raise InputError("frame_offset", "must be 0 or more", frame_offset)

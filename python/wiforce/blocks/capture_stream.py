@@ -4,6 +4,7 @@
 import os
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pmt
@@ -11,25 +12,29 @@ from gnuradio import gr
 
 from .. import names
 from ..errors import InputError
+from ..estimation.groups import Array
 from ..io.capture import open_capture
 from ..io.samples import DATATYPES
 from .stream_time import time_value
 
-_LOOK_S = 0.1
+# Interval at which the file is checked for new samples.
+_POLL_S = 0.1
 
 
 class capture_stream(gr.sync_block):
-    """Samples of a capture that grows, with ``rx_time`` at its start and after every gap.
+    """Samples of a growing capture, with ``rx_time`` at its start and after every gap.
 
-    A gap must be in the metadata before the samples behind it are in the data, as
+    A gap must be in the metadata before the samples after it are in the data, as
     ``sigmf_recorder`` writes them.
 
     Parameters
     ----------
     path : str or Path
-        See ``open_capture``.
+        SigMF pair, by either file's name or their common stem; raw samples with ``datatype``.
     datatype : str, optional
+        ``ci16_le`` or ``cf32_le``: the file is raw samples of this type.
     sample_rate : float
+        Samples per second.
 
     Attributes
     ----------
@@ -38,30 +43,38 @@ class capture_stream(gr.sync_block):
     ended : threading.Event
         When set, the stream ends with what is in the file.
     failure : Exception or None
-        What ended the stream otherwise.
+        The error that ended the stream.
+
+    Examples
+    --------
+    >>> stream = capture_stream("press", sample_rate=12.5e6)  # doctest: +SKIP
+    >>> stream.ended.set()  # doctest: +SKIP
     """
 
-    def __init__(self, path, datatype=None, sample_rate=12.5e6):
+    def __init__(
+        self, path: str | Path, datatype: str | None = None, sample_rate: float = 12.5e6
+    ) -> None:
         self._source = (path, datatype)
         self._rate = sample_rate
         self._known = open_capture(path, datatype)
         kind = DATATYPES[self._known.datatype]
         self.item_type, self._sample_bytes = kind.name, kind.sample_bytes
         gr.sync_block.__init__(self, "capture_stream", in_sig=None, out_sig=[kind.item])
-        self.ended, self.failure = threading.Event(), None
+        self.ended = threading.Event()
+        self.failure: Exception | None = None
         self._file = open(self._known.path, "rb", buffering=0)
         self._segment, self._at = 0, self._known.segments[0].file_sample
 
-    def work(self, input_items, output_items):
+    def work(self, input_items: list[Array], output_items: list[Array]) -> int:
         out = output_items[0]
         try:
-            count = min(len(out), self._left())
+            count = min(len(out), self._available())
             if count == 0:
                 ended = self.ended.is_set()
-                if not self._look_again():
+                if not self._reopen():
                     if ended:
                         return -1
-                    time.sleep(_LOOK_S)
+                    time.sleep(_POLL_S)
                 return 0
             self._tag_segment()
             count = self._read(out[:count])
@@ -71,12 +84,12 @@ class capture_stream(gr.sync_block):
         self._at += count
         return count
 
-    def stop(self):
+    def stop(self) -> bool:
         self._file.close()
         return True
 
-    def _left(self):
-        """Samples left of the segment at hand, as far as is known; moves on to the next."""
+    def _available(self) -> int:
+        """Samples available of the present segment; moves on to the next when it has ended."""
         segments = self._known.segments
         segment = segments[self._segment]
         if self._at == segment.file_sample + segment.length and self._segment + 1 < len(segments):
@@ -85,14 +98,14 @@ class capture_stream(gr.sync_block):
             self._at = segment.file_sample
         return segment.file_sample + segment.length - self._at
 
-    def _look_again(self):
-        """Whether the capture has grown. Its size is looked at before its metadata."""
+    def _reopen(self) -> bool:
+        """Whether the capture has grown. Its size is read before its metadata."""
         known, self._known = self._known.samples, open_capture(*self._source)
         if self._known.samples < known:
             raise InputError(self._known.path, "was cut short while it was read")
         return self._known.samples > known
 
-    def _tag_segment(self):
+    def _tag_segment(self) -> None:
         segment = self._known.segments[self._segment]
         if self._at != segment.file_sample:
             return
@@ -101,7 +114,7 @@ class capture_stream(gr.sync_block):
         value = time_value(whole, since / self._rate - whole)
         self.add_item_tag(0, self.nitems_written(0), pmt.intern(names.RX_TIME), value)
 
-    def _read(self, out):
+    def _read(self, out: Array) -> int:
         place = self._at * self._sample_bytes
         read = os.preadv(self._file.fileno(), [out.view(np.uint8).data], place)
         if read < out.nbytes:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Block: how far off each tag's clock is, out of what the separation found."""
+"""Block: offset of each tag's clock, as found by the separation."""
 
 import numpy as np
 import pmt
@@ -7,6 +7,7 @@ from gnuradio import gr
 
 from .. import names
 from ..errors import InputError
+from ..estimation.groups import Array
 from . import state_tag
 
 _STATE = pmt.intern(names.STATE)
@@ -15,23 +16,27 @@ _STATE = pmt.intern(names.STATE)
 class clock_offset(gr.sync_block):
     """Offset of every tag's clock against its nominal frequency.
 
-    Input: vectors tagged ``state``, from ``end_separation`` or any block behind it. Output: vectors
-    of S floats, ppm, + for a fast tag; NaN while a clock is not found.
+    Input: vectors tagged ``state``, from ``end_separation`` or any block after it. Output: vectors
+    of S floats, ppm, positive for a fast tag; NaN while a clock is not known.
 
     Parameters
     ----------
     sensors : int
         S.
     length : int
-        Complex numbers per input vector: 128 S behind ``end_separation``.
+        Complex numbers per input vector: 128 S after ``end_separation``.
 
     Raises
     ------
     InputError
         (A ValueError) naming parameter, rule and value.
+
+    Examples
+    --------
+    >>> offset = clock_offset(sensors=2, length=256)
     """
 
-    def __init__(self, sensors=1, length=128):
+    def __init__(self, sensors: int = 1, length: int = 128) -> None:
         for name, value in (("sensors", sensors), ("length", length)):
             if value < 1:
                 raise InputError(name, "must be at least 1", value)
@@ -40,7 +45,7 @@ class clock_offset(gr.sync_block):
         self.set_tag_propagation_policy(gr.TPP_DONT)
         self._sensors = sensors
 
-    def work(self, input_items, output_items):
+    def work(self, input_items: list[Array], output_items: list[Array]) -> int:
         out = output_items[0]
         out[:] = np.nan
         for tag in self.get_tags_in_window(0, 0, len(out), _STATE):

@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Block: the ends' channels against the untouched sensor, or against the group before."""
+"""Block: the ends' channels relative to the untouched sensor or to the previous group."""
+
+from typing import Any
 
 import numpy as np
 import pmt
 
 from .. import names
 from ..estimation.estimators import estimator_named
+from ..estimation.groups import Array, Groups
 from ..estimation.reference import ConjugateDifference
-from .group_block import GroupBlock, groups_of
+from ..planning.plan import Plan
+from .group_block import GroupBlock, Tags, groups_of
 
 
 class conjugate_difference(GroupBlock):
@@ -16,16 +20,21 @@ class conjugate_difference(GroupBlock):
     Input and output: vectors 2S x 64, tagged ``state``. Scaled so that the average over
     subcarriers with the noise weights is R with its magnitude. The groups of the reference are
     held back until it is complete.
-    Message port ``tare``: any message takes the reference anew from the groups that follow.
+    Message port ``tare``: any message takes a new reference from the groups that follow.
 
     Parameters
     ----------
     plan : Plan
         Of a scene: ``wiforce.plan(scene)``. Its estimator ``paper`` compares every group with the
         one before (paper, section 3.3).
+
+    Examples
+    --------
+    >>> from gnuradio import wiforce
+    >>> difference = conjugate_difference(wiforce.plan("demo"))
     """
 
-    def __init__(self, plan):
+    def __init__(self, plan: Plan) -> None:
         self._ends = 2 * len(plan.clocks)
         self._bins = plan.waveform.bins
         against = estimator_named(plan.estimator).against
@@ -35,14 +44,14 @@ class conjugate_difference(GroupBlock):
         self.set_msg_handler(pmt.intern(names.TARE), self._on_tare)
 
     # GNU Radio finds a handler by its name: a lambda has none that it knows.
-    def _on_tare(self, message):
+    def _on_tare(self, message: Any) -> None:
         self.stage.tare()
 
-    def take(self, items, tags):
+    def take(self, items: Array, tags: Tags) -> tuple[int, Groups]:
         ends = items.reshape(-1, self._ends, 64)[:, :, self._bins].astype(complex)
         return len(items), self.stage.process(groups_of(tags).having(ends=ends))
 
-    def vectors(self, groups):
+    def vectors(self, groups: Groups) -> Array:
         items = np.zeros((len(groups), self._ends, 64), complex)
         items[:, :, self._bins] = groups.changes
         return items.reshape(len(groups), -1)

@@ -4,6 +4,8 @@
 import numpy as np
 
 from ..estimation.estimators import estimator_named
+from ..estimation.groups import Array, Groups
+from ..planning.plan import Plan
 from .tone_input import ToneBlock
 
 
@@ -21,9 +23,14 @@ class end_separation(ToneBlock):
         Of a scene: ``wiforce.plan(scene)``.
     derotated : bool
         Whether the channel estimator was given the plan's derotation.
+
+    Examples
+    --------
+    >>> from gnuradio import wiforce
+    >>> separation = end_separation(wiforce.plan("demo"))
     """
 
-    def __init__(self, plan, derotated=True):
+    def __init__(self, plan: Plan, derotated: bool = True) -> None:
         self._bins = plan.waveform.bins
         self.stage = estimator_named(plan.estimator).separator(
             plan.table, plan.clocks, plan.waveform, derotated
@@ -31,10 +38,10 @@ class end_separation(ToneBlock):
         outputs = 2 * len(plan.clocks) * 64
         ToneBlock.__init__(self, "end_separation", plan, derotated, outputs)
 
-    def process(self, groups):
+    def process(self, groups: Groups) -> Groups:
         return self.stage.process(groups)
 
-    def vectors(self, groups):
+    def vectors(self, groups: Groups) -> Array:
         items = np.zeros((*groups.ends.shape[:2], 64), complex)
         items[:, :, self._bins] = groups.ends
         return items.reshape(len(groups), -1)

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Block: a window on the readings."""
 
+from typing import Any
+
 import pmt
 from gnuradio import gr
 
@@ -28,9 +30,16 @@ class force_display(gr.basic_block):
     ------
     InputError
         (A ValueError) naming parameter, rule and value.
+
+    Examples
+    --------
+    >>> display = force_display(length_mm=80.0)  # doctest: +SKIP
+    >>> display.widget.show()  # doctest: +SKIP
     """
 
-    def __init__(self, length_mm=80.0, force_span_n=8.0, history_s=20.0):
+    def __init__(
+        self, length_mm: float = 80.0, force_span_n: float = 8.0, history_s: float = 20.0
+    ) -> None:
         gr.basic_block.__init__(self, "force_display", in_sig=None, out_sig=None)
         self.widget = ForceDisplay(length_mm, force_span_n, history_s)
         self.message_port_register_in(pmt.intern(names.READINGS))
@@ -38,9 +47,9 @@ class force_display(gr.basic_block):
         self.set_msg_handler(pmt.intern(names.READINGS), self._on_reading)
         self.widget.tare_requested.connect(self._on_tare)
 
-    def _on_reading(self, message):
+    def _on_reading(self, message: Any) -> None:
         if pmt.is_dict(message):
             self.widget.add(pmt.to_python(message))
 
-    def _on_tare(self):
+    def _on_tare(self) -> None:
         self.message_port_pub(pmt.intern(names.TARE), pmt.PMT_T)

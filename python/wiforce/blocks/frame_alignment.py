@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Block: lets a stream of samples begin with the first whole frame."""
+"""Block: aligns the start of a stream of samples with the first whole frame."""
 
 from collections import deque
+from typing import Any
 
 import numpy as np
 import pmt
@@ -10,6 +11,7 @@ from gnuradio import gr
 from .. import names
 from ..errors import InputError
 from ..estimation.frame import find_frame_offset
+from ..estimation.groups import Array
 from ..io.samples import item_type_named, samples_of
 from ..signal.waveform import sounding_waveform
 from .stream_time import Timeline, time_value
@@ -18,12 +20,12 @@ _RX_TIME = pmt.intern(names.RX_TIME)
 
 
 class frame_alignment(gr.basic_block):
-    """Finds once where the frames begin, and drops the samples before the first.
+    """Finds the offset of the first frame once, and drops the samples before it.
 
-    A device delays its own transmit signal by a time that is fixed for a run but not known. The
-    offset is found over the first frames; nothing of them is lost. Tags stay with their samples,
-    and the first sample that is passed on has its ``rx_time``. Samples lost later (an overflow)
-    are left to the blocks behind, which see the time in its tag.
+    A device delays its own transmit signal by a time that is constant during a run but unknown.
+    The offset is estimated over the first frames, which are passed on as well. Tags stay with their
+    samples, and the first sample that is passed on has its ``rx_time``. Samples lost later (an
+    overflow) are handled by the following blocks, which receive the time in its tag.
 
     Input and output: samples, complex or complex 16-bit integers.
 
@@ -45,24 +47,30 @@ class frame_alignment(gr.basic_block):
     offset : int or None
         Samples before the first frame; None until frames are found.
     start_time : tuple or None
-        (whole seconds, fraction) of the first sample passed on, when ``rx_time`` told.
+        (whole seconds, fraction) of the first sample passed on; None without ``rx_time``.
     searches : int
-        Times that no frames were found.
+        Number of searches without a result.
 
     Raises
     ------
     InputError
         (A ValueError) naming parameter, rule and value.
+
+    Examples
+    --------
+    >>> alignment = frame_alignment("repeated", frame_length=720, item_type="sc16")
+    >>> alignment.offset is None  # until frames are found
+    True
     """
 
     def __init__(
         self,
-        waveform="repeated",
-        frame_length=720,
-        sample_rate=12.5e6,
-        item_type="fc32",
-        search_frames=2000,
-    ):
+        waveform: str = "repeated",
+        frame_length: int = 720,
+        sample_rate: float = 12.5e6,
+        item_type: str = "fc32",
+        search_frames: int = 2000,
+    ) -> None:
         item = item_type_named(item_type).item
         if search_frames < 1:
             raise InputError("search_frames", "must be 1 or more", search_frames)
@@ -71,16 +79,19 @@ class frame_alignment(gr.basic_block):
         self._complex = item_type == "fc32"
         gr.basic_block.__init__(self, "frame_alignment", in_sig=[item], out_sig=[item])
         self.set_tag_propagation_policy(gr.TPP_DONT)
-        self.offset, self.start_time, self.searches = None, None, 0
+        self.offset: int | None = None
+        self.start_time: tuple[int, float] | None = None
+        self.searches = 0
         self._timeline = Timeline(sample_rate)
-        self._held, self._held_start, self._held_count = deque(), 0, 0
-        self._tags = deque()
+        self._held: deque[Array] = deque()
+        self._held_start = self._held_count = 0
+        self._tags: deque[tuple[int, Any, Any]] = deque()
         self._first = 0  # input item that became the first output item
 
-    def forecast(self, noutput_items, ninputs):
+    def forecast(self, noutput_items: int, ninputs: int) -> list[int]:
         return [0 if self.offset is not None and self._held else 1] * ninputs
 
-    def general_work(self, input_items, output_items):
+    def general_work(self, input_items: list[Array], output_items: list[Array]) -> int:
         items, out = input_items[0], output_items[0]
         if self.offset is None:
             # No more than a search needs: where frames are found must not depend on how many
@@ -99,8 +110,8 @@ class frame_alignment(gr.basic_block):
         self.consume(0, count)
         return produced
 
-    def _search(self, items):
-        """Hold samples until there are enough of them to find the frames in."""
+    def _search(self, items: Array) -> None:
+        """Hold samples until there are enough for a search."""
         gap = self._take_tags(len(items))
         if gap is not None:
             self._hold_from(gap)
@@ -116,7 +127,7 @@ class frame_alignment(gr.basic_block):
             return
         self._begin(found)
 
-    def _begin(self, offset):
+    def _begin(self, offset: int) -> None:
         """The stream begins `offset` samples into what is held."""
         self._first = self._held_start + offset
         self._held = deque([np.concatenate(self._held)[offset:]])
@@ -130,19 +141,19 @@ class frame_alignment(gr.basic_block):
             self._tags.appendleft((self._first, _RX_TIME, time_value(*time)))
         self.offset = self._first
 
-    def _hold_from(self, item):
-        """Forget all that is held before an item of the input."""
+    def _hold_from(self, item: int) -> None:
+        """Discard the samples held, and hold those from an item of the input on."""
         self._held.clear()
         self._held_start, self._held_count = item, 0
 
-    def _samples(self):
+    def _samples(self) -> Array:
         samples = np.concatenate(self._held)
         if self._complex:
             return samples
         return samples_of(samples)
 
-    def _take_tags(self, count):
-        """Keep the tags of the next input items; the last item that has lost samples before it."""
+    def _take_tags(self, count: int) -> int | None:
+        """Keep the tags of the next input items; return the last item after lost samples."""
         gap = None
         for tag in self.get_tags_in_window(0, 0, count):
             if pmt.eq(tag.key, _RX_TIME) and self._timeline.note(tag.offset, tag.value):
@@ -150,7 +161,7 @@ class frame_alignment(gr.basic_block):
             self._tags.append((tag.offset, tag.key, tag.value))
         return gap
 
-    def _time_at(self, item):
+    def _time_at(self, item: int) -> tuple[int, float] | None:
         """Time of an item among those held, by the last tag at or before it."""
         timeline = Timeline(self._waveform.sample_rate_hz)
         for offset, key, value in self._tags:
@@ -158,7 +169,7 @@ class frame_alignment(gr.basic_block):
                 timeline.note(offset, value)
         return timeline.time_at(item)
 
-    def _put_out_held(self, out):
+    def _put_out_held(self, out: Array) -> int:
         if not self._held:
             return 0
         count = min(len(self._held[0]), len(out))
@@ -168,8 +179,8 @@ class frame_alignment(gr.basic_block):
             self._held.clear()
         return count
 
-    def _put_out_tags(self, produced):
-        """Tags of the items that are now put out."""
+    def _put_out_tags(self, produced: int) -> None:
+        """Add the tags of the items that are put out now."""
         written = self.nitems_written(0)
         while self._tags and self._tags[0][0] - self._first < written + produced:
             item, key, value = self._tags.popleft()

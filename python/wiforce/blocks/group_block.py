@@ -1,16 +1,21 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the Python blocks of the chain share: an item per phase group, its state as a tag."""
+"""Base of the Python blocks of the chain: an item per phase group, its state as a tag."""
 
 import math
 from collections import deque
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pmt
 from gnuradio import gr
 
 from .. import names
-from ..estimation.groups import Groups
+from ..estimation.groups import Array, Groups
 from . import state_tag
+
+# Tags of each item, by name.
+Tags = Sequence[dict[str, Any]]
 
 _STATE = pmt.intern(names.STATE)
 _DONE = -1
@@ -18,53 +23,63 @@ _PAGE_BYTES, _LEAST_GROUPS = 4096, 32
 
 
 class GroupBlock(gr.basic_block):
-    """Hands the groups that have arrived to ``take``, and sends what it returns.
+    """Passes the groups that have arrived to ``take``, and sends the groups that it returns.
 
     Subclasses implement ``take(items, tags)``, with ``items`` the input's vectors and ``tags`` a
     dict of tags by name for each, and return how many items were taken and a Groups, the rows of
     which ``vectors(groups)`` turns into items.
 
-    An exception in ``take``, or one that a message handler hands to ``fail``, ends the flowgraph
-    in good order: raised through the scheduler it would hang or abort the process.
+    An exception in ``take``, or one that a message handler passes to ``fail``, ends the flowgraph
+    in order; raised through the scheduler it would hang or abort the process.
 
     Parameters
     ----------
     name : str
+        Of the block.
     inputs, outputs : int
         Lengths of the vectors; 0 outputs for a sink.
 
     Attributes
     ----------
     failure : Exception or None
-        What ended the flowgraph.
+        The error that ended the flowgraph.
+
+    Examples
+    --------
+    >>> class Counter(GroupBlock):
+    ...     def take(self, items, tags):
+    ...         return len(items), Groups([])
+    >>> Counter("counter", inputs=2, outputs=0).failure is None
+    True
     """
 
-    def __init__(self, name, inputs, outputs):
+    def __init__(self, name: str, inputs: int, outputs: int) -> None:
         out_sig = [(np.complex64, outputs)] if outputs else None
         gr.basic_block.__init__(self, name, in_sig=[(np.complex64, inputs)], out_sig=out_sig)
         self.set_tag_propagation_policy(gr.TPP_DONT)
         if outputs:
             self.set_max_output_buffer(_buffered_groups(self.output_signature()))
-        self._ready = deque()
-        self.failure = None
+        self._ready: deque[tuple[Groups, Array]] = deque()
+        self.failure: Exception | None = None
         self._sends = bool(outputs)
 
-    def take(self, items, tags):
+    def take(self, items: Array, tags: Tags) -> tuple[int, Groups]:
+        """Process items (G, n); return how many were taken and the groups that are ready."""
         raise NotImplementedError
 
-    def vectors(self, groups):
+    def vectors(self, groups: Groups) -> Array:
         """Items (G, n) of a batch."""
         raise NotImplementedError
 
-    def fail(self, error):
+    def fail(self, error: Exception) -> None:
         """End the flowgraph with an exception."""
         self.failure = error
         gr.log.error(f"{self.name()}: {type(error).__name__}: {error}")
 
-    def forecast(self, noutput_items, ninputs):
+    def forecast(self, noutput_items: int, ninputs: int) -> list[int]:
         return [0 if self._ready else 1] * ninputs
 
-    def general_work(self, input_items, output_items):
+    def general_work(self, input_items: list[Array], output_items: list[Array]) -> int:
         if self.failure is not None:
             return _DONE
         room = len(output_items[0]) if self._sends else 0
@@ -85,14 +100,14 @@ class GroupBlock(gr.basic_block):
         self.consume(0, consumed)
         return produced
 
-    def _tags_of(self, count):
-        tags = [{} for _ in range(count)]
+    def _tags_of(self, count: int) -> Tags:
+        tags: list[dict[str, Any]] = [{} for _ in range(count)]
         first = self.nitems_read(0)
         for tag in self.get_tags_in_range(0, first, first + count):
             tags[tag.offset - first][pmt.symbol_to_string(tag.key)] = tag.value
         return tags
 
-    def _put_out(self, output_items, produced, room):
+    def _put_out(self, output_items: list[Array], produced: int, room: int) -> int:
         while self._ready and produced < room:
             group, vector = self._ready.popleft()
             output_items[0][produced] = vector
@@ -102,7 +117,7 @@ class GroupBlock(gr.basic_block):
         return produced
 
 
-def _buffered_groups(signature):
+def _buffered_groups(signature: Any) -> int:
     """Length of a short buffer of whole pages.
 
     GNU Radio keeps the tags of as many items as a buffer holds, which would be minutes of groups.
@@ -112,14 +127,29 @@ def _buffered_groups(signature):
     return in_pages * math.ceil(_LEAST_GROUPS / in_pages)
 
 
-def groups_of(tags):
-    """The batch that a stage before described in tags, a dict for each item.
+def groups_of(tags: Tags) -> Groups:
+    """The batch that the previous stage described in tags.
+
+    Parameters
+    ----------
+    tags : sequence of dict
+        Of each item, by name.
+
+    Returns
+    -------
+    Groups
 
     Raises
     ------
     RuntimeError
-        When an item has none: the block is not connected behind its chain.
+        When an item has no state: the block is not connected after ``end_separation``.
+
+    Examples
+    --------
+    >>> state = state_tag.to_pmt(Groups([7]))
+    >>> groups_of([{names.STATE: state}]).index.tolist()
+    [7]
     """
     if any(names.STATE not in own for own in tags):
-        raise RuntimeError(f"group without a {names.STATE!r} tag: connect behind end_separation")
+        raise RuntimeError(f"group without a {names.STATE!r} tag: connect after end_separation")
     return Groups.concatenate(state_tag.from_pmt(own[names.STATE]) for own in tags)

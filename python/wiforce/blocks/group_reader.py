@@ -1,9 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Block: the whole receiver behind the channel estimator, tones to readings."""
+"""Block: the complete receiver after the channel estimator, tones to readings."""
+
+from collections.abc import Callable
+from typing import Any
 
 import pmt
 
 from .. import names
+from ..estimation.groups import Groups
+from ..io.readings import Reading
+from ..planning.plan import Plan
 from ..receiver import Receiver
 from .reading_port import ReadingPort
 from .tone_input import ToneBlock
@@ -18,6 +24,7 @@ class group_reader(ReadingPort, ToneBlock):
     Parameters
     ----------
     plan : Plan
+        Of a scene: ``wiforce.plan(scene)``.
     tracked : bool
         Follow each press over time instead of inverting each group by itself.
     on_reading : callable, optional
@@ -26,23 +33,33 @@ class group_reader(ReadingPort, ToneBlock):
     Attributes
     ----------
     receiver : Receiver
+
+    Examples
+    --------
+    >>> from gnuradio import wiforce
+    >>> groups = group_reader(wiforce.plan("demo"), on_reading=print)
     """
 
-    def __init__(self, plan, tracked=False, on_reading=None):
+    def __init__(
+        self,
+        plan: Plan,
+        tracked: bool = False,
+        on_reading: Callable[[Reading], None] | None = None,
+    ) -> None:
         self.receiver = Receiver(plan, tracked)
         ToneBlock.__init__(self, "group_reader", plan, derotated=True, outputs=0)
         self.open_port(on_reading)
         self.message_port_register_in(pmt.intern(names.TARE))
         self.set_msg_handler(pmt.intern(names.TARE), self._on_tare)
 
-    def _on_tare(self, message):
+    def _on_tare(self, message: Any) -> None:
         self.receiver.tare()
 
-    def process(self, groups):
+    def process(self, groups: Groups) -> Groups:
         if len(groups):
             self.publish(self.receiver.process(groups))
         return groups[:0]
 
-    def finish(self):
+    def finish(self) -> None:
         """Give the readings of the groups that are still held back."""
         self.publish(self.receiver.finish())

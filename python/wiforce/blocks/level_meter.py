@@ -1,32 +1,39 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Block: watches how far samples fill the converter's range, and ends their stream."""
+"""Block: peak level of samples relative to full scale; ends their stream on request."""
 
 import numpy as np
 from gnuradio import gr
+
+from ..estimation.groups import Array
 
 _DONE = -1
 
 
 class level_meter(gr.sync_block):
-    """Passes complex 16-bit samples through until told to end, noting their peak.
+    """Passes complex 16-bit samples and measures their peak, until ``end`` is called.
 
     Attributes
     ----------
     peak : int
         Largest magnitude of a component since it was last set to 0.
+
+    Examples
+    --------
+    >>> level_meter().peak
+    0
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         item = (np.int16, 2)
         gr.sync_block.__init__(self, "level_meter", in_sig=[item], out_sig=[item])
         self.peak = 0
         self._ended = False
 
-    def end(self):
-        """Let no more samples pass; the blocks behind read what they have, and end."""
+    def end(self) -> None:
+        """End the stream; the blocks after this one process their samples and end."""
         self._ended = True
 
-    def work(self, input_items, output_items):
+    def work(self, input_items: list[Array], output_items: list[Array]) -> int:
         if self._ended:
             return _DONE
         items = input_items[0]

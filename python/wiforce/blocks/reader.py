@@ -1,15 +1,22 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Block: received samples to readings of force and location."""
 
+from collections.abc import Callable
+from threading import Event
+from typing import Any
+
 import numpy as np
 import pmt
 from gnuradio import gr
 
 from .. import names
 from ..errors import InputError
+from ..io.readings import GroupCounts, Reading
 from ..io.samples import ITEM_TYPES
 from ..planning.plan import Plan
 from ..planning.plan import plan as plan_of
+from ..receiver import Receiver
+from ..scene import Scene
 from ..wiforce_python import ofdm_channel_estimator, phase_group_doppler, preamble_fold
 from .group_reader import group_reader
 
@@ -23,7 +30,7 @@ class reader(gr.hier_block2):
     """Reads force and location from received samples.
 
     Message port ``readings`` (out): a dict per group and sensor (see ``force_inversion``).
-    Message port ``tare`` (in): take the untouched reference anew.
+    Message port ``tare`` (in): take a new untouched reference.
 
     Parameters
     ----------
@@ -42,9 +49,9 @@ class reader(gr.hier_block2):
     ----------
     plan : Plan
     receiver : Receiver
-        What reads the groups.
+        Reads the groups.
     fold, doppler : block or None
-        What takes the tones, of samples or of folded vectors; the other is None.
+        The block that extracts the tones, from samples or from folded vectors; the other is None.
     estimator : block
         The channel at every tone; its output can be tapped.
     groups : block
@@ -54,16 +61,31 @@ class reader(gr.hier_block2):
     ------
     InputError
         (A ValueError) naming parameter, file and key, rule and value.
+
+    Examples
+    --------
+    >>> from gnuradio import blocks, gr
+    >>> flowgraph = gr.top_block()
+    >>> source = blocks.null_source(4)  # 16-bit samples
+    >>> flowgraph.connect(source, reader("demo", input_type="sc16", on_reading=print))
     """
 
-    def __init__(self, scene, input_type="fc32", frame_offset=0, tracked=False, on_reading=None):
+    def __init__(
+        self,
+        scene: str | dict[str, Any] | Scene | Plan,
+        input_type: str = "fc32",
+        frame_offset: int = 0,
+        tracked: bool = False,
+        on_reading: Callable[[Reading], None] | None = None,
+    ) -> None:
         if input_type not in _ITEM_BYTES:
             rule = f"must be one of {', '.join(_ITEM_BYTES)}"
             raise InputError("input_type", rule, input_type)
         if frame_offset < 0:
             raise InputError("frame_offset", "must be 0 or more", frame_offset)
         self.plan = scene if isinstance(scene, Plan) else plan_of(scene)
-        if self.plan.scene.environment.receive_antennas > 1 and input_type != "folded":
+        antennas = self.plan.scene.environment.receive_antennas if self.plan.scene else 1
+        if antennas > 1 and input_type != "folded":
             rule = "must be 1 where samples come in; two antennas are folded, then antenna_ratio"
             raise InputError("environment.receive_antennas", rule, 2)
         gr.hier_block2.__init__(
@@ -91,12 +113,12 @@ class reader(gr.hier_block2):
         self.msg_connect(self.groups, names.READINGS, self, names.READINGS)
         self.msg_connect(self, names.TARE, self.groups, names.TARE)
 
-    def _make_doppler(self):
+    def _make_doppler(self) -> Any:
         return phase_group_doppler(
             weights=self.plan.table.weights, group_length=self.plan.group_length
         )
 
-    def _make_fold(self, input_type, frame_offset):
+    def _make_fold(self, input_type: str, frame_offset: int) -> Any:
         waveform = self.plan.waveform
         return preamble_fold.tones(
             weights=self.plan.table.weights,
@@ -108,24 +130,25 @@ class reader(gr.hier_block2):
         )
 
     @property
-    def receiver(self):
+    def receiver(self) -> Receiver:
+        """The receiver that reads the groups."""
         return self.groups.receiver
 
     @property
-    def failure(self):
-        """The exception that ended the flowgraph, None when all went well."""
+    def failure(self) -> Exception | None:
+        """The exception that ended the flowgraph; None without one."""
         return self.groups.failure
 
     @property
-    def counts(self):
+    def counts(self) -> GroupCounts:
         """Group counts by outcome: a :class:`io.readings.GroupCounts`."""
         return self.receiver.counts
 
     @property
-    def ended(self):
+    def ended(self) -> Event:
         """A threading.Event: the stream has ended and its last group is read."""
         return self.groups.ended
 
-    def tare(self):
-        """Take the untouched reference anew from the groups that follow."""
+    def tare(self) -> None:
+        """Take a new untouched reference from the groups that follow."""
         self.groups.to_basic_block()._post(pmt.intern(names.TARE), pmt.PMT_T)

@@ -1,57 +1,141 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rules of the blocks as yes or no, for editors that check a value while it is typed.
+"""Rules of the blocks' parameters as predicates, for editors that check a value while it is typed.
 
-The asserts of the GNU Radio Companion descriptions call these. Each does what the constructors
-do with the same value, so that the two cannot disagree.
+The asserts of the GNU Radio Companion descriptions call them. Each runs the code of the
+constructors, so that both always agree.
 """
+
+from collections.abc import Callable
+from typing import Any
 
 from ..errors import InputError
 
 
-def is_scene(scene):
-    """Whether a reader can be built from a scene: a file, a shipped scene's name, a dict."""
+def is_scene(scene: Any) -> bool:
+    """Whether a reader can be built from a scene.
+
+    Parameters
+    ----------
+    scene : object
+        A file, a shipped scene's name or a dict.
+
+    Returns
+    -------
+    bool
+
+    Examples
+    --------
+    >>> is_scene("demo"), is_scene("missing.yaml")
+    (True, False)
+    """
     from ..planning.plan import plan
 
-    def build():
+    def build() -> Any:
         planned = plan(scene)
         return planned.table, planned.sensors
 
     return _accepted(build)
 
 
-def is_sensor(model):
-    """Whether a sensor model can be loaded: a file, or a shipped sensor's name."""
+def is_sensor(model: Any) -> bool:
+    """Whether a sensor model can be loaded.
+
+    Parameters
+    ----------
+    model : object
+        A file, a shipped sensor's name or a SensorModel.
+
+    Returns
+    -------
+    bool
+
+    Examples
+    --------
+    >>> is_sensor("line-900mhz"), is_sensor(7)
+    (True, False)
+    """
     from ..sensor import SensorModel, load_sensor
 
     return isinstance(model, SensorModel) or _accepted(lambda: load_sensor(model))
 
 
-def is_carrier_of(model, frequency_hz):
-    """Whether a sensor model holds phases at a carrier."""
+def is_carrier_of(model: Any, frequency_hz: float) -> bool:
+    """Whether a sensor model contains a carrier.
+
+    Parameters
+    ----------
+    model : object
+        A file or a shipped sensor's name.
+    frequency_hz : float
+        Carrier, in Hz.
+
+    Returns
+    -------
+    bool
+
+    Examples
+    --------
+    >>> is_carrier_of("line-900mhz", 900e6), is_carrier_of("line-900mhz", 5e9)
+    (True, False)
+    """
     from ..sensor import load_sensor
 
     return _accepted(lambda: load_sensor(model).untouched_deg(frequency_hz))
 
 
-def is_amplitude_of(waveform, amplitude):
-    """Whether a sounding frame of this amplitude stays within full scale."""
+def is_amplitude_of(waveform: str, amplitude: float) -> bool:
+    """Whether a sounding frame of some amplitude stays within full scale.
+
+    Parameters
+    ----------
+    waveform : str
+        ``repeated`` or ``wifi``.
+    amplitude : float
+        Root of the mean preamble power.
+
+    Returns
+    -------
+    bool
+
+    Examples
+    --------
+    >>> is_amplitude_of("repeated", 0.5), is_amplitude_of("repeated", 2.0)
+    (True, False)
+    """
     from ..signal.waveform import sounding_waveform
     from .sounding_source import largest_amplitude
 
-    return 0 < amplitude <= largest_amplitude(sounding_waveform(waveform).frame())
+    return bool(0 < amplitude <= largest_amplitude(sounding_waveform(waveform).frame()))
 
 
-def is_capture(capture, datatype=None):
-    """Whether a recording can be opened: a SigMF pair, or raw samples of ``datatype``."""
+def is_capture(capture: Any, datatype: str | None = None) -> bool:
+    """Whether a recording can be opened.
+
+    Parameters
+    ----------
+    capture : object
+        SigMF pair, by either file's name or their common stem.
+    datatype : str, optional
+        ``ci16_le`` or ``cf32_le``: the file is raw samples of this type.
+
+    Returns
+    -------
+    bool
+
+    Examples
+    --------
+    >>> is_capture("missing")
+    False
+    """
     from ..io.capture import open_capture
 
     return _accepted(lambda: open_capture(capture, datatype))
 
 
-def _accepted(build):
+def _accepted(build: Callable[[], Any]) -> bool:
     try:
         build()
     except (InputError, TypeError):
-        # TypeError: a kind of value that is not taken at all, as a number for a file name.
+        # TypeError: a value of a wrong type, such as a number for a file name.
         return False
     return True

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Block: keeps the first samples of a stream, and lets the rest go by."""
+"""Block: keeps the first samples of a stream and discards the others."""
 
 import numpy as np
 from gnuradio import gr
+
+from ..estimation.groups import Array
 
 
 class sample_keeper(gr.sync_block):
@@ -11,22 +13,28 @@ class sample_keeper(gr.sync_block):
     Parameters
     ----------
     count : int
+        Samples to keep.
 
     Attributes
     ----------
     samples : ndarray of int16, shape (n, 2)
-        I and Q of what was kept so far.
+        I and Q of the samples kept so far.
+
+    Examples
+    --------
+    >>> sample_keeper(1000).samples.shape
+    (0, 2)
     """
 
-    def __init__(self, count):
+    def __init__(self, count: int) -> None:
         gr.sync_block.__init__(self, "sample_keeper", in_sig=[(np.int16, 2)], out_sig=None)
         self._kept, self._count = np.empty((count, 2), np.int16), 0
 
     @property
-    def samples(self):
+    def samples(self) -> Array:
         return self._kept[: self._count]
 
-    def work(self, input_items, _):
+    def work(self, input_items: list[Array], _: list[Array]) -> int:
         items = input_items[0]
         part = items[: len(self._kept) - self._count]
         self._kept[self._count : self._count + len(part)] = part

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Block: records samples as SigMF, gaps marked, readable at any time."""
+"""Block: records samples as SigMF with marked gaps, readable at any time."""
 
 import errno
 from datetime import UTC, datetime
+from io import FileIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pmt
@@ -11,6 +13,7 @@ from gnuradio import gr
 
 from .. import names
 from ..errors import InputError
+from ..estimation.groups import Array
 from ..io.samples import item_type_named
 from ..io.textfile import check_output, write_whole
 from .stream_time import Timeline
@@ -21,14 +24,14 @@ _RX_TIME = pmt.intern(names.RX_TIME)
 class sigmf_recorder(gr.sync_block):
     """Writes ``PATH.sigmf-data`` and ``PATH.sigmf-meta`` while samples come in.
 
-    Samples are handed to the system as they come and the metadata is replaced as a whole, so that
-    the recording can be read at any time, also after a crash. Where ``rx_time`` tells of lost
-    samples a new entry of ``captures`` begins, whose ``core:global_index`` jumps.
+    Samples are written as they arrive and the metadata is replaced as a whole, so that the
+    recording can be read at any time, also after a crash. Where ``rx_time`` reports lost samples, a
+    new entry of ``captures`` begins, whose ``core:global_index`` jumps.
 
-    A flowgraph that is started again goes on with the recording where its first ``rx_time`` tells
-    what was lost meanwhile, and records no further where none does.
+    A flowgraph that is started again continues the recording if its first ``rx_time`` reports the
+    samples lost in between; otherwise the recording stops.
 
-    A disk that fails stops the recording, not the flowgraph: see ``failure``.
+    A disk error stops the recording, not the flowgraph: see ``failure``.
 
     Input: samples, complex or complex 16-bit integers.
 
@@ -43,32 +46,42 @@ class sigmf_recorder(gr.sync_block):
     item_type : str
         ``fc32`` or ``sc16``.
     fields : dict, optional
-        More of the metadata's ``global`` object: ``core:hw``, ``wiforce:scene``, ...
+        Further entries of the metadata's ``global`` object: ``core:hw``, ``wiforce:scene``, ...
 
     Attributes
     ----------
     failure : OSError or None
-        Why recording stopped.
+        The error that stopped the recording.
 
     Raises
     ------
     InputError
         (A ValueError) for files that exist already or cannot be written, and bad parameters.
+
+    Examples
+    --------
+    >>> recorder = sigmf_recorder("press", item_type="sc16", fields={"core:hw": "N210"})
     """
 
     def __init__(
-        self, path, sample_rate=12.5e6, center_frequency=900e6, item_type="fc32", fields=None
-    ):
+        self,
+        path: str | Path,
+        sample_rate: float = 12.5e6,
+        center_frequency: float = 900e6,
+        item_type: str = "fc32",
+        fields: dict[str, Any] | None = None,
+    ) -> None:
         kind = item_type_named(item_type)
         if not sample_rate > 0:
             raise InputError("sample_rate", "must be positive", sample_rate)
         if not center_frequency > 0:
             raise InputError("center_frequency", "must be positive", center_frequency)
         gr.sync_block.__init__(self, "sigmf_recorder", in_sig=[kind.item], out_sig=None)
-        self.failure = None
+        self.failure: OSError | None = None
         self._center_frequency = center_frequency
         self._timeline = Timeline(sample_rate)
-        self._captures, self._recorded = [], 0
+        self._captures: list[dict[str, Any]] = []
+        self._recorded = 0
         self._global = {
             "core:datatype": kind.datatype,
             "core:sample_rate": sample_rate,
@@ -78,36 +91,36 @@ class sigmf_recorder(gr.sync_block):
         }
         self._meta, self._data = Path(f"{path}.sigmf-meta"), Path(f"{path}.sigmf-data")
         _check_new(self._meta, self._data)
-        self._file = None
+        self._file: FileIO | None = None
 
-    def start(self):
+    def start(self) -> bool:
         try:
             self._file = open(self._data, "xb" if self._file is None else "ab", buffering=0)
         except OSError as error:
-            self._give_up(error)
+            self._stop_recording(error)
         return True
 
-    def work(self, input_items, _):
+    def work(self, input_items: list[Array], _: list[Array]) -> int:
         items = input_items[0]
-        if self.failure is None:
+        if self.failure is None and self._file is not None:
             try:
                 self._note(len(items))
-                self._write(np.ascontiguousarray(items).view(np.uint8).data)
+                _write(self._file, np.ascontiguousarray(items).view(np.uint8).data)
                 self._recorded += len(items)
             except OSError as error:
-                self._give_up(error)
+                self._stop_recording(error)
         return len(items)
 
-    def stop(self):
+    def stop(self) -> bool:
         if self._file is not None:
             self._file.close()
         return True
 
-    def _give_up(self, error):
+    def _stop_recording(self, error: OSError) -> None:
         self.failure = error
-        gr.log.error(f"sigmf_recorder: {self._data}: {error.strerror}; not recorded further")
+        gr.log.error(f"sigmf_recorder: {self._data}: {error.strerror}; recording stopped")
 
-    def _note(self, count):
+    def _note(self, count: int) -> None:
         """A new entry of the metadata for the first item, and for each after lost samples."""
         begins = [] if self._captures else [(0, 0)]
         # GNU Radio counts items from 0 whenever a flowgraph starts.
@@ -117,7 +130,7 @@ class sigmf_recorder(gr.sync_block):
             if self._timeline.note(before + tag.offset, tag.value):
                 begins.append((before + tag.offset, self._timeline.lost))
         if resumes and self._recorded not in (item for item, _ in begins):
-            rule = "started again, and no time tells what was lost meanwhile"
+            rule = "started again, and no rx_time reports the samples lost in between"
             raise OSError(errno.ENODATA, rule)
         for item, lost in begins:
             self._captures.append(
@@ -131,18 +144,19 @@ class sigmf_recorder(gr.sync_block):
         if begins:
             self._write_metadata()
 
-    def _write(self, data):
-        while data:
-            data = data[self._file.write(data) :]
-
-    def _write_metadata(self):
+    def _write_metadata(self) -> None:
         import json
 
         whole = {"global": self._global, "captures": self._captures, "annotations": []}
         write_whole(self._meta, json.dumps(whole, indent=2) + "\n")
 
 
-def _check_new(*paths):
+def _write(file: FileIO, data: memoryview) -> None:
+    while data:
+        data = data[file.write(data) :]
+
+
+def _check_new(*paths: Path) -> None:
     for path in paths:
         if path.exists():
             raise InputError(path, "exists already")

@@ -1,21 +1,39 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Block: the sounding frame, again and again."""
+"""Block: transmit samples, the sounding frame repeated."""
+
+from typing import Any
 
 import numpy as np
 from gnuradio import blocks, gr
 
 from ..errors import InputError
+from ..estimation.groups import Array
 from ..io.samples import item_type_named
 from ..signal.waveform import sounding_waveform
 
 
-def largest_amplitude(frame):
-    """The amplitude at which the largest component of a frame reaches full scale."""
+def largest_amplitude(frame: Array) -> float:
+    """The amplitude at which the largest component of a frame reaches full scale.
+
+    Parameters
+    ----------
+    frame : ndarray of complex, shape (n,)
+        Of unit mean preamble power.
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> largest_amplitude(np.array([0.5 + 2j]))
+    0.5
+    """
     return 1 / np.abs(frame.view(float)).max()
 
 
 class sounding_source(gr.hier_block2):
-    """Transmit samples: preamble and guard zeros, repeated without end.
+    """Transmit samples: preamble and guard zeros, repeated indefinitely.
 
     Output: complex samples, or pairs of 16-bit integers (full scale 32767) for ``sc16``. The
     first sample is the first of a frame.
@@ -37,16 +55,21 @@ class sounding_source(gr.hier_block2):
     ------
     InputError
         (A ValueError) naming parameter, rule and value.
+
+    Examples
+    --------
+    >>> source = sounding_source("repeated", frame_length=720, amplitude=0.5)
+    >>> source.set_amplitude(0.3)
     """
 
     def __init__(
         self,
-        waveform="repeated",
-        frame_length=720,
-        sample_rate=12.5e6,
-        amplitude=0.5,
-        item_type="fc32",
-    ):
+        waveform: str = "repeated",
+        frame_length: int = 720,
+        sample_rate: float = 12.5e6,
+        amplitude: float = 0.5,
+        item_type: str = "fc32",
+    ) -> None:
         size = item_type_named(item_type).sample_bytes
         self._frame = sounding_waveform(waveform, frame_length, sample_rate).frame()
         self._item_type = item_type
@@ -60,11 +83,11 @@ class sounding_source(gr.hier_block2):
             self._source = blocks.vector_source_s(data, True, 2)
         self.connect(self._source, self)
 
-    def set_amplitude(self, amplitude):
+    def set_amplitude(self, amplitude: float) -> None:
         """Change the amplitude while running."""
         self._source.set_data(self._data(amplitude))
 
-    def _data(self, amplitude):
+    def _data(self, amplitude: float) -> list[Any]:
         parts = self._frame.view(float)
         largest = largest_amplitude(self._frame)
         if not 0 < amplitude <= largest:

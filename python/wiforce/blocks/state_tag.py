@@ -1,22 +1,36 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is known of one group beside its vectors, as a stream tag."""
+"""State of one group, all arrays but its vectors, as a stream tag."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pmt
 
-from ..estimation.groups import Groups
+from ..estimation.groups import Array, Groups
 
-# What travels as the stream's items, or nowhere.
+# Arrays that are the stream's items, or are not sent.
 _ITEMS = {"tones", "snapshot_weights", "ends", "changes", "ratios"}
 _NAMES = [item.name for item in dataclasses.fields(Groups) if item.name not in _ITEMS]
 
 
-def to_pmt(group):
-    """A batch of one group to a pmt dict, by the names of the arrays in Groups.
+def to_pmt(group: Groups) -> Any:
+    """Convert a batch of one group to a pmt dict.
 
-    Shapes are those of a row; what no stage has found yet is left out.
+    Parameters
+    ----------
+    group : Groups
+        Of length 1.
+
+    Returns
+    -------
+    pmt
+        Dict with a row of each array that is not None, by the names in Groups.
+
+    Examples
+    --------
+    >>> from_pmt(to_pmt(Groups([7], missing=np.array([3])))).missing.tolist()
+    [3]
     """
     result = pmt.make_dict()
     for name in _NAMES:
@@ -26,8 +40,23 @@ def to_pmt(group):
     return result
 
 
-def from_pmt(value):
-    """pmt dict to a batch of one group."""
+def from_pmt(value: Any) -> Groups:
+    """Convert a pmt dict to a batch of one group.
+
+    Parameters
+    ----------
+    value : pmt
+        See :func:`to_pmt`.
+
+    Returns
+    -------
+    Groups
+
+    Examples
+    --------
+    >>> len(from_pmt(to_pmt(Groups([7]))))
+    1
+    """
     arrays = {}
     for name in _NAMES:
         item = pmt.dict_ref(value, pmt.intern(name), pmt.PMT_NIL)
@@ -36,7 +65,7 @@ def from_pmt(value):
     return Groups(**arrays)
 
 
-def _to_pmt(row):
+def _to_pmt(row: Array) -> Any:
     if np.ndim(row) == 0:
         return pmt.from_bool(bool(row)) if row.dtype == bool else pmt.from_uint64(int(row))
     if row.dtype == bool:
@@ -44,7 +73,7 @@ def _to_pmt(row):
     return pmt.init_f64vector(row.size, row.astype(float).tolist())
 
 
-def _from_pmt(item):
+def _from_pmt(item: Any) -> Array:
     if pmt.is_bool(item):
         return np.array(pmt.to_bool(item))
     if pmt.is_u8vector(item):

@@ -2,7 +2,9 @@
 """Block: one complex ratio per end from one per subcarrier."""
 
 from ..estimation.average import SubcarrierAverage
-from .group_block import GroupBlock, groups_of
+from ..estimation.groups import Array, Groups
+from ..planning.plan import Plan
+from .group_block import GroupBlock, Tags, groups_of
 
 
 class subcarrier_average(GroupBlock):
@@ -15,17 +17,22 @@ class subcarrier_average(GroupBlock):
     ----------
     plan : Plan
         Of a scene: ``wiforce.plan(scene)``.
+
+    Examples
+    --------
+    >>> from gnuradio import wiforce
+    >>> average = subcarrier_average(wiforce.plan("demo"))
     """
 
-    def __init__(self, plan):
+    def __init__(self, plan: Plan) -> None:
         self._ends = 2 * len(plan.clocks)
         self._bins = plan.waveform.bins
         self.stage = SubcarrierAverage(plan.smoothing_groups)
         GroupBlock.__init__(self, "subcarrier_average", self._ends * 64, self._ends)
 
-    def take(self, items, tags):
+    def take(self, items: Array, tags: Tags) -> tuple[int, Groups]:
         changes = items.reshape(-1, self._ends, 64)[:, :, self._bins].astype(complex)
         return len(items), self.stage.process(groups_of(tags).having(changes=changes))
 
-    def vectors(self, groups):
+    def vectors(self, groups: Groups) -> Array:
         return groups.ratios

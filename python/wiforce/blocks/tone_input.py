@@ -1,42 +1,61 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Vectors of tones with their tags and messages, as a batch of groups."""
 
+from typing import Any
+
 import numpy as np
 import pmt
 from gnuradio import gr
 
 from .. import names
 from ..estimation.folded_groups import FoldedGroups
-from ..estimation.groups import Groups, is_clipped
-from .group_block import GroupBlock
+from ..estimation.groups import Array, Groups, is_clipped
+from ..planning.plan import Plan
+from .group_block import GroupBlock, Tags
 
 
 class ToneInput:
-    """Makes Groups of what ``ofdm_channel_estimator`` sends behind the tones.
+    """Converts the output of ``ofdm_channel_estimator`` to Groups.
 
     Parameters
     ----------
     plan : Plan
+        Of a scene: ``wiforce.plan(scene)``.
     derotated : bool
         Whether the channel estimator was given the plan's derotation.
+
+    Examples
+    --------
+    >>> from gnuradio import wiforce
+    >>> count, groups = ToneInput(wiforce.plan("demo")).collect(
+    ...     np.zeros((1, 24 * 64)), [{names.GROUP: pmt.from_uint64(7)}])
+    >>> count, groups.index.tolist(), groups.tones.shape
+    (1, [7], (1, 24, 62))
     """
 
-    def __init__(self, plan, derotated=True):
+    def __init__(self, plan: Plan, derotated: bool = True) -> None:
         self._plan = plan
         self.rows = len(plan.table.tones)
         self._folded = FoldedGroups(plan.table, plan.waveform, derotated)
-        self._messages = {}
-        self._expected = None
+        self._messages: dict[int, tuple[Array, Array]] = {}
+        self._expected: int | None = None
 
-    def on_incomplete(self, message):
+    def on_incomplete(self, message: Any) -> None:
         """Take the snapshots of a group with gaps (message port ``incomplete``)."""
         meta = pmt.to_python(pmt.car(message))
         present = np.asarray(meta[names.MASK], bool)
         folded = np.array(pmt.c32vector_elements(pmt.cdr(message)), complex)
         self._messages[int(meta[names.GROUP])] = (present, folded.reshape(len(present), 64))
 
-    def collect(self, items, tags):
-        """A batch of the items, as far as the messages that belong to them have come.
+    def collect(self, items: Array, tags: Tags) -> tuple[int, Groups]:
+        """Collect a batch of items whose messages have arrived.
+
+        Parameters
+        ----------
+        items : ndarray of complex, shape (G, 64 M)
+            Vectors of tones.
+        tags : sequence of dict
+            Of each item, by name.
 
         Returns
         -------
@@ -50,12 +69,12 @@ class ToneInput:
         missing = np.array([_count(own, names.MISSING) for own in tags])
         saturated = np.array([_count(own, names.SATURATED) for own in tags])
         tones = items.reshape(-1, self.rows, 64)[:, :, plan.waveform.bins].astype(complex)
-        weights = np.ones((len(index), group_length), bool) if missing.any() else None
+        weights = np.ones((len(index), group_length), bool)
         count = len(index)
         for row in np.flatnonzero(missing):
             group = int(index[row])
             if group not in self._messages and self._expected != group:
-                # Its snapshots were sent before it: it waits until messages have been handled.
+                # Its snapshots were sent before it: wait until the messages have been handled.
                 self._expected = group
                 count = row
                 break
@@ -66,11 +85,11 @@ class ToneInput:
             missing[:count],
             is_clipped(saturated[:count], group_length),
             np.array([names.RETUNED in own for own in tags[:count]], bool),
-            None if weights is None else weights[:count],
+            weights[:count] if missing.any() else None,
         )
         return count, groups
 
-    def _solved(self, group):
+    def _solved(self, group: int) -> tuple[Array | float, Array | float]:
         """Tones of a group with gaps and the weights of its snapshots; zeros when not solvable."""
         if group not in self._messages:
             gr.log.warn(
@@ -95,27 +114,32 @@ class ToneBlock(GroupBlock):
         Whether the channel estimator was given the plan's derotation.
     outputs : int
         Length of the vectors; 0 for a sink.
+
+    Examples
+    --------
+    >>> from gnuradio import wiforce
+    >>> block = ToneBlock("tap", wiforce.plan("demo"), derotated=True, outputs=0)
     """
 
-    def __init__(self, name, plan, derotated, outputs):
+    def __init__(self, name: str, plan: Plan, derotated: bool, outputs: int) -> None:
         self._input = ToneInput(plan, derotated)
         GroupBlock.__init__(self, name, self._input.rows * 64, outputs)
         self.message_port_register_in(pmt.intern(names.INCOMPLETE))
         self.set_msg_handler(pmt.intern(names.INCOMPLETE), self._on_incomplete)
 
-    def _on_incomplete(self, message):
+    def _on_incomplete(self, message: Any) -> None:
         try:
             self._input.on_incomplete(message)
         except Exception as error:
             self.fail(error)
 
-    def process(self, groups):
+    def process(self, groups: Groups) -> Groups:
         raise NotImplementedError
 
-    def take(self, items, tags):
+    def take(self, items: Array, tags: Tags) -> tuple[int, Groups]:
         count, groups = self._input.collect(items, tags)
         return count, self.process(groups)
 
 
-def _count(tags, name):
-    return pmt.to_uint64(tags[name]) if name in tags else 0
+def _count(tags: dict[str, Any], name: str) -> int:
+    return int(pmt.to_uint64(tags[name])) if name in tags else 0

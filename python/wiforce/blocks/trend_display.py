@@ -1,17 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Block: a rolling plot of slow streams."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from gnuradio import gr
 
+from ..estimation.groups import Array
 from ..gui import Trend
 
 
 class trend_display(gr.sync_block):
-    """Shows slow streams, a value per phase group say, over the last seconds.
+    """Shows slow streams, for example one value per phase group, over the last seconds.
 
     Input: one float stream per label. The attribute ``widget`` is the Qt widget, to be put into a
-    window; a QApplication must exist. (GNU Radio's time sink waits for its buffer to fill, which
+    window; a QApplication must exist. (GNU Radio's time sink waits until its buffer is full, which
     takes many seconds at such rates.)
 
     Parameters
@@ -33,15 +36,25 @@ class trend_display(gr.sync_block):
     ------
     InputError
         (A ValueError) naming parameter, rule and value.
+
+    Examples
+    --------
+    >>> trend = trend_display(("offset",), y_label="ppm", rate=28.0)  # doctest: +SKIP
     """
 
     def __init__(
-        self, labels=("value",), y_label="", rate=28.0, history_s=10.0, title="", y_range=None
-    ):
+        self,
+        labels: Sequence[str] = ("value",),
+        y_label: str = "",
+        rate: float = 28.0,
+        history_s: float = 10.0,
+        title: str = "",
+        y_range: tuple[float, float] | None = None,
+    ) -> None:
         self.widget = Trend(labels, y_label, rate, history_s, title, y_range)
         gr.sync_block.__init__(self, "trend_display", [np.float32] * len(labels), None)
 
-    def work(self, input_items, output_items):
+    def work(self, input_items: list[Array], output_items: list[Array]) -> int:
         for line, items in enumerate(input_items):
-            self.widget.add(line, items)
+            self.widget.add(line, items.tolist())
         return len(input_items[0])
