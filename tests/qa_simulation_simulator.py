@@ -13,9 +13,8 @@ import sigmf
 import yaml
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.scene import load_scene, shipped_scenes
-from gnuradio.wiforce.sensor import load_sensor
+from gnuradio.wiforce.sensor import load_sensor, measure_vna
 from gnuradio.wiforce.sensor.calibration import calibrate
-from gnuradio.wiforce.sensor.tables import measure_vna
 from gnuradio.wiforce.simulation import simulator
 
 SHORT = {

@@ -9,10 +9,14 @@ import yaml
 from gnuradio.wiforce._config import DATA_DIR
 from gnuradio.wiforce.io.writers import open_writer
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.sensor import load_sensor, write_sensor
+from gnuradio.wiforce.sensor import (
+    load_sensor,
+    measure_vna,
+    read_vna_csv,
+    write_sensor,
+    write_vna_csv,
+)
 from gnuradio.wiforce.sensor.calibration import calibrate
-from gnuradio.wiforce.sensor.tables import read_vna_csv
-from gnuradio.wiforce.sensor.tables import measure_vna, write_vna_csv
 from gnuradio.wiforce.simulation.score import read_truth, score
 from gnuradio.wiforce.simulation.simulator import frame_count, simulate
 

@@ -7,10 +7,10 @@ from .file import load_sensor, sensor_from_dict, sensor_to_dict, shipped_sensors
 from .inversion import Inversion
 from .model import LineModel, SensorModel
 from .refine import refine
+from .simulated_vna import measure_vna
 from .smoother import smooth_press
 from .tables import (
     CalibrationTable,
-    measure_vna,
     read_tap_csv,
     read_touchstone_index,
     read_vna_csv,

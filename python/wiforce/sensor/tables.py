@@ -8,16 +8,13 @@ import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
 from ..io.textfile import read_bytes, read_csv
 from ..signal.carrier import same_carrier
-
-if TYPE_CHECKING:
-    from .model import SensorModel
 
 # A two-port file with 100 000 frequencies.
 _MAX_TOUCHSTONE_BYTES = 8_000_000
@@ -44,7 +41,7 @@ class CalibrationTable:
 
     Examples
     --------
-    >>> from gnuradio.wiforce.sensor import load_sensor
+    >>> from gnuradio.wiforce.sensor import load_sensor, measure_vna
     >>> table = measure_vna(load_sensor("line-900mhz"), [40.0], [2.0], untouched_sweeps=1)
     >>> table.port.tolist(), table.force_n.tolist(), table.untouched.tolist()
     ([1, 2, 1, 2], [0.0, 0.0, 2.0, 2.0], [True, True, False, False])
@@ -59,6 +56,14 @@ class CalibrationTable:
     phase_deg: np.ndarray
     press: np.ndarray
 
+    @classmethod
+    def from_rows(cls, source: object, rows: Iterable[tuple]) -> "CalibrationTable":
+        """Build a table from tuples of its columns' values, ``row`` to ``press``."""
+        columns = list(zip(*rows, strict=True))
+        kinds = (int, float, float, int, float, float, str)
+        arrays: list[Any] = [np.array(c, kind) for c, kind in zip(columns, kinds, strict=True)]
+        return cls(str(source), *arrays)
+
     def take(self, which: np.ndarray) -> "CalibrationTable":
         """The rows selected by a boolean or index array."""
         arrays = {f.name: getattr(self, f.name)[which] for f in fields(self) if f.name != "source"}
@@ -72,14 +77,6 @@ class CalibrationTable:
     def untouched(self) -> np.ndarray:
         """Whether each row is of the untouched sensor; bool (n,)."""
         return (self.force_n == 0) & np.isnan(self.location_mm)
-
-
-def _table(source: object, rows: Iterable[tuple]) -> CalibrationTable:
-    columns = list(zip(*rows, strict=True))
-    kinds = (int, float, float, int, float, float, str)
-    return CalibrationTable(
-        str(source), *(np.array(c, kind) for c, kind in zip(columns, kinds, strict=True))
-    )
 
 
 def read_vna_csv(path: str | Path, frequency_hz: float | None = None) -> CalibrationTable:
@@ -129,7 +126,7 @@ def read_vna_csv(path: str | Path, frequency_hz: float | None = None) -> Calibra
             raise InputError(f"{where}: port", "must be 1 or 2", line["port"])
         phase = _number(line, "phase_deg", where)
         rows.append((number, frequency, location, port, force, phase, _press(line)))
-    table = _table(path, rows)
+    table = CalibrationTable.from_rows(path, rows)
     if frequency_hz is not None:
         table = table.take(same_carrier(table.frequency_hz, frequency_hz))
         if not table.row.size:
@@ -178,7 +175,7 @@ def read_tap_csv(path: str | Path, frequency_hz: float) -> CalibrationTable:
         for port in (1, 2):
             phase = _number(line, f"phase{port}_deg", where)
             rows.append((number, frequency_hz, location, port, force, phase, _press(line)))
-    return _table(path, rows)
+    return CalibrationTable.from_rows(path, rows)
 
 
 def read_touchstone_index(path: str | Path, frequency_hz: float) -> CalibrationTable:
@@ -223,7 +220,7 @@ def read_touchstone_index(path: str | Path, frequency_hz: float) -> CalibrationT
         name = _beside(path, line["file"] or "", where)
         for port, phase in enumerate(_touchstone_phases(name, frequency_hz, where), 1):
             rows.append((number, frequency_hz, location, port, force, phase, _press(line)))
-    return _table(path, rows)
+    return CalibrationTable.from_rows(path, rows)
 
 
 def _beside(index: str | Path, name: str, where: str) -> Path:
@@ -305,55 +302,6 @@ def table_kind(path: str | Path) -> str:
     return "taps" if "phase1_deg" in header else "vna"
 
 
-def measure_vna(
-    model: "SensorModel",
-    location_mm: Sequence[float] | np.ndarray,
-    force_n: Sequence[float] | np.ndarray,
-    noise_deg: float = 0.0,
-    seed: int = 1,
-    untouched_sweeps: int = 10,
-) -> CalibrationTable:
-    """Simulate the table that a VNA would measure.
-
-    Parameters
-    ----------
-    model : SensorModel
-        The sensor on the bench.
-    location_mm, force_n : sequence of float
-        Every force in N at every location in mm; untouched rows come first.
-    noise_deg : float
-        Standard deviation of the phases, in degrees.
-    seed : int
-        Of the noise.
-    untouched_sweeps : int
-        Rows of the untouched sensor per port; their noise is common to all readings.
-
-    Returns
-    -------
-    CalibrationTable
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.sensor import load_sensor
-    >>> table = measure_vna(load_sensor("line-900mhz"), [30.0, 50.0], [1.0, 2.0, 4.0])
-    >>> len(table.row)  # 2 ports: 10 untouched rows and 2 x 3 presses
-    32
-    """
-    rng = np.random.default_rng(seed)
-    rows: list[tuple] = []
-    for frequency in model.frequencies_hz:
-        for port, phase in enumerate(model.untouched_deg(frequency), 1):
-            rows += [(0, frequency, math.nan, port, 0.0, phase, "")] * untouched_sweeps
-        for location in location_mm:
-            phases = model.phases_deg(force_n, location, frequency)
-            for port in (1, 2):
-                for force, phase in zip(force_n, phases[:, port - 1], strict=True):
-                    rows.append((0, frequency, location, port, force, phase, ""))
-    table = _table(f"evaluated {model.name}", rows)
-    noisy = table.phase_deg + noise_deg * rng.standard_normal(table.phase_deg.size)
-    return replace(table, row=np.arange(2, table.row.size + 2), phase_deg=noisy)
-
-
 def write_vna_csv(table: CalibrationTable, path: str | Path) -> None:
     """Write a table as VNA calibration CSV.
 
@@ -370,7 +318,7 @@ def write_vna_csv(table: CalibrationTable, path: str | Path) -> None:
     Examples
     --------
     >>> import pathlib, tempfile
-    >>> from gnuradio.wiforce.sensor import load_sensor
+    >>> from gnuradio.wiforce.sensor import load_sensor, measure_vna
     >>> path = pathlib.Path(tempfile.mkdtemp()) / "vna.csv"
     >>> write_vna_csv(measure_vna(load_sensor("line-900mhz"), [40.0], [2.0]), path)
     >>> read_vna_csv(path).force_n[-1]
