@@ -257,5 +257,5 @@ def test_receiver_on_groups_sees_every_group_that_is_read():
 
 @pytest.mark.parametrize("tones", [None, np.zeros((2, 5, 62)), np.zeros((2, 16, 52))])
 def test_receiver_tones_of_another_plan_are_refused(tones):
-    with pytest.raises(InputError, match="^groups.tones: must have the shape"):
+    with pytest.raises(InputError, match="^groups.tones: must have shape"):
         Receiver(make_plan()).process(Groups(np.arange(2), tones))
