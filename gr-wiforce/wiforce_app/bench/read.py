@@ -118,7 +118,7 @@ def table(rows):
     return markdown_table(head, cells)
 
 
-def scene_of(sensors, snapshots, duration_s=1.0):
+def scene_of(sensors, snapshots, duration_s=4.0):
     """The scene of a row, as a mapping."""
     names = [f"sensor{i + 1}" for i in range(sensors)]
     return {
@@ -176,11 +176,9 @@ def _measure(capture, sensors, snapshots):
     from gnuradio.wiforce.errors import InputError
     from gnuradio.wiforce.io.capture import open_capture
     from gnuradio.wiforce.planning.plan import plan
-    from gnuradio.wiforce.scene import load_scene
 
-    scene = load_scene(scene_of(sensors, snapshots))
     try:
-        settings = plan(scene)
+        settings = plan(scene_of(sensors, snapshots))
     except InputError:
         return None
     recording = open_capture(capture)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -173,12 +173,15 @@ class Groups:
             if not -len(self) <= rows < len(self):
                 raise IndexError(f"group {rows} of a batch of {len(self)}")
             rows = np.array([rows])
-        found = {name: values for name in _NAMES if (values := getattr(self, name)) is not None}
-        return Groups(**{name: values[rows] for name, values in found.items()})
+        arrays = vars(self).items()
+        return _of({name: None if values is None else values[rows] for name, values in arrays})
 
     def having(self, **arrays: Any) -> Groups:
         """The same groups with some arrays added or replaced, or removed where None is given."""
-        return replace(self, **arrays)
+        unknown = arrays.keys() - vars(self).keys()
+        if unknown:
+            raise TypeError(f"Groups has no array {', '.join(sorted(unknown))}")
+        return _of({**vars(self), **arrays})
 
     @staticmethod
     def concatenate(batches: Iterable[Groups]) -> Groups:
@@ -203,6 +206,13 @@ class Groups:
             if values[0] is not None:
                 arrays[name] = np.concatenate(values)
         return Groups(**arrays)
+
+
+def _of(arrays: dict[str, Any]) -> Groups:
+    """Groups of arrays that were checked before: batches of one group must not wait for it."""
+    groups = object.__new__(Groups)
+    vars(groups).update(arrays)
+    return groups
 
 
 _NAMES = tuple(item.name for item in fields(Groups))

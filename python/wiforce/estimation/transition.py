@@ -95,4 +95,7 @@ def _flagged(groups: Groups) -> Groups:
 
 def _neighbours(values: Array) -> Array:
     """Values of the previous and of the next group; shape (2, G, ...)."""
-    return np.stack([np.roll(values, 1, axis=0), np.roll(values, -1, axis=0)])
+    shifted = np.empty((2, *values.shape), values.dtype)
+    shifted[0, 1:], shifted[0, 0] = values[:-1], values[-1]
+    shifted[1, :-1], shifted[1, -1] = values[1:], values[0]
+    return shifted
