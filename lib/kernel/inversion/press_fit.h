@@ -28,7 +28,7 @@ public:
         double force, location;
         double variance;   //!< of the location at this force, mm^2
         double scale;      //!< of the likelihood integrated over location
-        bool unobservable; //!< force cannot be told from location here
+        bool unobservable; //!< force and location cannot be distinguished here
         double residual[tabulated_model::most_phases]; //!< in standard deviations
     };
 

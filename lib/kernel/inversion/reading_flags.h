@@ -8,7 +8,7 @@ namespace gr::wiforce::kernel {
 //! What is to be known about an inverted reading; a reading may have several.
 enum reading_flag : std::uint8_t {
     ambiguous = 1,          //!< another press would show the same phases
-    force_unobservable = 2, //!< force and location cannot be told apart
+    force_unobservable = 2, //!< force and location cannot be distinguished
     inconsistent = 4,       //!< no single press shows such phases
     extrapolated = 8        //!< outside what was calibrated
 };

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""ZMQ sockets: readings out, requests in, on loopback unless told otherwise."""
+"""ZMQ sockets: readings out, requests in, on loopback by default."""
 
 import json
 import re

@@ -62,7 +62,7 @@ class Inversion:
         """Flags in words, a tuple per reading.
 
         ``extrapolated`` (outside what was calibrated), ``ambiguous`` (another press would show the
-        same phases), ``force-unobservable`` (force and location cannot be told apart),
+        same phases), ``force-unobservable`` (force and location cannot be distinguished),
         ``inconsistent`` (no single press shows such phases).
         """
         return [_WORDS[code] for code in self.codes.tolist()]
@@ -126,7 +126,7 @@ class Inverter:
         return location
 
     def unobservable(self, force, location, std=1.0):
-        """Whether force cannot be told from location with this noise (deg); broadcast."""
+        """Whether force and location cannot be distinguished with this noise (deg); broadcast."""
         return self._posterior.unobservable(force, location, np.max(std))
 
     def code_of(self, force, force_std, location, location_std, std):

@@ -236,7 +236,7 @@ def _nodes(at, shape, length_mm, physical):
         return np.array([[4.0 * length_mm, 0.0]]), np.zeros(1)
     fade, shift = (axis.ravel() for axis in np.meshgrid(_FADES_MM, _SHIFTS_MM, indexing="ij"))
     pairs = np.column_stack([fade, shift])
-    # enough of the transition must lie among the calibrated locations to be told from a constant
+    # enough of the transition must lie among the calibrated locations to differ from a constant
     steps = [np.ptp(_change(at, shape, pairs, length_mm, port), axis=1) for port in (0, 1)]
     seen = np.min(steps, axis=0) > 0.2 * np.minimum(2.0, np.ptp(at) / fade)
     log_prior = -0.5 * (np.log(fade / _FADE_PRIOR_MM) / _FADE_PRIOR_LOG_STD) ** 2
