@@ -216,6 +216,6 @@ def _table(result):
     for row in result["latency"]:
         lines.append(
             f"packets of {row['packet']}: {row['median_ms']:.2f} ms after a group's last sample "
-            f"(95 %: {row['p95_ms']:.2f} ms), {100 * row['core_share']:.0f} % of a core"
+            f"(95 %: {row['p95_ms']:.2f} ms), {max(0, 100 * row['core_share']):.0f} % of a core"
         )
     return "\n".join(lines)
