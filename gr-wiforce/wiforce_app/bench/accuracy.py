@@ -98,17 +98,17 @@ def _work(task):
 
 def table(rows):
     """Rows as text, one line each; values of the ends are separated by slashes."""
-    head = f"{'case':<52}{'estimator':<23}{'rms (deg)':>20}{'bound (deg)':>20}{'loss (dB)':>18}"
+    head = f"{'case':<52}{'estimator':<23}{'rms (deg)':>33}{'bound (deg)':>33}{'loss (dB)':>26}"
     lines = [head + f"{'+- (dB)':>9}{'in 2 std':>12}{'s/s':>8}{'n':>7}"]
     for row in rows:
         if not row.n:
-            lines.append(f"{row.case:<52}{row.estimator:<23}{'no reading':>20}")
+            lines.append(f"{row.case:<52}{row.estimator:<23}{'no reading':>33}")
             continue
         half = max((high - low) / 2 for low, high in row.loss_interval_db)
         inside = "/".join(f"{100 * part:.0f}" for part in row.within_2_std)
         lines.append(
-            f"{row.case:<52}{row.estimator:<23}{_joined(row.rms_deg):>20}"
-            f"{_joined(row.bound_deg):>20}{_joined(row.loss_db, '.2f'):>18}{half:9.2f}"
+            f"{row.case:<52}{row.estimator:<23}{_joined(row.rms_deg):>33}"
+            f"{_joined(row.bound_deg):>33}{_joined(row.loss_db, '.2f'):>26}{half:9.2f}"
             f"{inside:>12}{row.seconds_per_second:8.4f}{row.n:7d}"
         )
     return "\n".join(lines)
