@@ -88,6 +88,8 @@ def plot_tradeoffs(results, path):
 
 
 def _plot_tradeoff(axis, points):
+    from matplotlib.ticker import LogLocator
+
     marks = {"plan": ("*", "C3", 13), "paper": ("s", "C1", 6), "stock blocks": ("D", "C4", 6)}
     for point in points:
         mark, color, size = marks.get(point["setting"], ("o", "C0", 4))
@@ -102,4 +104,8 @@ def _plot_tradeoff(axis, points):
     axis.axhline(points[0]["bound_deg"], color="k", lw=0.8, ls=":", label="bound")
     axis.set_xscale("log")
     axis.set_yscale("log")
+    # The times of a scene often span less than a decade, which leaves one label or too many.
+    axis.xaxis.set_major_locator(LogLocator(subs=(1, 1.5, 2, 3, 5)))
+    axis.xaxis.set_major_formatter("{x:g}")
+    axis.xaxis.set_minor_formatter("")
     axis.grid(alpha=0.3)
