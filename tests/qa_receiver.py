@@ -6,22 +6,13 @@ import pytest
 from gnuradio import wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.groups import Groups
+from gnuradio.wiforce.io.readings import NUMBERS
 from gnuradio.wiforce.receiver import Receiver
 from plain import make_air
 from wiforce_app.bench.air import TagOnAir
 
 CLOCKS_HZ = (1000.0, 1400.0)
 FORCE_N, LOCATIONS_MM = 4.0, (35.0, 55.0)
-NUMBERS = (
-    "time_s",
-    "force_n",
-    "force_std_n",
-    "location_mm",
-    "location_std_mm",
-    "phase1_deg",
-    "phase2_deg",
-    "snr_db",
-)
 
 
 def make_plan(sensors=1, snapshots=625, estimator="harmonic"):

@@ -6,7 +6,7 @@ import math
 import click
 import numpy as np
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.readings import WEAK_FORCE_N, WEAK_PHASE_DEG, Reading
+from gnuradio.wiforce.io.readings import ESTIMATES, WEAK_FORCE_N, WEAK_PHASE_DEG, Reading
 from gnuradio.wiforce.io.textfile import read_csv
 from gnuradio.wiforce.io.writers import open_writer
 from gnuradio.wiforce.sensor.inversion import DEFAULT_STD_DEG
@@ -142,8 +142,7 @@ def _smoothed(sensor, phases, std, touched, period, frequency_hz):
 
 def _values(result, i):
     """Force, its std, location, its std and flags of one reading."""
-    arrays = (result.force_n, result.force_std_n, result.location_mm, result.location_std_mm)
-    return (*(float(array[i]) for array in arrays), result.flags[i])
+    return (*(float(getattr(result, name)[i]) for name in ESTIMATES), result.flags[i])
 
 
 def _reading(row, sensor, found=None, std=None):
@@ -156,10 +155,9 @@ def _reading(row, sensor, found=None, std=None):
     if found is None:
         return Reading(**common, touch=0)
     *numbers, flags = found
-    names = ("force_n", "force_std_n", "location_mm", "location_std_mm")
     values = {
         key: value if math.isfinite(value) else None
-        for key, value in zip(names, numbers, strict=True)
+        for key, value in zip(ESTIMATES, numbers, strict=True)
     }
     if std > WEAK_PHASE_DEG or not numbers[1] <= WEAK_FORCE_N:
         flags = ("weak", *flags)

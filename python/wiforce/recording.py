@@ -17,7 +17,7 @@ from .estimation.folded_groups import FoldedGroups
 from .estimation.frame import SEARCHED_FRAMES, frame_offset_in
 from .estimation.groups import Groups, is_clipped
 from .io.capture import Capture, open_capture, second_antenna
-from .io.readings import COLUMNS, GroupCounts, Reading
+from .io.readings import COLUMNS, NUMBERS, GroupCounts, Reading
 from .planning.plan import Plan
 from .planning.plan import plan as plan_of
 from .receiver import Receiver
@@ -93,8 +93,7 @@ def read(
         for reading in batch
     ]
     frame = pandas.DataFrame(rows, columns=list(COLUMNS))
-    numbers = [name for name in COLUMNS if name not in ("sensor", "flags")]
-    return frame.astype(dict.fromkeys(numbers, float))
+    return frame.astype(dict.fromkeys(("touch", *NUMBERS), float))
 
 
 class RecordingReader:
@@ -120,7 +119,8 @@ class RecordingReader:
     receiver : Receiver
         Reads the groups.
     source : object
-        Its ``read()`` gives the next Groups of tones, an empty one at the end.
+        Its ``read()`` gives the next Groups of tones, an empty one at the end; ``kernels`` are the
+        readers of the files, by path.
     times_ignored : int
         Implausible ``rx_time`` tags; 0, since a recording has no tags.
 
@@ -192,11 +192,11 @@ class RecordingReader:
 
     def samples_missing(self) -> dict[Path, int]:
         """Samples that each file lacked because it was cut short while it was read."""
-        return self.source.samples_missing()
+        return {path: kernel.samples_missing() for path, kernel in self.source.kernels.items()}
 
     def frames_moved(self) -> dict[Path, int]:
         """How often the frames of each file were found at another place than before."""
-        return self.source.frames_moved()
+        return {path: kernel.frames_moved() for path, kernel in self.source.kernels.items()}
 
     def __iter__(self) -> Iterator[list[Reading]]:
         # The next batch is folded, without Python's lock, while this one is read.
@@ -247,7 +247,7 @@ class _Tones:
 
     def __init__(self, recording: Capture, plan: Plan, frame_offset: int) -> None:
         waveform, table = plan.waveform, plan.table
-        self._path, self._length = recording.path, plan.group_length
+        self._length = plan.group_length
         self._folded = FoldedGroups(table, waveform)
         self._kernel = tone_reader(
             **_frame_settings(recording, plan, frame_offset),
@@ -256,6 +256,7 @@ class _Tones:
             rotation=table.derotation(waveform.sample_rate_hz),
             bins=waveform.bins,
         )
+        self.kernels = {recording.path: self._kernel}
 
     def read(self) -> Groups:
         found = self._kernel.read(_BATCH)
@@ -272,12 +273,6 @@ class _Tones:
             groups.snapshot_weights = weights
         return groups
 
-    def samples_missing(self) -> dict[Path, int]:
-        return {self._path: self._kernel.samples_missing()}
-
-    def frames_moved(self) -> dict[Path, int]:
-        return {self._path: self._kernel.frames_moved()}
-
 
 class _AntennaRatio:
     """Groups of the ratio of two antennas, recorded side by side."""
@@ -285,15 +280,14 @@ class _AntennaRatio:
     def __init__(self, recording: Capture, plan: Plan, frame_offset: int) -> None:
         beside = open_capture(second_antenna(recording.path.with_suffix("")))
         beside.check_against(plan.require_scene())
-        self._paths = (recording.path, beside.path)
         self._length = plan.group_length
         self._shape = (len(plan.table.tones), len(plan.waveform.bins))
         self._waveform = plan.waveform
         self._folded = FoldedGroups(plan.table, plan.waveform)
-        self._kernels = [
-            folded_reader(**_frame_settings(each, plan, frame_offset))
+        self.kernels = {
+            each.path: folded_reader(**_frame_settings(each, plan, frame_offset))
             for each in (recording, beside)
-        ]
+        }
         self._kept: tuple[np.ndarray, ...] = self._read_frames()
 
     def read(self) -> Groups:
@@ -316,7 +310,9 @@ class _AntennaRatio:
 
     def _read_frames(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Index of the frames that both antennas have, their ratio folded, and saturation."""
-        first, second = (kernel.read(_BATCH * self._length // 4) for kernel in self._kernels)
+        first, second = (
+            kernel.read(_BATCH * self._length // 4) for kernel in self.kernels.values()
+        )
         common, rows, others = np.intersect1d(
             first["snapshot"], second["snapshot"], return_indices=True
         )
@@ -347,15 +343,3 @@ class _AntennaRatio:
             is_clipped(clipped, self._length),
             snapshot_weights=weights,
         )
-
-    def samples_missing(self) -> dict[Path, int]:
-        return {
-            path: kernel.samples_missing()
-            for path, kernel in zip(self._paths, self._kernels, strict=True)
-        }
-
-    def frames_moved(self) -> dict[Path, int]:
-        return {
-            path: kernel.frames_moved()
-            for path, kernel in zip(self._paths, self._kernels, strict=True)
-        }

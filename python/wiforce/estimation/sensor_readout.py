@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..io.readings import WEAK_FORCE_N, WEAK_PHASE_DEG, Flag, flag_bits
+from ..io.readings import ESTIMATES, WEAK_FORCE_N, WEAK_PHASE_DEG, Flag, flag_bits
 from .groups import Array, Groups
 from .motion import TouchedMotion
 from .off_state import corrected_phase_deg
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from ..sensor.model import SensorModel
 
 _NAN = math.nan
-_VALUES = ("force_n", "force_std_n", "location_mm", "location_std_mm")
 
 
 class SensorReadout:
@@ -113,7 +112,7 @@ class SensorReadout:
             "touch": touch,
             "phases_deg": phases,
             "flags": flags,
-            **dict(zip(_VALUES, values.T, strict=True)),
+            **dict(zip(ESTIMATES, values.T, strict=True)),
         }
 
     def _image(self) -> Array:
@@ -191,7 +190,7 @@ class SensorReadout:
     def _invert(self, phases: Array, std: Array) -> tuple[Array, Array]:
         """Force, its std, location, its std (n, 4), and flags (n,) of touched groups."""
         found = self._model.invert(phases, std, frequency_hz=self._frequency_hz)
-        values = np.column_stack([getattr(found, name) for name in _VALUES])
+        values = np.column_stack([getattr(found, name) for name in ESTIMATES])
         values[~np.isfinite(values)] = _NAN
         return values, np.array([flag_bits(words) for words in found.flags])
 

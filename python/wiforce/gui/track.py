@@ -8,17 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ..io.readings import Flag, Reading
+from ..io.readings import NUMBERS, Flag, Reading
 
-_NUMBERS = (
-    "force_n",
-    "force_std_n",
-    "location_mm",
-    "location_std_mm",
-    "phase1_deg",
-    "phase2_deg",
-    "snr_db",
-)
 _FLAGS = frozenset(flag.word for flag in Flag)
 # Most groups kept, however long the history: short groups arrive at some hundreds per second.
 _MOST = 20_000
@@ -42,7 +33,8 @@ def as_reading(reading: Any) -> Reading | None:
         reading = dataclasses.asdict(reading)
     if not isinstance(reading, dict):
         return None
-    time_s, sensor = _number(reading.get("time_s")), reading.get("sensor")
+    numbers = {name: _number(reading.get(name)) for name in NUMBERS}
+    time_s, sensor = numbers.pop("time_s"), reading.get("sensor")
     if time_s is None or not isinstance(sensor, str) or not sensor:
         return None
     touch = _number(reading.get("touch"))
@@ -53,7 +45,7 @@ def as_reading(reading: Any) -> Reading | None:
         sensor=sensor,
         touch=None if touch is None else int(touch == 1),
         flags=tuple(flag for flag in flags if flag in _FLAGS),
-        **{name: _number(reading.get(name)) for name in _NUMBERS},
+        **numbers,
     )
 
 

@@ -176,6 +176,9 @@ class Reading:
 
 
 COLUMNS = tuple(Reading.__dataclass_fields__)
+NUMBERS = tuple(name for name in COLUMNS if name not in ("sensor", "touch", "flags"))
+# What an inversion estimates, under the names that it has in Inversion and Groups as well.
+ESTIMATES = ("force_n", "force_std_n", "location_mm", "location_std_mm")
 _DECIMALS = dict.fromkeys(COLUMNS, 4) | {"time_s": 6, "snr_db": 2}
 
 

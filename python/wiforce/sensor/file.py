@@ -75,7 +75,7 @@ def load_sensor(
     return sensor_from_dict(read_yaml(path), path)
 
 
-# The models of a shipped sensor share one object, because its tables take a second to build.
+# The models of a shipped sensor share one object, and with it the table of its inversion.
 @lru_cache(maxsize=8)
 def _shipped(path: Path) -> SensorModel:
     return sensor_from_dict(read_yaml(path), path)
