@@ -135,7 +135,7 @@ BOOST_AUTO_TEST_CASE(compact_posterior_is_read_at_its_mode)
     BOOST_TEST(flags == 0);
     BOOST_TEST(press.force == 4.0, boost::test_tools::tolerance(1e-6));
     BOOST_TEST(press.location == 33.0, boost::test_tools::tolerance(1e-6));
-    // psi_1 + psi_2 tells the force, whatever the location
+    // psi_1 + psi_2 determines the force at any location
     const double slope = 1.25 * 60 / 3 / std::pow(4, 4.0 / 3);
     BOOST_TEST(press.force_variance == (0.02 + variance_1 + variance_2) / slope / slope,
                boost::test_tools::tolerance(1e-6));

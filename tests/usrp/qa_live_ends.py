@@ -110,7 +110,13 @@ def test_live_device_stalled_or_late_loses_nothing(software_usrp, slow_scene, tm
     came is recorded."""
     device = software_usrp(slow_scene, faults=["+0.8 stall 1.0"])
     script = Path(__file__).with_name("session_runs.py")
-    command = [sys.executable, str(script), "told", str(slow_scene), f"{device.args},{FRAMES}"]
+    command = [
+        sys.executable,
+        str(script),
+        "on_request",
+        str(slow_scene),
+        f"{device.args},{FRAMES}",
+    ]
     command.append(str(tmp_path / "run"))
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
@@ -120,15 +126,15 @@ def test_live_device_stalled_or_late_loses_nothing(software_usrp, slow_scene, tm
             device.command(f"fault 0 late {direction}")
         output, _ = process.communicate("start\n", timeout=100)
     assert process.returncode == 0
-    told = json.loads(output.splitlines()[-1])
+    found = json.loads(output.splitlines()[-1])
     status = device.command("status")
     assert status["faults"] == 3 and status["tx_late_packets"] > 0
-    assert told["gaps"] == 0
-    assert np.allclose(np.diff(told["time_s"]), SLOW_GROUP_S)
-    assert told["time_s"][-1] > 1.2
+    assert found["gaps"] == 0
+    assert np.allclose(np.diff(found["time_s"]), SLOW_GROUP_S)
+    assert found["time_s"][-1] > 1.2
     recorded = open_capture(tmp_path / "run")
     assert recorded.span == recorded.samples
-    assert recorded.samples / 2.5e6 > told["time_s"][-1]
+    assert recorded.samples / 2.5e6 > found["time_s"][-1]
 
 
 def test_live_ten_starts_and_stops_leave_nothing_open(slow_scene, slow_device):

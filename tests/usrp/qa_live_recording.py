@@ -39,11 +39,11 @@ def recorded(tmp_path_factory):
 
 def test_live_onset_reported_within_a_tenth_of_a_second(recorded):
     _, _, readings = recorded
-    # The force rises from 0 to 4 N in 0.7 .. 0.8 s, and shorts the line from 0.9 N on. A group that
-    # was cut by that tells of it by its flag.
+    # The force rises from 0 to 4 N in 0.7 .. 0.8 s, and shorts the line from 0.9 N on. The group
+    # in which that happens is flagged.
     onset_s = 0.7 + 0.1 * 0.9 / 4
-    told = next(row["came_s"] for row in readings if "transition" in row["flags"])
-    assert 0.7 < told <= onset_s + 0.1
+    reported_s = next(row["came_s"] for row in readings if "transition" in row["flags"])
+    assert 0.7 < reported_s <= onset_s + 0.1
     touched = next(row["came_s"] for row in readings if row["touch"] == 1)
     assert touched <= onset_s + 0.15
 

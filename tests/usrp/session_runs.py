@@ -3,7 +3,7 @@
 whose device is gone, and must not end the tests'.
 
     session_runs.py timed SCENE ARGS NAME SECONDS   records, prints when which reading came
-    session_runs.py told SCENE ARGS NAME            starts when told, by a line; prints what it read
+    session_runs.py on_request SCENE ARGS NAME      starts at a line of input; prints what it read
     session_runs.py repeated SCENE ARGS             starts and stops, prints what is held open
     session_runs.py refused OPTIONS ...             `live` with each of these lists; their statuses
 """
@@ -36,7 +36,7 @@ def timed(scene, args, name, seconds):
     print(json.dumps(came))
 
 
-def told(scene, args, name):
+def on_request(scene, args, name):
     scene = load_scene(scene)
     times = []
     radio = Radio(args, scene, 15, 15)
@@ -83,5 +83,6 @@ def _held():
 
 
 if __name__ == "__main__":
-    run = {"timed": timed, "told": told, "repeated": repeated, "refused": refused}[sys.argv[1]]
+    runs = (timed, on_request, repeated, refused)
+    run = {each.__name__: each for each in runs}[sys.argv[1]]
     run(*sys.argv[2:])
