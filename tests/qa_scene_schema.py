@@ -33,6 +33,20 @@ def rejection(scene):
     return str(error.value)
 
 
+def test_scene_where_nothing_moves_refuses_moving_clutter():
+    """A level without any Doppler would be ignored without a word."""
+    simulation = {"moving_clutter_db": 20, "presses": [dict(PRESS)]}
+    still = {"environment": {"moving_clutter_hz": 0}, "simulation": simulation}
+    assert "moving_clutter_db: must be null when nothing moves" in rejection(MINIMAL | still)
+
+
+def test_scene_with_automatic_band_is_written_back_as_such():
+    """A recording's metadata must not fix what its scene left open."""
+    scene = load_scene(MINIMAL | {"environment": {"moving_clutter_hz": "auto"}})
+    assert scene.environment.moving_clutter_hz is None
+    assert scene.as_dict()["environment"]["moving_clutter_hz"] == "auto"
+
+
 def test_scene_with_sensors_only_gets_documented_defaults():
     scene = load_scene(MINIMAL)
     assert (scene.radio.center_frequency_hz, scene.radio.sample_rate_hz) == (900e6, 12.5e6)
@@ -42,7 +56,7 @@ def test_scene_with_sensors_only_gets_documented_defaults():
     (sensor,) = scene.sensors
     assert (sensor.clock_hz, sensor.clock_tolerance_ppm) == (1000, 100)
     assert sensor.off_reflection == (0, 0)
-    assert scene.environment.moving_clutter_hz == 0
+    assert scene.environment.moving_clutter_hz is None
     assert scene.environment.reader_clock == "shared"
     assert scene.reference_s == 0.5
     simulation = scene.simulation
@@ -162,7 +176,6 @@ def test_as_number_of_anything_else_is_none(typed):
         ("simulation.seed", -1, "simulation.seed: must be an integer"),
         ("simulation.seed", 1.5, "simulation.seed: must be an integer"),
         ("simulation.adc_bits", 17, "simulation.adc_bits: must be an integer from 2 to 16"),
-        ("simulation.moving_clutter_db", 20, "moving_clutter_db: must be null when nothing moves"),
         (
             "simulation.carrier_offset_hz",
             100,

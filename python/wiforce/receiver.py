@@ -13,7 +13,6 @@ from .estimation.average import SubcarrierAverage
 from .estimation.estimators import estimator_named
 from .estimation.groups import Groups
 from .estimation.readout import Readout
-from .estimation.reference import ConjugateDifference
 from .estimation.sensor_readout import SensorReadout
 from .io.readings import GroupCounts, Reading
 from .planning.plan import Plan
@@ -72,9 +71,11 @@ class Receiver:
     ) -> None:
         self.plan = plan
         estimator = estimator_named(plan.estimator)
-        self.separation = estimator.separator(plan.table, plan.clocks, plan.waveform, derotated)
-        self.reference = ConjugateDifference(
-            2 * len(plan.clocks), plan.reference_groups, estimator.against
+        self.separation = estimator.separation(
+            plan.table, plan.clocks, plan.waveform, derotated, plan.others
+        )
+        self.reference = estimator.difference(
+            len(plan.clocks), plan.reference_groups, plan.waveform
         )
         self.average = SubcarrierAverage(plan.smoothing_groups)
         self.readout = make_readout(plan, tracked, on_groups)
@@ -161,7 +162,14 @@ def make_readout(
     """
     period_s, carrier_hz = plan.group_period_s, plan.center_frequency_hz
     sensors = {
-        s.name: SensorReadout(s.model, carrier_hz, s.off_reflection, period_s, tracked)
-        for s in plan.sensors
+        s.name: SensorReadout(
+            s.model,
+            carrier_hz,
+            s.off_reflection,
+            period_s,
+            tracked,
+            listed.drift_deg_per_sqrt_s,
+        )
+        for s, listed in zip(plan.sensors, plan.require_scene().sensors, strict=True)
     }
     return Readout(sensors, period_s, estimator_named(plan.estimator).ratios, on_groups)

@@ -16,10 +16,12 @@ from .estimation.antennas import folded_ratio
 from .estimation.folded_groups import FoldedGroups
 from .estimation.frame import SEARCHED_FRAMES, frame_offset_in
 from .estimation.groups import Groups, is_clipped
+from .estimation.survey import LONGEST_S, Survey, survey_channel
 from .io.capture import Capture, open_capture, second_antenna
 from .io.readings import COLUMNS, NUMBERS, GroupCounts, Reading
 from .planning.plan import Plan
 from .planning.plan import plan as plan_of
+from .planning.room import adapted
 from .receiver import Receiver
 from .scene import Scene, load_capture_scene, load_scene
 from .signal.waveform import Waveform
@@ -118,6 +120,9 @@ class RecordingReader:
         Samples before the first frame.
     receiver : Receiver
         Reads the groups.
+    survey : Survey or None
+        Of the room, from the untouched reference; the plan is adapted to it. None for two antennas,
+        and for recordings that are too short.
     source : object
         Its ``read()`` gives the next Groups of tones, an empty one at the end; ``kernels`` are the
         readers of the files, by path.
@@ -157,6 +162,10 @@ class RecordingReader:
             frame_offset = first_frame(recording, plan.waveform)
         self.frame_offset = frame_offset
         self._check_length()
+        self.survey = None
+        if scene.environment.receive_antennas == 1:
+            self.survey = survey_recording(recording, plan, frame_offset)
+            plan = self._plan = adapted(plan, self.survey)
         self.receiver = Receiver(plan, tracked, on_groups=on_groups)
         self.source: _Tones | _AntennaRatio
         if scene.environment.receive_antennas == 2:
@@ -230,6 +239,38 @@ def first_frame(recording: Capture, waveform: Waveform) -> int:
     """
     samples = recording.read(SEARCHED_FRAMES * waveform.frame_length)
     return frame_offset_in(samples[: recording.segments[0].length], waveform)
+
+
+def survey_recording(recording: Capture, plan: Plan, frame_offset: int) -> Survey | None:
+    """Survey the room at the start of a recording, while nothing is touched.
+
+    Parameters
+    ----------
+    recording : Capture
+    plan : Plan
+        Of its scene.
+    frame_offset : int
+        Samples before the first frame.
+
+    Returns
+    -------
+    Survey or None
+        None where fewer than 0.1 s are free of gaps.
+
+    Examples
+    --------
+    >>> survey_recording(open_capture("press"), plan("demo"), 0)  # doctest: +SKIP
+    """
+    waveform = plan.waveform
+    longest = min(plan.require_scene().reference_s, LONGEST_S) / waveform.snapshot_period_s
+    # A power of two is quicker to transform.
+    count = 1 << max(0, int(np.log2(max(1.0, longest))))
+    found = folded_reader(**_frame_settings(recording, plan, frame_offset)).read(count)
+    runs = np.split(found["folded"], np.flatnonzero(np.diff(found["snapshot"]) > 1) + 1)
+    folded = max(runs, key=len)
+    folded = folded[np.isfinite(folded).all(axis=1)]
+    channel = np.fft.fft(folded, axis=1)[:, waveform.bins] * waveform.equalizer()[waveform.bins]
+    return survey_channel(channel, waveform, plan.clocks)
 
 
 def _frame_settings(recording: Capture, plan: Plan, frame_offset: int) -> dict[str, Any]:

@@ -5,7 +5,6 @@ import numpy as np
 from gnuradio.wiforce.estimation.average import SubcarrierAverage
 from gnuradio.wiforce.estimation.estimators import RatioUnfolder, estimator_named
 from gnuradio.wiforce.estimation.groups import Groups
-from gnuradio.wiforce.estimation.reference import ConjugateDifference
 
 
 class SnapshotChain:
@@ -24,8 +23,8 @@ class SnapshotChain:
         self._upper = np.concatenate([upper.real, upper.imag])
         estimator = estimator_named(plan.estimator)
         self.separator = estimator.separator(plan.table, plan.clocks, plan.waveform, derotated)
-        self.difference = ConjugateDifference(
-            2 * len(plan.clocks), plan.reference_groups, estimator.against
+        self.difference = estimator.difference(
+            len(plan.clocks), plan.reference_groups, plan.waveform
         )
         self.average = SubcarrierAverage(plan.smoothing_groups)
         self.unfolder = RatioUnfolder(estimator.ratios)

@@ -9,7 +9,6 @@ import pmt
 from .. import names
 from ..estimation.estimators import estimator_named
 from ..estimation.groups import Array, Groups
-from ..estimation.reference import ConjugateDifference
 from ..planning.plan import Plan
 from .group_block import GroupBlock, Tags, groups_of
 
@@ -37,8 +36,8 @@ class conjugate_difference(GroupBlock):
     def __init__(self, plan: Plan) -> None:
         self._ends = 2 * len(plan.clocks)
         self._bins = plan.waveform.bins
-        against = estimator_named(plan.estimator).against
-        self.stage = ConjugateDifference(self._ends, plan.reference_groups, against)
+        estimator = estimator_named(plan.estimator)
+        self.stage = estimator.difference(len(plan.clocks), plan.reference_groups, plan.waveform)
         GroupBlock.__init__(self, "conjugate_difference", self._ends * 64, self._ends * 64)
         self.message_port_register_in(pmt.intern(names.TARE))
         self.set_msg_handler(pmt.intern(names.TARE), self._on_tare)

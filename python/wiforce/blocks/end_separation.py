@@ -32,8 +32,8 @@ class end_separation(ToneBlock):
 
     def __init__(self, plan: Plan, derotated: bool = True) -> None:
         self._bins = plan.waveform.bins
-        self.stage = estimator_named(plan.estimator).separator(
-            plan.table, plan.clocks, plan.waveform, derotated
+        self.stage = estimator_named(plan.estimator).separation(
+            plan.table, plan.clocks, plan.waveform, derotated, plan.others
         )
         outputs = 2 * len(plan.clocks) * 64
         ToneBlock.__init__(self, "end_separation", plan, derotated, outputs)

@@ -3,14 +3,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..errors import InputError
+from ..signal.waveform import Waveform
+from ..signal.weights import ToneTable
 from .groups import Array, Groups
 from .paper import PaperSeparator, SidebandSeparator
+from .reference import ConjugateDifference
 from .separation import EndSeparator
+from .tracked_tag import TagClock
 
 
 @dataclass(frozen=True)
@@ -39,6 +44,51 @@ class Estimator:
     rectangular: bool = False
     against: str = "untouched"
     ratios: str = "change"
+
+    def separation(
+        self,
+        table: ToneTable,
+        clocks: Sequence[TagClock],
+        waveform: Waveform,
+        derotated: bool,
+        others: Sequence[TagClock] = (),
+    ) -> EndSeparator | PaperSeparator | SidebandSeparator:
+        """Make the stage that separates the ends.
+
+        Parameters
+        ----------
+        table, clocks, waveform, derotated, others
+            As for :class:`.separation.EndSeparator`; only that one knows ``others``.
+
+        Returns
+        -------
+        EndSeparator, PaperSeparator or SidebandSeparator
+        """
+        more = {"others": others} if others else {}
+        return self.separator(table, clocks, waveform, derotated, **more)
+
+    def difference(
+        self, tags: int, reference_groups: int, waveform: Waveform
+    ) -> ConjugateDifference:
+        """Make the stage that compares the ends with their reference.
+
+        Parameters
+        ----------
+        tags : int
+            S.
+        reference_groups : int
+            Length of the untouched reference.
+        waveform : Waveform
+            As it was sent.
+
+        Returns
+        -------
+        ConjugateDifference
+        """
+        linear = self.against == "untouched" and self.ratios == "change"
+        return ConjugateDifference(
+            2 * tags, reference_groups, self.against, waveform if linear else None
+        )
 
 
 ESTIMATORS = {

@@ -74,7 +74,8 @@ class Groups:
     ends : ndarray of complex, shape (G, 2S, K)
         By the separation: V_i, the channel of each end with the tag's clock taken out.
     gain : ndarray, shape (G, 2S)
-        Variance of V_i over that of H; infinite for an end that was not received.
+        Variance of V_i over that of H, with what is coherent over the subcarriers in proportion;
+        infinite for an end that was not received.
     noise : ndarray, shape (G, K)
         Variance of the noise in H on each occupied subcarrier.
     snr_db : ndarray, shape (G, 2S)

@@ -85,7 +85,7 @@ class ToneModel:
     >>> table = design_weights([1000.0], 625, 57.6e-6)
     >>> model = ToneModel(table, [TrackedTag(table, 0, TagClock(1000.0), 20.48e-6)], None)
     >>> (item,) = model.prepare(Groups([0], np.ones((1, 16, 62))))
-    >>> ends, gain, noise = model.solve(item)  # no clock is known yet
+    >>> ends, gain, noise, _ = model.solve(item)  # no clock is known yet
     >>> gain.tolist(), bool(np.allclose(noise, item.power()))
     ([inf, inf], True)
     """
@@ -187,7 +187,7 @@ class ToneModel:
             whitened[:, columns:],
         )
 
-    def solve(self, item: GroupTones) -> tuple[Array, Array, Array]:
+    def solve(self, item: GroupTones) -> tuple[Array, Array, Array, GroupFit | None]:
         """Solve a group for all ends.
 
         Parameters
@@ -202,6 +202,8 @@ class ToneModel:
             Variance of V over that of H; infinite for tags that are not locked.
         noise : ndarray, shape (K,)
             Mean square of the whitened residual per degree of freedom.
+        fit : GroupFit or None
+            What these were computed from.
         """
         count, subcarriers = 2 * len(self.tags), item.tones.shape[1]
         fit = self.fit(item)
@@ -211,12 +213,12 @@ class ToneModel:
             ends = np.zeros((count, subcarriers), complex)
             gain = np.full(count, np.inf)
             if fit is None:
-                return ends, gain, item.power() if item.usable else np.zeros(subcarriers)
+                return ends, gain, item.power() if item.usable else np.zeros(subcarriers), None
             ends[fit.rows], gain[fit.rows] = fit.ends, fit.gain
         # In units of the whole group: a perfect end would have 1/N.
         gain[gain * self.table.group_length >= _WORST_GAIN] = np.inf
         freedom = max(len(fit.residual) - len(fit.rows), 1)
-        return ends, gain, power_of(fit.residual).sum(axis=0) / freedom
+        return ends, gain, power_of(fit.residual).sum(axis=0) / freedom, fit
 
     def without_others(self, tag: TrackedTag, item: GroupTones, fit: GroupFit | None) -> Array:
         """The group's tones minus those of the other tags in a fit."""

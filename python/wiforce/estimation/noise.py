@@ -67,6 +67,8 @@ class NoiseEstimate:
         1 / sigma_k^2.
     level : float
         Mean of the variance over the subcarriers.
+    memory : int
+        Groups that it is a mean of, at most.
 
     Examples
     --------
@@ -87,7 +89,7 @@ class NoiseEstimate:
         self.inverse: Array = np.empty(0)
         self.level = 0.0
         self._groups = 0
-        self._memory = max(_LEAST_MEMORY_GROUPS, int(_MEMORY_S / group_period_s))
+        self.memory = max(_LEAST_MEMORY_GROUPS, int(_MEMORY_S / group_period_s))
         self._ratios: deque[float] = deque(maxlen=STEP_GROUPS)
 
     def set(self, variance: Array, items: Sequence[GroupTones], groups: int | None = None) -> None:
@@ -141,6 +143,6 @@ class NoiseEstimate:
             self._ratios.clear()
             self.set(median * self.variance, [item], min(self._groups, STEP_GROUPS))
             return Verdict.LEARNED
-        self._groups = min(self._groups + 1, self._memory)
+        self._groups = min(self._groups + 1, self.memory)
         self.set(self.variance + (residual - self.variance) / self._groups, [item])
         return Verdict.LEARNED

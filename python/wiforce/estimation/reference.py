@@ -6,7 +6,9 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import InputError
+from ..signal.waveform import Waveform
 from .groups import Array, Groups
+from .profile import ProfileCheck
 
 # An end is flagged when more than 20 % of its energy plus three times its noise do not have the
 # reference's profile over the subcarriers (docs/estimation.md, section "Thresholds").
@@ -51,6 +53,9 @@ class ConjugateDifference:
         reference is marked late, because a sensor that is pressed steadily looks the same.
     against : str
         ``untouched`` or ``previous``.
+    waveform : Waveform, optional
+        As it was sent. Where it is given, mirror images are removed from the ends, and deviations
+        from the reference's profile raise their variance (``profile.ProfileCheck``).
 
     Raises
     ------
@@ -77,7 +82,13 @@ class ConjugateDifference:
     [True, True, False]
     """
 
-    def __init__(self, ends: int, reference_groups: int, against: str = "untouched") -> None:
+    def __init__(
+        self,
+        ends: int,
+        reference_groups: int,
+        against: str = "untouched",
+        waveform: Waveform | None = None,
+    ) -> None:
         if against not in ("untouched", "previous"):
             raise InputError("against", "must be 'untouched' or 'previous'", against)
         if reference_groups < 1:
@@ -85,6 +96,7 @@ class ConjugateDifference:
         self.reference_groups = reference_groups
         self._against_previous = against == "previous"
         self._ends = ends
+        self._profile = ProfileCheck(waveform, ends) if waveform is not None else None
         self._holding = not self._against_previous
         self._held: list[Groups] = []
         self._stop: Array | None = None
@@ -98,6 +110,8 @@ class ConjugateDifference:
         self._late = np.zeros(self._ends, bool)
         self._stop = None
         self._begins = True
+        if self._profile is not None:
+            self._profile.reset()
 
     def process(self, groups: Groups) -> Groups:
         """Take a batch; give the groups that are ready.
@@ -202,6 +216,10 @@ class ConjugateDifference:
         # Noise in the reference adds to its power and would bias |R| towards 0.
         noise = np.where(np.isfinite(reference_gain), reference_gain, 0) * mean_noise
         power = np.where(self._precision > 0, np.maximum(power - noise, _LEAST_POWER * power), 0.0)
+        if self._profile is not None:
+            variance = (groups.gain + reference_gain)[:, :, None] * groups.noise[:, None]
+            ends, factor = self._profile.process(groups.ends, reference, weights, variance)
+            groups = groups.having(ends=ends, gain=groups.gain * factor)
         with np.errstate(divide="ignore", invalid="ignore"):
             changes = groups.ends * (reference.conj() / power[:, :, None])
         changes = np.where(power[:, :, None] > 0, changes, 0)

@@ -37,6 +37,8 @@ class SensorReadout:
     tracked : bool
         Follow every press over time (location constant, force a random walk) instead of inverting
         each group by itself.
+    drift_deg_per_sqrt_s : float, optional
+        Stated random walk of the untouched phases; learned when not given.
 
     Examples
     --------
@@ -60,13 +62,14 @@ class SensorReadout:
         off_reflection: ArrayLike,
         group_period_s: float,
         tracked: bool = False,
+        drift_deg_per_sqrt_s: float | None = None,
     ) -> None:
         self._model = model
         self._frequency_hz = frequency_hz
         self._period_s = group_period_s
         self._off = np.asarray(off_reflection, complex)
         self._untouched = np.array(model.untouched_deg(frequency_hz))
-        self._touch = TouchDetector(self._image(), group_period_s)
+        self._touch = TouchDetector(self._image(), group_period_s, drift_deg_per_sqrt_s)
         self._motion = TouchedMotion()
         self._retuned = False
         self._tracker = model.tracker(group_period_s, frequency_hz) if tracked else None
@@ -91,7 +94,8 @@ class SensorReadout:
         ends = slice(2 * sensor, 2 * sensor + 2)
         ratios, std = groups.ratios[:, ends], groups.phase_std_deg[:, ends]
         flags, readable = self._known_flags(groups, sensor, ratios, std)
-        touch, drift = self._decide_touch(groups, ends, ratios, std, flags, readable)
+        touch, drift, drifting = self._decide_touch(groups, ends, ratios, std, flags, readable)
+        std = np.hypot(std, drifting)
         level = ratios * np.exp(-1j * np.radians(drift))
         with np.errstate(invalid="ignore"):
             phases, slope = corrected_phase_deg(level, self._untouched, self._off)
@@ -167,9 +171,10 @@ class SensorReadout:
         std: Array,
         flags: Array,
         readable: Array,
-    ) -> tuple[Array, Array]:
-        """Touch (G,), -1 where it is unknown, and the drift (G, 2) that the tare subtracts."""
+    ) -> tuple[Array, Array, Array]:
+        """Touch (G,), -1 where it is unknown, the drift (G, 2) that the tare subtracts, its std."""
         touch, drift = np.full(len(groups), -1), np.zeros((len(groups), 2))
+        drifting = np.zeros((len(groups), 2))
         times_s = ((groups.index + 0.5) * self._period_s).tolist()
         changes = np.degrees(np.angle(ratios)).tolist()
         stds = std.tolist()
@@ -181,11 +186,13 @@ class SensorReadout:
                 continue
             decision = self._touch.update(times_s[row], changes[row], stds[row], in_reference[row])
             touch[row], drift[row] = decision.touch, decision.drift_deg
+            if decision.touch:
+                drifting[row] = self._touch.drift_std_deg(times_s[row])
             if decision.moved:
                 flags[row] |= Flag.MOVED.value
             if decision.disturbed:
                 flags[row] |= Flag.INCONSISTENT.value
-        return touch, drift
+        return touch, drift, drifting
 
     def _invert(self, phases: Array, std: Array) -> tuple[Array, Array]:
         """Force, its std, location, its std (n, 4), and flags (n,) of touched groups."""

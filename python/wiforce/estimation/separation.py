@@ -17,6 +17,7 @@ from ..signal.switching import harmonics
 from ..signal.waveform import Waveform
 from ..signal.weights import ToneTable
 from .clock_search import ClockSearch
+from .coherence import CoherentResidual
 from .group_tones import GroupTones
 from .groups import Array, Groups
 from .least_squares import ToneModel
@@ -28,8 +29,8 @@ _LOST_S = 0.5
 # Longest gap over which a clock is predicted: drifting by 0.5 ppm/s it may then be wrong by
 # d t^2 / 2 = 0.1 cycles at 1 kHz.
 _BRIDGED_S = 20.0
-# Ratio of a group's residual to the noise above which the excess raises the stated uncertainty. The
-# ratio of noise alone has a standard deviation of 3.4 % (14 x 62 degrees of freedom): 4.4 of them.
+# Ratio of a group's residual to the noise above which it raises the stated uncertainty. The ratio
+# of noise alone has a standard deviation of 3.4 % (14 x 62 degrees of freedom): 4.4 of them.
 _SIGNIFICANT_RESIDUAL = 1.15
 
 
@@ -48,6 +49,9 @@ class EndSeparator:
         As it was sent.
     derotated : bool
         Whether the tones are derotated (``ToneTable.derotation``).
+    others : sequence of TagClock
+        Tags that a survey has found, behind ``clocks`` in the table. They are tracked and solved
+        for, but not given.
 
     Raises
     ------
@@ -77,11 +81,15 @@ class EndSeparator:
         clocks: Sequence[TagClock],
         waveform: Waveform,
         derotated: bool = True,
+        others: Sequence[TagClock] = (),
     ) -> None:
         averaging_s = waveform.averaging_s
-        tags = [TrackedTag(table, i, clock, averaging_s) for i, clock in enumerate(clocks)]
+        every = enumerate((*clocks, *others))
+        tags = [TrackedTag(table, i, clock, averaging_s) for i, clock in every]
+        self._tags = len(clocks)
         self._model = ToneModel(table, tags, waveform.sample_rate_hz if derotated else None)
         self._noise = NoiseEstimate(self._model.group_period_s)
+        self._coherence = CoherentResidual(2 * len(tags), self._noise.memory)
         self._search = ClockSearch(self._model, self._noise, averaging_s)
         # The SNR is defined by line 1 of end 1.
         self._line_power = harmonics(1, clocks[0].clock_hz * averaging_s)[0] ** 2
@@ -128,31 +136,36 @@ class EndSeparator:
         subcarriers = groups.tones.shape[2]
         ends = np.zeros((count, 2 * len(tags), subcarriers), complex)
         gain = np.full((count, 2 * len(tags)), np.inf)
+        white = gain.copy()
         noise = np.ones((count, subcarriers))
         clocks = np.zeros((5, count, len(tags)))
         for row, item in enumerate(self._model.prepare(groups)):
             if update and item.usable:
                 self._track(item)
-            ends[row], own_gain, residual = self._model.solve(item)
+            ends[row], own_gain, residual, fit = self._model.solve(item)
             for i, tag in enumerate(tags):
                 clocks[:, row, i] = _clock_of(tag, item)
-            ratio = 1.0
+            gain[row] = white[row] = own_gain
             if item.usable and self._noise.known:
                 ratio = self._noise.ratio(residual)
+                if fit is not None:
+                    factor = self._coherence.update(fit, self._noise.inverse)
+                    if ratio > _SIGNIFICANT_RESIDUAL:
+                        factor = np.maximum(factor, ratio)
+                    gain[row, fit.rows] *= factor
                 if update and not item.missing:
                     self._learn(residual, ratio, item)
-            # A misfit is correlated over the subcarriers, so averaging does not reduce it as noise.
-            gain[row] = own_gain * (1 + subcarriers * max(0.0, ratio - _SIGNIFICANT_RESIDUAL))
             if self._noise.known:
                 noise[row] = self._noise.variance
-        locked, phase, offset_ppm, delay, overlapping = clocks
+        locked, phase, offset_ppm, delay, overlapping = clocks[:, :, : self._tags]
+        ends, gain, white = (each[:, : 2 * self._tags] for each in (ends, gain, white))
         return groups.having(
             tones=None,
             snapshot_weights=None,
             ends=ends,
             gain=gain,
             noise=noise,
-            snr_db=self._snr_db(ends, gain, noise),
+            snr_db=self._snr_db(ends, white, noise),
             locked=locked > 0,
             clock_phase=phase,
             clock_offset_ppm=offset_ppm,
@@ -187,6 +200,7 @@ class EndSeparator:
         if self._noise.learn(residual, ratio, item) is Verdict.MODEL_LOST:
             # Clocks and noise are acquired again, from groups that all differ from the model.
             self._search.run(self._latest)
+            self._coherence.reset()
             for tag in self._model.tags:
                 tag.waiting = [] if tag.tracker else list(self._latest)
 

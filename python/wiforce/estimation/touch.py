@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..io.readings import WEAK_PHASE_DEG
+from .drift import DriftRate
 from .groups import Array
 from .tare import SlowTare
 
@@ -28,6 +29,8 @@ _DISTURBED = 25.0
 # Both ends changed equally when their difference is below this many standard deviations, which
 # noise alone exceeds in 0.05 % of groups.
 COMMON_STDS = 3.5
+# Mean age of the groups that the tare averages over, in s.
+_TARE_AGE_S = 0.5
 
 
 def wrapped(angle: float) -> float:
@@ -89,6 +92,8 @@ class TouchDetector:
         Phase changes of touched lines against the untouched one, densely over force and location.
     group_period_s : float
         Length of a group, in s.
+    drift_deg_per_sqrt_s : float, optional
+        Stated random walk of the untouched phases; learned when not given.
 
     Examples
     --------
@@ -99,10 +104,17 @@ class TouchDetector:
     1
     """
 
-    def __init__(self, image_deg: Array, group_period_s: float) -> None:
+    def __init__(
+        self,
+        image_deg: Array,
+        group_period_s: float,
+        drift_deg_per_sqrt_s: float | None = None,
+    ) -> None:
         self._image = np.ascontiguousarray(np.asarray(image_deg, float).T)
         self._nearest = (float(self._image[0, 0]), float(self._image[1, 0]))
         self._tare = SlowTare(group_period_s)
+        self._drift = DriftRate(group_period_s, drift_deg_per_sqrt_s)
+        self._untouched_s = 0.0
         self._moving = False
         self._disturbed = False
         self._touch = 0
@@ -162,6 +174,11 @@ class TouchDetector:
             return TouchDecision(self._touch, moved, tare.drift_deg, self._disturbed)
         if moved and self._moving:
             tare.shift((first, second))
+        if self._touch or moved:
+            self._drift.interrupt()
+        else:
+            self._untouched_s = time_s
+            self._drift.follow(time_s, phases_deg, std_deg)
         if self._touch:
             tare.touch_begins(forget_outliers=True)
         elif self._moving or not moved:
@@ -169,6 +186,21 @@ class TouchDetector:
         # A single group may be a press that began inside it; the tare moves with the second.
         self._moving = moved
         return TouchDecision(self._touch, moved, tare.drift_deg, self._disturbed)
+
+    def drift_std_deg(self, time_s: float) -> tuple[float, float]:
+        """Standard deviation of what the phases may have drifted since the last untouched group.
+
+        Parameters
+        ----------
+        time_s : float
+            Centre of a touched group.
+
+        Returns
+        -------
+        (float, float)
+            In degrees, for both ends.
+        """
+        return self._drift.std_deg(time_s - self._untouched_s + _TARE_AGE_S)
 
     def _decide(
         self, change: tuple[float, float], spreads: list[float], untouched: float, common: float

@@ -233,6 +233,29 @@ class Integer(Number):
         return value if isinstance(value, int) else int(number)
 
 
+class AutomaticNumber(Number):
+    """A number, or the word ``auto``, which is read as None: the program finds the number itself.
+
+    Examples
+    --------
+    >>> AutomaticNumber(unit="Hz", low=0, high=100).rule
+    "must be 'auto' or a number from 0 to 100 Hz"
+    """
+
+    @property
+    def allowed(self) -> str:
+        return f"'auto' or {super().allowed}"
+
+    def _read(self, value: Any, where: KeyPath, scope: Scope) -> float | None:  # type: ignore[override]
+        return None if value == "auto" else super()._read(value, where, scope)
+
+    def plain(self, value: Any) -> Any:
+        return "auto" if value is None else value
+
+    def _json_schema(self) -> dict[str, Any]:
+        return {"anyOf": [{"enum": ["auto"]}, super()._json_schema()]}
+
+
 @dataclass(frozen=True, kw_only=True)
 class Text(ValueType):
     """Printable text with at most ``limit`` characters that is not blank."""

@@ -71,6 +71,41 @@ def line_loss_db(
     return 10 * np.log10(used / whole)
 
 
+def end_variances(
+    clocks: Sequence[TagClock], times_s: np.ndarray, averaging_s: float, clutter: np.ndarray
+) -> np.ndarray:
+    """Variances of the ends by least squares over all snapshots of a group, clutter projected out.
+
+    Parameters
+    ----------
+    clocks : sequence of TagClock, length S
+    times_s : ndarray, shape (N,)
+        Of the snapshots, from the group's centre.
+    averaging_s : float
+        Ta, in s.
+    clutter : ndarray of float, shape (N, order)
+        Orthonormal.
+
+    Returns
+    -------
+    ndarray of float, shape (2S,)
+        In units of the noise in H; the sum over some clock phases.
+
+    Examples
+    --------
+    >>> times_s = np.arange(-312, 313) * 57.6e-6
+    >>> still = np.full((625, 1), 625**-0.5)
+    >>> end_variances([TagClock(1000.0)], times_s, 20.48e-6, still).round(4)
+    array([0.0303, 0.0315])
+    """
+    total = np.zeros(2 * len(clocks))
+    for phase in _PHASES:
+        waveforms = _waveforms(clocks, phase, 1, times_s, averaging_s)
+        waveforms -= clutter @ (clutter.T @ waveforms)
+        total += _variances(waveforms.T @ waveforms)
+    return total
+
+
 def _waveforms(
     clocks: Sequence[TagClock], phase: float, sign: int, times_s: np.ndarray, averaging_s: float
 ) -> np.ndarray:

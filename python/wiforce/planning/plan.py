@@ -14,8 +14,10 @@ from ..estimation.tracked_tag import TagClock
 from ..scene import Scene, load_scene
 from ..sensor import SensorModel
 from ..signal.lines import tag_lines
+from ..signal.room_noise import RoomNoise
 from ..signal.waveform import Waveform
 from ..signal.weights import ToneTable, design_weights
+from .clutter_band import automatic_band_hz
 from .loss import line_loss_db
 
 # Readings are averaged over this time while nothing changes: that of the default phase group.
@@ -77,6 +79,10 @@ class Plan:
         estimators that are there for comparison.
     scene : Scene or None
         What was planned; None for a plan that reads no sensors.
+    others : tuple of TagClock
+        Tags that the scene does not list, found by a survey: solved for, but not read.
+    room : RoomNoise or None
+        What a survey has found between the tags' lines; None where nothing disturbs them.
 
     Examples
     --------
@@ -96,6 +102,8 @@ class Plan:
     estimator: str = "harmonic"
     loss_db: tuple[float, ...] = ()
     scene: Scene | None = field(default=None, repr=False, compare=False)
+    others: tuple[TagClock, ...] = ()
+    room: RoomNoise | None = field(default=None, repr=False)
 
     @property
     def clocks_hz(self) -> tuple[float, ...]:
@@ -137,12 +145,13 @@ class Plan:
     def table(self) -> ToneTable:
         """Weights of the run."""
         return design_weights(
-            self.clocks_hz,
+            [clock.clock_hz for clock in (*self.clocks, *self.others)],
             self.group_length,
             self.waveform.snapshot_period_s,
             self.clutter_hz,
             self.harmonics,
             estimator_named(self.estimator).rectangular,
+            self.room,
         )
 
     def check_lines(self) -> None:
@@ -156,8 +165,8 @@ class Plan:
         """
         table = self.table
         if self.estimator == "harmonic":
-            for tag, clock_hz in enumerate(self.clocks_hz):
-                PhaseLikelihood(table, tag, clock_hz * self.waveform.averaging_s)
+            for tag, clock in enumerate((*self.clocks, *self.others)):
+                PhaseLikelihood(table, tag, clock.clock_hz * self.waveform.averaging_s)
 
 
 def plan(scene: Any, snapshots: int | None = None, estimator: str | None = None) -> Plan:
@@ -198,11 +207,12 @@ def plan(scene: Any, snapshots: int | None = None, estimator: str | None = None)
         rule = f"must hold at least one phase group of {period:.4g} s"
         raise InputError("reference_s", rule, scene.reference_s)
     against = estimator_named(scene.phase_group.estimator).against
+    clocks = tuple(TagClock(s.clock_hz, s.clock_tolerance_ppm) for s in scene.sensors)
     settings = Plan(
         scene.waveform(),
-        tuple(TagClock(s.clock_hz, s.clock_tolerance_ppm) for s in scene.sensors),
+        clocks,
         scene.phase_group.snapshots,
-        scene.environment.moving_clutter_hz,
+        _clutter_band_hz(scene, clocks),
         HARMONICS[0],
         reference_groups,
         # What is compared with the group before must not be averaged over groups.
@@ -217,6 +227,19 @@ def plan(scene: Any, snapshots: int | None = None, estimator: str | None = None)
     except InputError as error:
         raise error.renamed(_scene_keys(scene)) from error
     return settings
+
+
+def _clutter_band_hz(scene: Scene, clocks: tuple[TagClock, ...]) -> float:
+    """The scene's clutter band, or one that costs hardly anything where it states none."""
+    stated_hz = scene.environment.moving_clutter_hz
+    if stated_hz is not None:
+        return stated_hz
+    if estimator_named(scene.phase_group.estimator).rectangular:
+        return 0.0
+    waveform = scene.waveform()
+    return automatic_band_hz(
+        clocks, scene.phase_group.snapshots, waveform.snapshot_period_s, waveform.averaging_s
+    )
 
 
 def _scene_keys(scene: Scene) -> dict[str, str]:

@@ -80,7 +80,7 @@ def _clock_frequencies(scene: Scene) -> Iterator[Violation]:
     """The lines that are read must lie between moving clutter and the snapshots' Nyquist."""
     nyquist_hz = 0.5 / scene.snapshot_period_s
     highest = max(_READ_LINES)
-    moving_hz = scene.environment.moving_clutter_hz
+    moving_hz = scene.environment.moving_clutter_hz or 0.0
     for i, sensor in enumerate(scene.sensors):
         if sensor.clock_hz * highest >= nyquist_hz:
             rule = (

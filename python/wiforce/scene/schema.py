@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..io.schema import DRAFT_7, ListOf, Mapping, declared, json_schema, key, plain
-from ..io.values import Choice, Integer, Number, Text
+from ..io.values import AutomaticNumber, Choice, Integer, Number, Text
 from ..signal.waveform import PREAMBLE_LENGTH, Waveform, sounding_waveform
 from .off_reflection import OffReflection
 from .simulated import MAX_SENSORS, MODEL_NAME_LENGTH, Simulation
@@ -97,10 +97,12 @@ class Environment:
     'shared'
     """
 
-    moving_clutter_hz: float = key(
-        Number(unit="Hz", low=0, high=10_000),
-        default=0.0,
-        doc="Highest Doppler frequency of anything that moves; 0 where nothing moves.",
+    moving_clutter_hz: float | None = key(
+        AutomaticNumber(unit="Hz", low=0, high=10_000),
+        default=None,
+        doc="Highest Doppler frequency of anything that moves; 0 where nothing moves. `auto`: as "
+        "much as can be rejected at a cost of 0.1 dB, at most 250 Hz; more where the survey of a "
+        "recording finds it necessary.",
     )
     reader_clock: str = key(
         Choice(words=("shared", "free")),
@@ -141,6 +143,12 @@ class SceneSensor:
         Number(unit="ppm", low=0, high=1000),
         default=100.0,
         doc="Largest error of the tag's crystal.",
+    )
+    drift_deg_per_sqrt_s: float | None = key(
+        Number(unit="deg", low=0, high=360, optional=True),
+        default=None,
+        doc="Random walk of the untouched phases: its standard deviation after one second. It "
+        "raises the standard deviations during a touch. Learned while untouched when null.",
     )
     off_reflection: tuple[complex, complex] = key(
         OffReflection(),

@@ -19,6 +19,8 @@ MAX_EVENTS = 1000
 MODEL_NAME_LENGTH = 4096  # of a path, the longest that Linux accepts
 _LONGEST_S = 1e6
 _TIME = Number(unit="s", low=0, high=_LONGEST_S)
+# Fastest Doppler of a person near a sensor, at 2.4 GHz.
+_AUTOMATIC_HZ = 30.0
 _CLOCK_OFFSET = Number(unit="ppm", low=-1000, high=1000)
 _CLOCK_DRIFT = Number(unit="ppm/s", low=-10, high=10)
 
@@ -241,7 +243,12 @@ class Simulation:
     moving_clutter_hz: float = key(
         Number(unit="Hz", low=0, high=10_000),
         derived=Derived(
-            "`environment.moving_clutter_hz`", lambda scope: scope["environment"].moving_clutter_hz
+            "`environment.moving_clutter_hz`, or 30 where that is `auto`",
+            lambda scope: (
+                _AUTOMATIC_HZ
+                if scope["environment"].moving_clutter_hz is None
+                else scope["environment"].moving_clutter_hz
+            ),
         ),
         doc="Highest Doppler frequency of what moves. Where it differs from the default, the "
         "reader works with a wrong value.",

@@ -13,6 +13,8 @@ in either shows in the readings.
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .waveform import FFT_LENGTH, Waveform
+
 
 def harmonics(m: ArrayLike, averaging_phase: float = 0.0) -> np.ndarray:
     """Fourier coefficients of the two averaged waveforms at harmonics of fs.
@@ -46,6 +48,40 @@ def harmonics(m: ArrayLike, averaging_phase: float = 0.0) -> np.ndarray:
     c1 = 0.25 * np.sinc(m / 4) * smear
     c2 = np.where(m % 2 == 0, 0.25 * np.sinc(m / 8) * np.cos(np.pi * m / 2), 0.0) * smear
     return np.stack([c1, c2], axis=-1)
+
+
+def line_envelope(m: ArrayLike, clock_hz: float, waveform: Waveform) -> np.ndarray:
+    """Upper limit of the power that harmonics of a tag have in the snapshots.
+
+    A harmonic that is faster than a symbol moves energy from a subcarrier to its neighbours: the
+    average over the symbol suppresses it, except around multiples of the subcarrier spacing.
+
+    Parameters
+    ----------
+    m : array_like of int, shape (M,)
+        Harmonic numbers, from 1.
+    clock_hz : float
+        fs, in Hz.
+    waveform : Waveform
+
+    Returns
+    -------
+    ndarray of float, shape (M,)
+        Relative to line 1 of end 1, both ends together.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
+    >>> line_envelope([1, 2, 20, 100, 195], 1000.0, sounding_waveform()).round(5)
+    array([1.000e+00, 1.000e+00, 1.208e-02, 2.000e-05, 2.100e-04])
+    """
+    m = np.asarray(m)
+    spacing_hz = waveform.sample_rate_hz / FFT_LENGTH
+    distance_hz = np.abs(m * clock_hz - spacing_hz * np.rint(m * clock_hz / spacing_hz))
+    rolled = np.maximum(np.pi * distance_hz * waveform.averaging_s, 1.0)
+    # Pulses of 1/8 and 1/4 period: 2 / (pi m) at most, relative to c1[1] = 0.225.
+    edges = 2 / (np.pi * np.maximum(m, 1)) / harmonics(1)[0]
+    return np.minimum(edges, 1.0) ** 2 / rolled**2
 
 
 def switch_averages(phase: np.ndarray, half_window: float, clock2_delay: float = 0.0) -> np.ndarray:

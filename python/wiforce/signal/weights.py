@@ -15,6 +15,7 @@ import numpy as np
 from ..errors import InputError
 from .clutter import clutter_basis
 from .lines import CLUTTER_MARGIN, Tone, centered_times_s, tag_lines
+from .room_noise import RoomNoise
 from .waveform import FFT_LENGTH
 
 # Noise of a tone, relative to that of a Fourier sum over the whole group, above which a scene is
@@ -40,6 +41,8 @@ class ToneTable:
         Tones, then clutter; None for a plain Fourier sum over the group.
     snapshot_period_s : float
         T, in s.
+    room : RoomNoise or None
+        Noise that the weights suppress; None where it is white.
 
     Examples
     --------
@@ -55,6 +58,7 @@ class ToneTable:
     weights: np.ndarray = field(repr=False)
     basis: np.ndarray | None = field(repr=False)
     snapshot_period_s: float
+    room: RoomNoise | None = None
 
     @property
     def group_length(self) -> int:
@@ -75,9 +79,9 @@ class ToneTable:
     def whitener(self) -> np.ndarray:
         """Matrix that makes the tones' noise white; complex, shape (M, M).
 
-        The inverse Cholesky factor of W W^H.
+        The inverse Cholesky factor of W C W^H, C being the covariance of the noise.
         """
-        return _whitener(self.weights)
+        return _whitener(self.weights, self.room.covariance() if self.room else None)
 
     def derotation(self, sample_rate_hz: float) -> np.ndarray:
         """Factors that undo each line's rotation within a symbol, applied before the FFT.
@@ -135,11 +139,12 @@ class ToneTable:
         present = self.basis[mask]
         if present.shape[0] <= present.shape[1]:
             return None
-        weights = _tone_rows(present, len(self.tones))
+        covariance = self.room.covariance(mask) if self.room else None
+        weights = _tone_rows(present, len(self.tones), covariance)
         noise_gain = np.sum(np.abs(weights) ** 2, axis=1) * self.group_length
         if noise_gain.max() > _WORST_PARTIAL_GAIN:
             return None
-        return PartialWeights(mask, weights)
+        return PartialWeights(mask, weights, covariance)
 
 
 @dataclass(frozen=True)
@@ -152,6 +157,8 @@ class PartialWeights:
         True where a snapshot is present.
     weights : ndarray of complex, shape (M, count of present)
         As those of :class:`ToneTable`.
+    covariance : ndarray or None
+        Of the noise of the snapshots present; None where it is white.
 
     Examples
     --------
@@ -163,11 +170,12 @@ class PartialWeights:
 
     mask: np.ndarray
     weights: np.ndarray
+    covariance: np.ndarray | None = None
 
     @cached_property
     def whitener(self) -> np.ndarray:
         """As :attr:`ToneTable.whitener`."""
-        return _whitener(self.weights)
+        return _whitener(self.weights, self.covariance)
 
     @property
     def missing(self) -> int:
@@ -175,12 +183,18 @@ class PartialWeights:
         return int(len(self.mask) - self.mask.sum())
 
 
-def _whitener(weights: np.ndarray) -> np.ndarray:
-    return np.linalg.inv(np.linalg.cholesky(weights @ weights.conj().T))
+def _whitener(weights: np.ndarray, covariance: np.ndarray | None) -> np.ndarray:
+    colored = weights if covariance is None else weights @ covariance
+    return np.linalg.inv(np.linalg.cholesky(colored @ weights.conj().T))
 
 
-def _tone_rows(basis: np.ndarray, tones: int) -> np.ndarray:
-    return np.linalg.pinv(basis, rcond=1e-12)[:tones]
+def _tone_rows(basis: np.ndarray, tones: int, covariance: np.ndarray | None = None) -> np.ndarray:
+    """Rows of the (generalised, with a covariance) least-squares solution that are tones."""
+    if covariance is None:
+        return np.linalg.pinv(basis, rcond=1e-12)[:tones]
+    factor = np.linalg.cholesky(covariance)
+    rows = np.linalg.pinv(np.linalg.solve(factor, basis), rcond=1e-12)[:tones]
+    return np.linalg.solve(factor.T, rows.T).T
 
 
 def design_weights(
@@ -190,6 +204,7 @@ def design_weights(
     clutter_hz: float = 0.0,
     harmonics: int = 8,
     rectangular: bool = False,
+    room: RoomNoise | None = None,
 ) -> ToneTable:
     """Weight table for the lines of all tags of a scene.
 
@@ -208,6 +223,9 @@ def design_weights(
     rectangular : bool
         A plain Fourier sum over the group for every line instead, as in the WiForce paper:
         clutter and the lines themselves then leak into one another.
+    room : RoomNoise, optional
+        Disturbances between the lines, which the weights then suppress as far as this does not
+        cost more than it gains.
 
     Returns
     -------
@@ -238,15 +256,16 @@ def design_weights(
     if basis.shape[0] <= basis.shape[1]:
         rule = f"must exceed the {basis.shape[1]} lines and clutter sequences of the scene"
         raise InputError("group_length", rule, group_length)
-    weights = _tone_rows(basis, len(tones))
+    weights = _tone_rows(basis, len(tones), room.covariance() if room else None)
     # The pseudo-inverse is symmetric only to rounding; the kernels share work on exact conjugates.
     weights = (weights + weights[::-1].conj()) / 2
     weights = weights.astype(np.complex64).astype(complex)
     noise_gain = np.sum(np.abs(weights) ** 2, axis=1) * group_length
-    if noise_gain.max() > _WORST_GAIN:
+    # With a room, tones that it disturbs may be noisy: they count for less.
+    if room is None and noise_gain.max() > _WORST_GAIN:
         rule = f"is too short to separate the lines from clutter of {clutter_hz:g} Hz"
         raise InputError("group_length", rule, group_length)
-    return ToneTable(tones, weights, basis, snapshot_period_s)
+    return ToneTable(tones, weights, basis, snapshot_period_s, room)
 
 
 def _check_settings(

@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Drift of an untouched sensor's phases, learned so that it can be stated during a touch.
+
+Temperature, humidity and cables change the phases slowly. While the line is not touched, the tare
+follows. During a touch drift cannot be distinguished from force, and what is known is its size.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+
+# Distances in groups over which changes are compared. Short ones show fast drift soon, long ones
+# slow drift, which the noise of single groups hides.
+_LAGS = (1, 4, 12)
+# Changes count for about this long, in s.
+_MEMORY_S = 20.0
+# Standard deviations by which the mean square of the changes must exceed that of noise.
+_SIGNIFICANT = 4.0
+_LEAST_CHANGES = 8
+# Groups next to a touch that are not used: a press that begins or ends slowly looks like drift.
+_MARGIN_GROUPS = 2
+# A change beyond this, in degrees, is an event and not drift.
+_EVENT_DEG = 5.0
+
+
+class DriftRate:
+    """Random walk of both phases: its standard deviation after one second.
+
+    Parameters
+    ----------
+    group_period_s : float
+        Length of a group, in s.
+    stated_deg : float or None
+        Known standard deviation after one second, in degrees; learned when None.
+
+    Notes
+    -----
+    Changes over a time tau have the variance q tau + 2 sigma^2 for phases with noise of variance
+    sigma^2. The largest significant q of several tau counts, so that a steady drift, for which q
+    grows with tau, is covered as well.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> rate, rng = DriftRate(0.036), np.random.default_rng(1)
+    >>> walk = np.cumsum(0.5 * np.sqrt(0.036) * rng.standard_normal((300, 2)), axis=0)
+    >>> for group, phases in enumerate(walk.tolist()):
+    ...     rate.follow(0.036 * group, phases, (0.05, 0.05))
+    >>> 0.4 < rate.std_deg(1.0)[0] < 0.7
+    True
+    """
+
+    def __init__(self, group_period_s: float, stated_deg: float | None = None) -> None:
+        self._period_s = group_period_s
+        self._stated = stated_deg
+        self._keep = 1 - group_period_s / _MEMORY_S
+        self._recent: deque[tuple[float, Sequence[float], Sequence[float]]] = deque(
+            maxlen=max(_LAGS) + 1
+        )
+        self._coming: deque[tuple[float, Sequence[float], Sequence[float]]] = deque()
+        self._skipped = _MARGIN_GROUPS
+        # Of each lag: number, squared changes of both ends, and the noise expected in them.
+        self._sums = {lag: [0.0, 0.0, 0.0, 0.0, 0.0] for lag in _LAGS}
+
+    def interrupt(self) -> None:
+        """Do not compare the next groups with those before: a touch lies between."""
+        self._recent.clear()
+        self._coming.clear()
+        self._skipped = 0
+
+    def follow(self, time_s: float, phases_deg: Sequence[float], std_deg: Sequence[float]) -> None:
+        """Take an untouched group.
+
+        Parameters
+        ----------
+        time_s : float
+            Centre of the group.
+        phases_deg, std_deg : pair of float
+            Phase changes of both ends and their standard deviations.
+        """
+        if self._stated is not None:
+            return
+        if self._skipped < _MARGIN_GROUPS:
+            self._skipped += 1
+            return
+        self._coming.append((time_s, phases_deg, std_deg))
+        if len(self._coming) > _MARGIN_GROUPS:
+            self._compare(*self._coming.popleft())
+
+    def _compare(
+        self, time_s: float, phases_deg: Sequence[float], std_deg: Sequence[float]
+    ) -> None:
+        self._recent.append((time_s, phases_deg, std_deg))
+        for lag, sums in self._sums.items():
+            if len(self._recent) <= lag:
+                continue
+            before_s, before, noise = self._recent[-1 - lag]
+            if time_s - before_s > (lag + 0.5) * self._period_s:
+                continue  # groups are missing
+            changes = [
+                180.0 - (180.0 - (a - b)) % 360.0 for a, b in zip(phases_deg, before, strict=True)
+            ]
+            if max(map(abs, changes)) > _EVENT_DEG:
+                self.interrupt()
+                return
+            new = [1.0]
+            new += [change * change for change in changes]
+            new += [a * a + b * b for a, b in zip(std_deg, noise, strict=True)]
+            sums[:] = [self._keep * old + more for old, more in zip(sums, new, strict=True)]
+
+    def std_deg(self, elapsed_s: float) -> tuple[float, float]:
+        """Standard deviation of both phases' drift after a time.
+
+        Parameters
+        ----------
+        elapsed_s : float
+            Since the last untouched group.
+
+        Returns
+        -------
+        (float, float)
+            In degrees; 0 where no drift was found.
+        """
+        root = math.sqrt(max(elapsed_s, 0.0))
+        if self._stated is not None:
+            return self._stated * root, self._stated * root
+        return self._learned(1) * root, self._learned(2) * root
+
+    def _learned(self, end: int) -> float:
+        largest = 0.0
+        for lag, sums in self._sums.items():
+            count = sums[0]
+            if count < _LEAST_CHANGES:
+                continue
+            mean, noise = sums[end] / count, sums[end + 2] / count
+            # Changes that overlap are not independent.
+            spread = noise * math.sqrt(2 * lag / count)
+            if mean - noise > _SIGNIFICANT * spread:
+                # One standard deviation above what so few changes show.
+                upper = (mean - noise) * (1 + math.sqrt(2 * lag / count))
+                largest = max(largest, upper / (lag * self._period_s))
+        return math.sqrt(largest)

@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""An end's channel over the subcarriers, compared with that of the untouched sensor.
+
+A press rotates and scales all subcarriers of an end alike. What else is in the channel has a
+profile of its own: the mirror image of an unbalanced receiver one that is known, and everything
+that comes over the air one that consists of a few delays.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..signal.waveform import FFT_LENGTH, Waveform
+from .groups import Array
+
+# Delays relative to the tag's own at which a room reflects: 45 m before, 75 m behind.
+_DELAYS_S = np.linspace(-0.15e-6, 0.25e-6, 81)
+# Delay profiles whose singular value is smaller than this share of the largest are left out.
+_LEAST_SINGULAR = 0.05
+# An image whose profile is this similar to the channel itself (squared correlation) is not
+# separable from it.
+_SIMILAR = 0.25
+# An image is removed as far as its power exceeds this many times that of noise (James and Stein,
+# 1961), and corrected to second order from the higher one on.
+_SHRINKAGE = 2.0
+_SIGNIFICANT_IMAGE = 25.0
+# Standard deviations by which residual power must exceed that of noise: in a single group, and in
+# the mean of the last groups.
+_GROUP_STDS = 5.0
+_MEAN_STDS = 4.0
+_MEAN_GROUPS = 8
+
+
+def image_of(channel: Array, waveform: Waveform) -> Array:
+    """Profile of a channel's mirror image by an unbalanced (IQ) receiver.
+
+    Parameters
+    ----------
+    channel : ndarray of complex, shape (..., K)
+    waveform : Waveform
+        Subcarriers -k and k are both occupied.
+
+    Returns
+    -------
+    ndarray of complex, shape (..., K)
+
+    Notes
+    -----
+    Of y = mu x + nu conj(x) the second part is received on subcarrier k as
+    nu conj(H[-k]) conj(X[-k]) / X[k].
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
+    >>> image = image_of(np.ones(62), sounding_waveform())
+    >>> np.abs(image).round(6).tolist() == [1.0] * 62, round(abs(image.sum()) / 62, 2)
+    (True, 0.16)
+    """
+    reference = waveform.reference
+    return channel[..., ::-1].conj() * (reference[::-1].conj() / reference)
+
+
+class ProfileCheck:
+    """Removes the image from the ends' channels, and compares the rest with the reference.
+
+    Parameters
+    ----------
+    waveform : Waveform
+    ends : int
+        Ends of all tags, 2S.
+
+    Examples
+    --------
+    A sensor whose ends turn by 30 deg, received with an image of -20 dB:
+
+    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
+    >>> waveform = sounding_waveform()
+    >>> def received(channel):
+    ...     return channel + 0.1 * image_of(channel, waveform)
+    >>> untouched = np.ones((2, 62), complex)
+    >>> pressed = received(np.exp(1j * np.radians(30)) * untouched)[None]
+    >>> check = ProfileCheck(waveform, 2)
+    >>> ends, factor = check.process(
+    ...     pressed, received(untouched), np.full((1, 62), 1 / 62), np.full((1, 2, 62), 1e-8))
+    >>> ratio = np.mean(ends * received(untouched).conj(), axis=2)
+    >>> bool(np.all(np.abs(np.degrees(np.angle(ratio)) - 30) < 0.01))
+    True
+    """
+
+    def __init__(self, waveform: Waveform, ends: int) -> None:
+        self._waveform = waveform
+        frequency_hz = waveform.subcarriers * (waveform.sample_rate_hz / FFT_LENGTH)
+        delays = np.exp(-2j * np.pi * np.outer(frequency_hz, _DELAYS_S))
+        left, singular, _ = np.linalg.svd(delays, full_matrices=False)
+        self._delays = left[:, singular > _LEAST_SINGULAR * singular[0]]
+        self._subcarriers = waveform.subcarriers
+        self._reference: Array | None = None
+        self._other: Array = np.empty(0)
+        self._mean = np.ones(ends)
+        self._groups = np.zeros(ends)
+
+    def reset(self) -> None:
+        """Forget the groups so far, for a new reference."""
+        self._mean[:] = 1
+        self._groups[:] = 0
+
+    def process(
+        self, ends: Array, reference: Array, weights: Array, noise: Array
+    ) -> tuple[Array, Array]:
+        """Remove the image from a batch, and compare what remains with the reference.
+
+        Parameters
+        ----------
+        ends : ndarray of complex, shape (G, 2S, K)
+            V.
+        reference : ndarray of complex, shape (2S, K)
+            V_ref; 0 for an end without one.
+        weights : ndarray, shape (G, K)
+            w_k, which sum to 1.
+        noise : ndarray, shape (G, 2S, K)
+            Variance of V - R V_ref; infinite where an end was not received.
+
+        Returns
+        -------
+        ends : ndarray of complex, shape (G, 2S, K)
+            V without its image.
+        factor : ndarray, shape (G, 2S)
+            Factor by which the variance of R exceeds that of noise, at least 1.
+        """
+        image = image_of(reference, self._waveform)
+        power = weights @ (np.abs(reference) ** 2).T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            similar = np.einsum("gk,ek,ek->ge", weights, image, reference.conj()) / power
+            own = image[None] - similar[:, :, None] * reference
+            own_power = np.einsum("gk,gek->ge", weights, np.abs(own) ** 2)
+            level = np.einsum("gk,gek,gek->ge", weights, ends, own.conj()) / own_power
+        separable = (own_power > (1 - _SIMILAR) * power) & np.isfinite(level)
+        level_noise = np.einsum("gk,gek->ge", weights**2, noise) / np.maximum(own_power, 1e-300)
+        level_power = level.real**2 + level.imag**2
+        # Where there is no image, removing the noise along its profile would only add noise.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            level = level * np.maximum(0, 1 - _SHRINKAGE * level_noise / level_power)
+        separable &= np.isfinite(level)
+        level = np.where(separable, level, 0)
+        ends = ends - level[:, :, None] * image
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = np.einsum("gk,gek,ek->ge", weights, ends, reference.conj()) / power
+            # The reference holds an image of its own: to second order R = a + conj(nu) b for
+            # levels a of the reference and b = nu (conj(R) - R) of the image.
+            second = level_power / (2j * ratio.imag)
+        known = separable & (level_power > _SIGNIFICANT_IMAGE * level_noise)
+        second = np.where(known & (level_power < 0.1 * np.abs(ratio.imag)), second, 0)
+        ends = ends + second[:, :, None] * reference
+        ratio = np.where(np.isfinite(ratio), ratio, 0) + second
+        residual = ends - ratio[:, :, None] * reference
+        cost = np.where(level != 0, power / np.maximum(own_power, 1e-300), 1.0)
+        return ends, cost * self._factors(residual, reference, noise)
+
+    def _factors(self, residual: Array, reference: Array, noise: Array) -> Array:
+        """Power of the residual on delay profiles other than the reference's, over the noise."""
+        basis = self._other_profiles(reference)
+        along = np.einsum("gek,ekd->ged", residual, basis.conj())
+        with np.errstate(invalid="ignore", divide="ignore"):
+            expected = np.einsum("gek,ekd->ged", noise, np.abs(basis) ** 2)
+            ratios = np.mean((along.real**2 + along.imag**2) / expected, axis=2)
+        spread = basis.shape[2] ** -0.5
+        factors = np.ones(ratios.shape)
+        for row, ratio in enumerate(ratios):
+            known = np.isfinite(ratio)
+            self._groups += known
+            count = np.minimum(np.maximum(self._groups, 1), _MEAN_GROUPS)
+            rise = np.where(known, np.minimum(ratio, 4 * np.maximum(self._mean, 1)), self._mean)
+            self._mean += (rise - self._mean) / count
+            lasting = self._mean > 1 + _MEAN_STDS * spread * count**-0.5
+            sudden = known & (ratio > 1 + _GROUP_STDS * spread)
+            factors[row] = np.maximum(np.where(lasting, self._mean, 1), np.where(sudden, ratio, 1))
+        return factors
+
+    def _other_profiles(self, reference: Array) -> Array:
+        """Orthonormal delay profiles around each end's delay, orthogonal to its channel."""
+        if self._reference is not None and np.array_equal(self._reference, reference):
+            return self._other
+        profiles = []
+        for channel in reference:
+            step = np.vdot(channel[:-1], channel[1:])
+            ramp = np.exp(1j * np.angle(step) * self._subcarriers) if step else 1.0
+            norm = np.linalg.norm(channel)
+            columns = self._delays * np.reshape(ramp, (-1, 1))
+            own = channel / norm if norm > 0 else columns[:, 0]
+            rest = columns - np.outer(own, own.conj() @ columns)
+            left = np.linalg.svd(rest, full_matrices=False)[0]
+            profiles.append(left[:, : self._delays.shape[1] - 1])
+        self._reference, self._other = reference.copy(), np.stack(profiles)
+        return self._other

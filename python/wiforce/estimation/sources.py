@@ -1,0 +1,252 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Sources of the lines that a survey of the room has found: lamps, other tags, and the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..signal.lines import aliased_hz
+from ..signal.switching import line_envelope
+from ..signal.waveform import Waveform
+from .groups import Array
+
+# Lines of a source follow its fundamental within this distance: the accuracy of a frequency in the
+# survey, and the drift of the mains or of a tag's clock during it.
+_APART_HZ = 1.5
+_APART_SHARE = 5e-4
+# Lamps are recognised by this share of their first harmonics, a tag by this many of its own.
+_FIRST_LAMPS = 14
+_LAMPS_SHARE = 0.6
+_LEAST_LAMPS = 4
+# Own lines hide others where they raise the least visible power by this factor.
+_STRONG = 30.0
+_LEAST_LINES = 3
+_FIRST_LINES = 12
+_LAMPS_HZ = (100.0, 120.0)
+# Lines beyond this harmonic are below the noise, and those of a tag that are weaker than this part
+# of its first one do not matter.
+_MOST_HARMONICS = 1000
+_NEGLIGIBLE = 1e-6
+
+
+@dataclass(frozen=True)
+class RoomLine:
+    """A line in the Doppler spectrum.
+
+    Attributes
+    ----------
+    frequency_hz : float
+        Magnitude of the frequency, within half the snapshot rate.
+    power : float
+        Per sign of the frequency, subcarrier and snapshot, in units of the white noise.
+
+    Examples
+    --------
+    >>> RoomLine(1300.0, 0.2).power
+    0.2
+    """
+
+    frequency_hz: float
+    power: float
+
+
+@dataclass(frozen=True)
+class Source:
+    """Something in the room, by its lines.
+
+    Attributes
+    ----------
+    kind : str
+        ``lamps``, ``tag`` or ``line``.
+    fundamental_hz : float
+        Twice the mains frequency, the clock of the tag, or the frequency of the line.
+    lines : tuple of RoomLine
+        Those found.
+    hidden : tuple of RoomLine
+        Those that must lie under lines of the scene's own tags, with their expected power.
+
+    Examples
+    --------
+    >>> Source("line", 1300.0, (RoomLine(1300.0, 0.2),), ()).power
+    0.2
+    """
+
+    kind: str
+    fundamental_hz: float
+    lines: tuple[RoomLine, ...]
+    hidden: tuple[RoomLine, ...]
+
+    @property
+    def power(self) -> float:
+        """Of its strongest line."""
+        return max(line.power for line in (*self.lines, *self.hidden))
+
+
+@dataclass(frozen=True)
+class _Spectrum:
+    """What identification needs of a survey."""
+
+    step_hz: float
+    least_power: Array
+    waveform: Waveform
+
+    def least(self, hertz: float) -> float:
+        """Power from which on a line stands out at a frequency."""
+        middle = round(hertz / self.step_hz)
+        return float(self.least_power[max(middle - 1, 0) : middle + 2].max(initial=0.0))
+
+    def is_hidden(self, hertz: float) -> bool:
+        """Whether a strong line of the scene's own tags is near."""
+        return self.least(hertz) > _STRONG * float(self.least_power.min())
+
+    @property
+    def highest_hz(self) -> float:
+        return (len(self.least_power) - 1) * self.step_hz
+
+
+def identify(
+    lines: Sequence[RoomLine], step_hz: float, least_power: Array, waveform: Waveform
+) -> list[Source]:
+    """Attribute lines to their sources.
+
+    Parameters
+    ----------
+    lines : sequence of RoomLine
+    step_hz : float
+        Of the survey's spectrum.
+    least_power : ndarray, shape (F,)
+        Power from which on a line stands out, at frequencies from 0 in steps: that of noise or,
+        where they are stronger, of the lines of the scene's own tags.
+    waveform : Waveform
+
+    Returns
+    -------
+    list of Source
+        The strongest first.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
+    >>> least = np.where(np.abs(np.arange(0.0, 8681.0) - 7000) < 8, 1.0, 0.01)
+    >>> lines = [RoomLine(1400.0 * m, 1.0 / m**2) for m in (1, 2, 3, 4, 6)]
+    >>> (tag,) = identify(lines, 1.0, least, sounding_waveform())
+    >>> tag.kind, round(tag.fundamental_hz), round(tag.hidden[0].frequency_hz)
+    ('tag', 1400, 7000)
+    """
+    spectrum = _Spectrum(step_hz, least_power, waveform)
+    rest = sorted(lines, key=lambda line: -line.power)
+    sources = []
+    for fundamental_hz in _LAMPS_HZ:
+        lamps = _lamps(rest, fundamental_hz, spectrum)
+        if lamps is not None:
+            sources.append(lamps)
+            rest = [line for line in rest if line not in lamps.lines]
+    while rest:
+        tag = _tag(rest, spectrum)
+        if tag is None:
+            break
+        sources.append(tag)
+        rest = [line for line in rest if line not in tag.lines]
+    sources += [Source("line", line.frequency_hz, (line,), ()) for line in rest]
+    return sorted(sources, key=lambda source: -source.power)
+
+
+def _reach_hz(hertz: float) -> float:
+    return _APART_HZ + _APART_SHARE * hertz
+
+
+def _lamps(lines: Sequence[RoomLine], fundamental_hz: float, spectrum: _Spectrum) -> Source | None:
+    """Lamps at twice a mains frequency, where most of the first harmonics are there."""
+    found: dict[int, RoomLine] = {}
+    rate_hz = 1 / spectrum.waveform.snapshot_period_s
+    for line in lines:
+        hertz = line.frequency_hz
+        # The line itself, and what it may be an alias of.
+        for original in (hertz, rate_hz - hertz, rate_hz + hertz):
+            order = round(original / fundamental_hz)
+            if order and abs(original - order * fundamental_hz) <= 2 * _reach_hz(original):
+                found.setdefault(order, line)
+                break
+    first = [
+        order for order in range(1, _FIRST_LAMPS) if not spectrum.is_hidden(order * fundamental_hz)
+    ]
+    if sum(order in found for order in first) < max(_LAMPS_SHARE * len(first), _LEAST_LAMPS):
+        return None
+    hidden = []
+    for order in range(1, int(spectrum.highest_hz / fundamental_hz) + 1):
+        around = [found[n].power for n in (order - 1, order + 1) if n in found]
+        if order not in found and around and spectrum.least(order * fundamental_hz) > max(around):
+            hidden.append(RoomLine(order * fundamental_hz, float(np.mean(around))))
+    return Source("lamps", fundamental_hz, tuple(found.values()), tuple(hidden))
+
+
+def _tag(lines: Sequence[RoomLine], spectrum: _Spectrum) -> Source | None:
+    """The tag that explains most of the lines by its first harmonics."""
+    rate_hz = 1 / spectrum.waveform.snapshot_period_s
+
+    def position(m: int, clock_hz: float) -> float:
+        return abs(aliased_hz(m * clock_hz, rate_hz))
+
+    def harmonics_of(clock_hz: float) -> dict[int, RoomLine]:
+        found = {}
+        for m in range(1, _FIRST_LINES + 1):
+            apart = [abs(line.frequency_hz - position(m, clock_hz)) for line in lines]
+            nearest = int(np.argmin(apart))
+            if apart[nearest] <= _reach_hz(m * clock_hz):
+                found[m] = lines[nearest]
+        return found
+
+    best: dict[int, RoomLine] = {}
+    clock_hz = 0.0
+    for line in lines[:6]:
+        for divisor in (1, 2):
+            candidate_hz = line.frequency_hz / divisor
+            if divisor == 2 and not spectrum.is_hidden(candidate_hz):
+                continue
+            found = harmonics_of(candidate_hz)
+            if len(found) > len(best) and divisor in found and 2 in found:
+                best, clock_hz = found, candidate_hz
+    if len(best) < _LEAST_LINES:
+        return None
+    clock_hz = clock_of({m: line for m, line in best.items() if m * clock_hz < rate_hz / 2})
+    lowest = min(best)
+    envelope = line_envelope(np.arange(1, _MOST_HARMONICS), clock_hz, spectrum.waveform)
+    power = envelope * (best[lowest].power / envelope[lowest - 1])
+    explained, hidden = set(best.values()), []
+    frequencies = np.array([line.frequency_hz for line in lines])
+    for m in np.flatnonzero(power > _NEGLIGIBLE * power[0]) + 1:
+        hertz = position(int(m), clock_hz)
+        near = np.flatnonzero(np.abs(frequencies - hertz) <= _reach_hz(m * clock_hz / 4))
+        # The lines of an unlisted tag may be stronger than ideal switches make them.
+        weak = [lines[i] for i in near if lines[i].power < 30 * power[m - 1]]
+        explained.update(weak)
+        if not weak and spectrum.least(hertz) > power[m - 1]:
+            hidden.append(RoomLine(hertz, float(power[m - 1])))
+    return Source(
+        "tag", clock_hz, tuple(line for line in lines if line in explained), tuple(hidden)
+    )
+
+
+def clock_of(found: dict[int, RoomLine]) -> float:
+    """Clock of a tag by its unaliased harmonics, the higher ones counting for more.
+
+    Parameters
+    ----------
+    found : dict of int to RoomLine
+
+    Returns
+    -------
+    float
+        In Hz.
+
+    Examples
+    --------
+    >>> clock_of({1: RoomLine(1400.1, 1.0), 2: RoomLine(2800.0, 0.5)})
+    1400.02
+    """
+    orders = np.array(list(found))
+    hertz = np.array([line.frequency_hz for line in found.values()])
+    return float(orders @ hertz / (orders @ orders))

@@ -1,0 +1,287 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Survey of the room: what the spectrum of the snapshots holds besides the tags' own lines.
+
+The static channel and everything slow lie around zero, the tags' lines at multiples of their
+clocks. Lamps, tags that the scene does not list, other readers and fast movers show up in between,
+long before they disturb a reading.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..signal.lines import aliased_hz
+from ..signal.room_noise import RoomNoise, room_noise
+from ..signal.switching import line_envelope
+from ..signal.waveform import Waveform
+from .groups import Array
+from .sources import RoomLine, Source, identify
+from .tracked_tag import TagClock
+
+# Length of the survey: 0.5 s resolve 8 Hz, longer ones smear what wanders.
+LONGEST_S = 0.6
+SHORTEST_S = 0.1
+# Half width of the main lobe of the Blackman-Harris window, in bins; its side lobes are at -92 dB.
+_LOBE_BINS = 4.5
+# Power over the floor that noise does not reach: the mean over 62 subcarriers and both signs has a
+# standard deviation of 9 %.
+_SIGNIFICANT = 1.6
+# Lines of a tag that are expected below this part of the floor need not be masked.
+_INVISIBLE = 0.1
+# Side lobes of the window, and how much stronger a tag's lines may be than ideal switches make
+# them.
+_SIDE_LOBES = 10**-9.2
+_OWN_MARGIN = 4.0
+_MOST_HARMONICS = 2000
+# Accuracy of the vertex of a line in bins, and the harmonics that refine the frequency of a clock.
+_VERTEX_BINS = 0.05
+_REFINING = (2, 4, 6)
+# A line whose surroundings hold this many times its power is not a line.
+_BROAD = 1.6
+# How far a line may move after the survey: the mains drift by some 0.05 %, clocks by less.
+_LINE_WIDTH_HZ = 0.5
+_LINE_WIDTH_SHARE = {"lamps": 2e-3, "tag": 2e-4, "line": 5e-4}
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """Doppler spectrum of a room without its static part.
+
+    Attributes
+    ----------
+    frequency_hz : ndarray, shape (F,)
+        From 0 to half the snapshot rate.
+    spectrum : ndarray, shape (F,)
+        Mean power over the subcarriers and both signs, in units of the floor (white noise).
+    own : ndarray, shape (F,)
+        Height above the floor that the lines of the scene's tags may have, aliased ones included.
+    excess : ndarray, shape (F,)
+        Power per bin that is neither noise nor one of these lines, each snapshot's white noise
+        being 1.
+    sources : list of Source
+        What the excess outside the clutter around zero consists of, as far as it is lines.
+    line_power : ndarray, shape (S,)
+        Power of line 1 of each tag in the same units; 0 where none stands out.
+    snapshot_period_s : float
+        T, in s.
+
+    Examples
+    --------
+    A room with a line at 1300 Hz, 20 dB above the noise of a snapshot:
+
+    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
+    >>> rng, waveform = np.random.default_rng(1), sounding_waveform()
+    >>> noise = rng.standard_normal((4000, 62, 2)) @ [0.7071, 0.7071j]
+    >>> line = 10 * np.exp(2j * np.pi * 1300 * 57.6e-6 * np.arange(4000))
+    >>> found = survey_channel(noise + line[:, None], waveform, [TagClock(1000.0)])
+    >>> [(source.kind, round(source.fundamental_hz), round(source.power))
+    ...  for source in found.sources]
+    [('line', 1300, 50)]
+    """
+
+    frequency_hz: Array = field(repr=False)
+    spectrum: Array = field(repr=False)
+    own: Array = field(repr=False)
+    excess: Array = field(repr=False)
+    sources: list[Source]
+    line_power: Array
+    snapshot_period_s: float
+
+    @property
+    def resolution_hz(self) -> float:
+        """Half width of a line in the spectrum, in Hz."""
+        return float(_LOBE_BINS * (self.frequency_hz[1] - self.frequency_hz[0]))
+
+    def noise(
+        self, group_length: int, clutter_hz: float, without: Sequence[Source] = ()
+    ) -> RoomNoise:
+        """Noise of the room outside the clutter band.
+
+        Parameters
+        ----------
+        group_length : int
+            Snapshots per group, N.
+        clutter_hz : float
+            Highest frequency that the weights reject anyway.
+        without : sequence of Source
+            Sources that are solved for.
+
+        Returns
+        -------
+        RoomNoise
+        """
+        rows = (self.excess > 0) & (self.frequency_hz > clutter_hz + self.resolution_hz)
+        lines = [
+            (line.frequency_hz, line.power, _LINE_WIDTH_SHARE[source.kind])
+            for source in self.sources
+            if source not in without
+            for line in (*source.lines, *source.hidden)
+            if line.frequency_hz > clutter_hz
+        ]
+        frequency_hz, power, share = np.array(lines).reshape(-1, 3).T
+        width_hz = np.maximum(_LINE_WIDTH_HZ, share * frequency_hz)
+        return room_noise(
+            np.concatenate(
+                [self.frequency_hz[rows], frequency_hz - width_hz, frequency_hz + width_hz]
+            ),
+            np.concatenate([self.excess[rows], power / 2, power / 2]),
+            group_length,
+            self.snapshot_period_s,
+        )
+
+    def moving_hz(self) -> float:
+        """Highest frequency up to which the spectrum stays above noise from zero on, in Hz."""
+        above = self.spectrum - 1 > _SIGNIFICANT - 1 + _OWN_MARGIN * self.own
+        # A gap as wide as a line ends the band.
+        width = max(1, int(2 * _LOBE_BINS))
+        first = int(2 * _LOBE_BINS)  # what is left of the static part
+        if not above[first : first + width].any():
+            return 0.0
+        run = np.convolve(above[first:], np.ones(width), "full")[: len(above) - first]
+        gaps = np.flatnonzero(run[width - 1 :] == 0)
+        last = first + (gaps[0] if len(gaps) else len(above) - first - 1)
+        return float(self.frequency_hz[min(last, len(above) - 1)])
+
+
+def survey_channel(channel: Array, waveform: Waveform, clocks: Sequence[TagClock]) -> Survey | None:
+    """Survey the room from consecutive snapshots in which nothing is touched.
+
+    Parameters
+    ----------
+    channel : ndarray of complex, shape (n, K)
+        H of consecutive snapshots.
+    waveform : Waveform
+    clocks : sequence of TagClock, length S
+        Of the scene's tags.
+
+    Returns
+    -------
+    Survey or None
+        None for fewer snapshots than 0.1 s, or a channel without noise.
+
+    Notes
+    -----
+    Periodogram with a Blackman-Harris window (F. Harris, "On the use of windows for harmonic
+    analysis", Proc. IEEE 66, 1978). Each subcarrier is divided by its own floor, the median over
+    frequency.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
+    >>> survey_channel(np.ones((100, 62)), sounding_waveform(), [TagClock(1000.0)]) is None
+    True
+    """
+    period_s = waveform.snapshot_period_s
+    count = len(channel)
+    if count * period_s < SHORTEST_S:
+        return None
+    window = _blackman_harris(count)
+    still = window @ channel / window.sum()
+    spectra = np.fft.fft((channel - still) * window[:, None], axis=0)
+    power = (spectra.real**2 + spectra.imag**2) / np.sum(window**2)
+    floor = np.median(power, axis=0) / np.log(2)
+    if not np.all(floor > 0):
+        return None
+    mean = np.mean(power / floor, axis=1)
+    half = (count - 1) // 2
+    spectrum = mean[: half + 1].copy()
+    spectrum[1:] = (mean[1 : half + 1] + mean[: -half - 1 : -1]) / 2
+    frequency_hz = np.arange(half + 1) / (count * period_s)
+    own, line_power = _own_lines(frequency_hz, spectrum, clocks, waveform)
+    above = spectrum - 1 > _SIGNIFICANT - 1 + _OWN_MARGIN * own
+    excess = np.where(above, spectrum - 1, 0) / count
+    excess[: int(2 * _LOBE_BINS)] = 0
+    lines = _take_lines(frequency_hz, spectrum, excess, count)
+    least = (_SIGNIFICANT - 1 + _OWN_MARGIN * own) * _enbw() / count
+    sources = identify(lines, float(frequency_hz[1]), least, waveform)
+    return Survey(frequency_hz, spectrum, own, excess, sources, line_power, period_s)
+
+
+def _take_lines(frequency_hz: Array, spectrum: Array, excess: Array, count: int) -> list[RoomLine]:
+    """Narrow lines, which are removed from ``excess``; what is broader than the window stays."""
+    lines = []
+    reach = int(_LOBE_BINS)
+    for best in np.argsort(excess)[::-1]:
+        if excess[best] <= 0 or not 0 < best < len(excess) - 1:
+            continue
+        if spectrum[best] < max(spectrum[best - 1], spectrum[best + 1]):
+            continue  # the slope of a broader one
+        lobe = slice(max(best - reach, 0), best + reach + 1)
+        offset, top = _vertex(spectrum, best)
+        power = (top - 1) * _enbw() / count
+        if excess[lobe].sum() > _BROAD * power:
+            continue
+        frequency = (best + offset) * float(frequency_hz[1])
+        lines.append(RoomLine(float(frequency), float(power)))
+        excess[lobe] = 0
+    return lines
+
+
+def _vertex(spectrum: Array, best: int) -> tuple[float, float]:
+    """Position of a maximum between bins and its height: the main lobe is a parabola in dB."""
+    left, top, right = np.log(spectrum[best - 1 : best + 2])
+    offset = float(np.clip(0.5 * (left - right) / (left - 2 * top + right), -0.5, 0.5))
+    return offset, float(np.exp(top - 0.25 * (left - right) * offset))
+
+
+def _blackman_harris(count: int) -> Array:
+    phase = 2 * np.pi * (np.arange(count) + 0.5) / count
+    terms = (0.35875, -0.48829, 0.14128, -0.01168)
+    return sum(a * np.cos(i * phase) for i, a in enumerate(terms))
+
+
+def _own_lines(
+    frequency_hz: Array, spectrum: Array, clocks: Sequence[TagClock], waveform: Waveform
+) -> tuple[Array, Array]:
+    """Expected height (F,) of the tags' lines above the floor, and the power of line 1 of each."""
+    step_hz = float(frequency_hz[1])
+    rate = 1 / waveform.snapshot_period_s
+    own = np.zeros(len(frequency_hz))
+    powers = np.zeros(len(clocks))
+    for tag, clock in enumerate(clocks):
+        clock_hz, error_hz, peak = _line_near(frequency_hz, spectrum, clock)
+        powers[tag] = peak * _enbw() / len(frequency_hz) / 2
+        orders = np.arange(1, _MOST_HARMONICS)
+        heights = peak * line_envelope(orders, clock_hz, waveform)
+        visible = np.flatnonzero((heights >= _INVISIBLE) | (orders <= 4))
+        for m, height in zip(orders[visible].tolist(), heights[visible].tolist(), strict=True):
+            center = abs(aliased_hz(m * clock_hz, rate)) / step_hz
+            reach = m * error_hz / step_hz
+            low = max(0, int(center - reach - 3 * _LOBE_BINS))
+            bins = np.arange(low, min(int(center + reach + 3 * _LOBE_BINS) + 1, len(own)))
+            apart = np.maximum(np.abs(bins - center) - reach, 0)
+            own[bins] += height * np.maximum(10 ** (-0.33 * apart**2), _SIDE_LOBES)
+    return own, powers
+
+
+def _enbw() -> float:
+    """Equivalent noise bandwidth of the window in bins: n sum w^2 / (sum w)^2."""
+    window = _blackman_harris(1024)
+    return float(1024 * np.sum(window**2) / window.sum() ** 2)
+
+
+def _line_near(frequency_hz: Array, spectrum: Array, clock: TagClock) -> tuple[float, float, float]:
+    """Frequency of a tag's first line, its uncertainty, and its height above the floor."""
+    step_hz = float(frequency_hz[1])
+    tolerance_hz = clock.clock_hz * clock.tolerance_ppm * 1e-6
+    near = np.abs(frequency_hz - clock.clock_hz) <= tolerance_hz + step_hz
+    rows = np.flatnonzero(near)
+    best = int(rows[np.argmax(spectrum[rows])])
+    peak = float(spectrum[best])
+    if peak < 4 * _SIGNIFICANT or not 0 < best < len(spectrum) - 1:
+        return clock.clock_hz, tolerance_hz, 0.0
+    found = (best + _vertex(spectrum, best)[0]) * step_hz
+    error_hz = _VERTEX_BINS * step_hz
+    for m in _REFINING:
+        expected = m * found / step_hz
+        around = int(round(expected))
+        if m * error_hz > step_hz or around + 3 >= len(spectrum):
+            break
+        best = around - 2 + int(np.argmax(spectrum[around - 2 : around + 3]))
+        if spectrum[best] > 4 * _SIGNIFICANT:
+            found = (best + _vertex(spectrum, best)[0]) * step_hz / m
+            error_hz = _VERTEX_BINS * step_hz / m
+    return found, min(tolerance_hz, error_hz), peak

@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A plan adapted to the room that a survey has found."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..errors import InputError
+from ..estimation.sources import Source
+from ..estimation.survey import Survey
+from ..estimation.tracked_tag import TagClock
+from ..signal.lines import CLUTTER_MARGIN
+from ..signal.room_noise import RoomNoise
+from ..signal.weights import ToneTable
+from .plan import Plan
+
+# Noise that the room adds to a tone, relative to white noise, below which the weights stay as they
+# are: it costs 0.2 dB in that tone.
+_NEGLIGIBLE = 0.05
+# Tags that are solved for besides the scene's: each costs as much time per group as a sensor.
+_MOST_TAGS = 2
+# A line's frequency is known to this part of its width, and may drift by as much again.
+_LINE_PRECISION = 10.0
+# The survey sees motion for half a second only; what moves may be faster a moment later.
+_RESERVE = 1.5
+
+
+def adapted(plan: Plan, survey: Survey | None) -> Plan:
+    """Adapt the weights of a plan to a room.
+
+    Parameters
+    ----------
+    plan : Plan
+        Of a scene.
+    survey : Survey or None
+        Of the untouched sensor's first snapshots.
+
+    Returns
+    -------
+    Plan
+        The same plan where the room holds nothing that its weights let through.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.planning.plan import plan
+    >>> from gnuradio.wiforce.scene import load_scene
+    >>> settings = plan(load_scene("demo"))
+    >>> adapted(settings, None) is settings
+    True
+    """
+    if survey is None or plan.estimator != "harmonic":
+        return plan
+    plan = _with_band(plan, survey)
+    length, clutter_hz = plan.group_length, plan.clutter_hz
+    room = survey.noise(length, clutter_hz)
+    if room_noise_of_tones(plan.table, room).max() < _NEGLIGIBLE:
+        return plan
+    solved = []
+    for source in [source for source in survey.sources if source.kind == "tag"][:_MOST_TAGS]:
+        more = replace(plan, others=(*plan.others, _clock_of(source, survey)))
+        try:
+            more.check_lines()
+        except InputError:  # its lines and ours coincide: it is noise
+            continue
+        plan = more
+        solved.append(source)
+    room = survey.noise(length, clutter_hz, solved)
+    if room_noise_of_tones(plan.table, room).max() < _NEGLIGIBLE:
+        return plan
+    return replace(plan, room=room)
+
+
+def _clock_of(source: Source, survey: Survey) -> TagClock:
+    """Clock of a tag in the room, as precisely as the survey shows it."""
+    error_hz = survey.resolution_hz / _LINE_PRECISION
+    return TagClock(source.fundamental_hz, 1e6 * error_hz / source.fundamental_hz)
+
+
+def room_noise_of_tones(table: ToneTable, room: RoomNoise) -> np.ndarray:
+    """Noise that a room adds to each tone, relative to its white noise.
+
+    Parameters
+    ----------
+    table : ToneTable
+    room : RoomNoise
+
+    Returns
+    -------
+    ndarray, shape (M,)
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.signal.room_noise import room_noise
+    >>> from gnuradio.wiforce.signal.weights import design_weights
+    >>> table = design_weights([1000.0], 625, 57.6e-6)
+    >>> lamp = room_noise(np.array([1100.0]), np.array([10.0]), 625, 57.6e-6)
+    >>> disturbed = int(room_noise_of_tones(table, lamp).argmax())
+    >>> abs(table.tones[disturbed].frequency_hz)
+    1000.0
+    """
+    weights = table.weights
+    power = np.einsum("mn,nm->m", weights @ room.covariance(), weights.conj().T).real
+    return power / np.sum(np.abs(weights) ** 2, axis=1) - 1
+
+
+def _with_band(plan: Plan, survey: Survey) -> Plan:
+    """The plan with a clutter band as wide as the motion, where the scene leaves it open."""
+    moving_hz = survey.moving_hz()
+    stated = plan.require_scene().environment.moving_clutter_hz
+    if stated is not None or moving_hz <= plan.clutter_hz:
+        return plan
+    highest_hz = min(plan.clocks_hz) - 2 * CLUTTER_MARGIN / plan.group_period_s
+    for band_hz in (_RESERVE * moving_hz, moving_hz):
+        if band_hz >= highest_hz:
+            continue
+        wider = replace(plan, clutter_hz=band_hz)
+        try:
+            wider.check_lines()
+        except InputError:  # the groups are too short to reject so much
+            continue
+        return wider
+    return plan
