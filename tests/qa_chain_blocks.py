@@ -125,8 +125,8 @@ def test_chain_blocks_reader_and_receiver_give_equal_readings(codes, plan, lost,
             for name in ("phase1_deg", "phase2_deg"):
                 assert getattr(a, name) == pytest.approx(getattr(b, name), abs=2e-3)
             if b.force_n is not None:
-                assert a.force_n == pytest.approx(b.force_n, abs=0.02 * b.force_std_n)
-                assert a.location_mm == pytest.approx(b.location_mm, abs=0.02 * b.location_std_mm)
+                assert a.force_n == pytest.approx(b.force_n, abs=0.04 * b.force_std_n)
+                assert a.location_mm == pytest.approx(b.location_mm, abs=0.04 * b.location_std_mm)
 
 
 def group_tags(count):
