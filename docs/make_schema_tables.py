@@ -27,12 +27,18 @@ def rows_of(cls, leave_out=(), prefix=""):
         if name in leave_out:
             continue
         if isinstance(each.type, Mapping):
+            if each.type.optional:
+                yield _row(f"{prefix}{name}", each)
             yield from rows_of(each.type.of, prefix=f"{prefix}{name}.")
         elif isinstance(each.type, ListOf):
             yield from rows_of(each.type.of, prefix=f"{prefix}{name}[].")
         else:
-            cells = (f"`{prefix}{name}`", _default(each), _allowed(each.type), each.doc)
-            yield "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+            yield _row(f"{prefix}{name}", each)
+
+
+def _row(dotted, each):
+    cells = (f"`{dotted}`", _default(each), _allowed(each.type), each.doc)
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
 def _default(key):

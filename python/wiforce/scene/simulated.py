@@ -8,8 +8,9 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from ..io.schema import Derived, ListOf, declared, key, read
+from ..io.schema import Derived, ListOf, Mapping, declared, key, read
 from ..io.values import Choice, Integer, KeyPath, Number, Scope, Text
+from .effects import Bursts, Hopper
 
 if TYPE_CHECKING:
     from .schema import SceneSensor
@@ -278,6 +279,16 @@ class Simulation:
         default=14,
         doc="Resolution of the converter; codes are left-justified in ci16. null means 16 bits "
         "for ci16 and no rounding for cf32.",
+    )
+    bursts: Bursts | None = key(
+        Mapping(of=Bursts, optional=True),
+        default=None,
+        doc="Bursts of other transmitters over the whole band; null means none.",
+    )
+    hopper: Hopper | None = key(
+        Mapping(of=Hopper, optional=True),
+        default=None,
+        doc="A narrow-band transmitter that hops; null means none.",
     )
     tags: tuple[Tag, ...] = key(
         ListOf(of=Tag, most=MAX_SENSORS), doc="Properties of single tags, at most one entry each."

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .interference import power_over_noise, transmitters
 from .levels import Levels
 from .oscillators import FreeOscillators
 from .paths import static_taps
@@ -88,7 +89,8 @@ class AirChannel:
             self.scale = 1 / static_level
         else:
             taps = [static, *(path.taps for path in paths)]
-            self.scale = PEAK / self._levels.peak(taps, self._noise)
+            noise = self._noise * float(np.sqrt(1 + power_over_noise(simulation)))
+            self.scale = PEAK / self._levels.peak(taps, noise)
         self._static = Fir(self.scale * static)
         self._paths: list[tuple[Fir, Callable[[int, int], np.ndarray]]] = [
             (Fir(self.scale * path.taps), path.gain) for path in paths
@@ -100,6 +102,7 @@ class AirChannel:
             ramp,
             rate_hz,
         )
+        self._others = transmitters(simulation, sources, rate_hz, self.noise_std)
         self._memory = max(fir.memory for fir in [self._static, *(fir for fir, _ in self._paths)])
         self._scratch = np.empty((2, _PIECE), np.complex64)
         self.restart(0)
@@ -192,6 +195,8 @@ class AirChannel:
         else:
             received[:] = 0
         self._add_noise(received)
+        for other in self._others:
+            other.add(first, received)
 
     def _add_noise(self, received: np.ndarray) -> None:
         noise = self._scratch[0].view(np.float32)[: 2 * len(received)]

@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Effects of real rooms and radios, measured on simulated samples against the stated keys."""
+
+import numpy as np
+import pytest
+from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.simulation.channel import AirChannel
+
+RATE = 12.5e6
+FRAME = 720
+T = FRAME / RATE
+QUIET = {"static_clutter_db": None, "snr_db": 120, "duration_s": 10, "adc_bits": None}
+
+
+def channel_of(tags_on=True, sensor=(), **simulation):
+    """The channel of a scene with one sensor, without anything else unless stated."""
+    scene = load_scene(
+        {
+            "sensors": [{"name": "arm", "model": "line-900mhz"} | dict(sensor)],
+            "simulation": QUIET | simulation,
+        }
+    )
+    channel = AirChannel(scene)
+    channel.sensors["arm"].on = tags_on
+    return channel
+
+
+def frame():
+    k = np.r_[-31:0, 1:32]
+    n = np.arange(64)
+    symbol = np.exp(2j * np.pi * np.outer(n, k) / 64) @ np.exp(1j * np.pi * k**2 / 64)
+    return np.r_[np.tile(symbol / np.sqrt(62), 5), np.zeros(400)]
+
+
+def snapshots(channel, count, first=0):
+    """H[n, k] from the signal model, in units of the tag; shape (count, 62)."""
+    received = channel.process(np.tile(frame(), count), first * FRAME)
+    folded = received.reshape(count, FRAME)[:, 64:320].reshape(count, 4, 64).mean(axis=1)
+    k = np.r_[-31:0, 1:32]
+    reference = np.exp(1j * np.pi * k**2 / 64) * 64 / np.sqrt(62)
+    return np.fft.fft(folded.astype(complex))[:, k] / reference / channel.scale
+
+
+def tag_line(clock_hz=1000.0):
+    """|c1[1] G1| of the signal model."""
+    return 0.25 * np.sinc(0.25) * np.sinc(clock_hz * 256 / RATE)
+
+
+def db(power):
+    return 10 * np.log10(power)
+
+
+EFFECTS = {
+    "bursts": {"bursts": {"share": 0.4, "level_db": 30}},
+    "hopper": {"hopper": {"shortest_s": 1e-3, "longest_s": 2e-3}},
+}
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_effect_any_division_of_stream_gives_same_samples(name):
+    """The software N210 and the tag block receive in pieces of any size."""
+    sent = np.tile(frame(), 140).astype(np.complex64)
+    settings = {"static_clutter_db": 50, "snr_db": 10} | EFFECTS[name]
+    start = 6_249_000  # sample 6 250 000 is 0.5 s
+    whole, pieces, without = (
+        channel_of(**each) for each in (settings, settings, settings | dict.fromkeys(EFFECTS[name]))
+    )
+    for channel in (whole, pieces, without):
+        channel.restart(start)
+    expected = whole.process(sent, start)
+    got, done = [], 0
+    for size in (1, 2, 1000, 7, 40_000, 363, 33_000, len(sent)):
+        got.append(pieces.process(sent[done : done + size], start + done))
+        done += len(got[-1])
+    np.testing.assert_allclose(np.concatenate(got), expected, atol=3e-6)
+    assert np.abs(without.process(sent, start) - expected).max() > 1e-4  # it does something
+
+
+@pytest.mark.parametrize("share, level_db", [(0.2, 25), (0.45, 35)])
+def test_bursts_have_stated_share_level_and_durations(share, level_db):
+    channel = channel_of(bursts={"share": share, "level_db": level_db}, snr_db=10)
+    count = 6_250_000
+    received = np.concatenate(
+        [channel.process(np.zeros(1_250_000), 1_250_000 * i) for i in range(count // 1_250_000)]
+    )
+    power = np.convolve(np.abs(received) ** 2, np.ones(50) / 50, "same")
+    on = power > 10 * channel.noise_std**2
+    assert np.mean(on) == pytest.approx(share, rel=0.15)
+    inside = np.abs(received[on]) ** 2
+    assert db(inside.mean() / channel.noise_std**2) == pytest.approx(level_db, abs=0.3)
+    edges = np.flatnonzero(np.diff(on.astype(int)))
+    durations = np.diff(edges)[::2] if on[edges[0] + 1] else np.diff(edges)[1::2]
+    assert 0.3e-3 - 1e-5 < durations.min() / RATE < 0.4e-3
+    # Two bursts with a short pause between them count as one here.
+    assert 1e-3 < np.median(durations) / RATE < 1.3e-3 / (1 - share)
+
+
+def test_bursts_hit_the_share_of_snapshots_that_their_length_gives():
+    """A snapshot is hit by any overlap, so more snapshots are hit than the share of time."""
+    channel = channel_of(False, bursts={}, snr_db=10)
+    h = snapshots(channel, 17_361)
+    power = np.mean(np.abs(h) ** 2, axis=1) / (tag_line() ** 2 / 10)
+    hit = np.mean(power > 3)
+    bursts_per_s = 0.2 / 1.15e-3
+    assert hit == pytest.approx(0.2 + bursts_per_s * 256 / RATE, rel=0.12)
+
+
+def test_hopper_covers_stated_subcarriers_at_stated_level():
+    stated = {"subcarriers": 8, "share": 0.5, "level_db": 30}
+    channel = channel_of(False, hopper=stated, snr_db=10)
+    h = np.concatenate([snapshots(channel, 8000, 8000 * i) for i in range(3)])
+    relative = np.abs(h) ** 2 / (tag_line() ** 2 / 10)  # the noise is 1
+    k = np.r_[-31:0, 1:32]
+    visits = relative.reshape(-1, 20, 62).mean(axis=1)  # over 1.2 ms
+    widths, levels, spans = [], [], []
+    for visit in visits:
+        covered = visit > 100
+        if covered.any():
+            span = k[covered]
+            spans.append(np.ptp(span))
+            widths.append(len(span))
+            levels.append(np.sort(visit)[-5:].mean())
+    assert np.mean(np.array(spans) > 10) < 0.1  # one channel at a time, but when it hops
+    assert len(widths) / len(visits) == pytest.approx(0.5, abs=0.12)
+    assert np.median(widths) == pytest.approx(8, abs=1)
+    assert db(np.median(levels)) == pytest.approx(30, abs=1.5)
+    assert np.std([k[np.argmax(v)] for v in visits if v.max() > 100]) > 10  # it hops
