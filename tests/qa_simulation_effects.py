@@ -4,7 +4,10 @@
 import numpy as np
 import pytest
 from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.scene.effects import Lamps
 from gnuradio.wiforce.simulation.channel import AirChannel
+from gnuradio.wiforce.simulation.mains import MainsLamps
+from gnuradio.wiforce.simulation.sources import Seeds
 
 RATE = 12.5e6
 FRAME = 720
@@ -52,6 +55,11 @@ def db(power):
 
 EFFECTS = {
     "bursts": {"bursts": {"share": 0.4, "level_db": 30}},
+    "front_end": {
+        "front_end": {"receiver_gain_db": 0.5, "transmitter_phase_deg": 3, "compression": 0.01}
+    },
+    "ripple": {"ripple": {}},
+    "lamps": {"lamps": {"level_db": 20}},
     "hopper": {"hopper": {"shortest_s": 1e-3, "longest_s": 2e-3}},
 }
 
@@ -125,3 +133,77 @@ def test_hopper_covers_stated_subcarriers_at_stated_level():
     assert np.median(widths) == pytest.approx(8, abs=1)
     assert db(np.median(levels)) == pytest.approx(30, abs=1.5)
     assert np.std([k[np.argmax(v)] for v in visits if v.max() > 100]) > 10  # it hops
+
+
+def spectrum_db(h, hertz):
+    """Power of lines, mean over the subcarriers, relative to the tag's line; Kaiser window."""
+    window = np.kaiser(len(h), 14)[:, None]
+    times = np.arange(len(h)) * T
+    lines = [(h * window * np.exp(-2j * np.pi * f * times)[:, None]).sum(axis=0) for f in hertz]
+    return db(np.mean(np.abs(lines) ** 2, axis=1) / window.sum() ** 2 / tag_line() ** 2)
+
+
+@pytest.mark.parametrize("side", ["receiver", "transmitter"])
+def test_front_end_image_has_ratio_of_stated_imbalance(side):
+    """A tone above the carrier: its image stands below, .5 dB and 3 deg give -28.2 dB."""
+    stated = {f"{side}_gain_db": 0.5, f"{side}_phase_deg": 3.0}
+    channel = channel_of(False, static_clutter_db=60, front_end=stated)
+    tone = 0.5 * np.exp(2j * np.pi * 8 * np.arange(64_000) / 64)
+    spectrum = np.fft.fft(channel.process(tone, 0)[64 * 100 :].reshape(-1, 64).mean(axis=0))
+    ratio = np.abs(spectrum[-8] / spectrum[8])
+    response = np.fft.fft(static_response(channel), 64)
+    if side == "transmitter":  # the image goes through the room at its own frequency
+        ratio *= np.abs(response[8] / response[-8])
+    assert ratio == pytest.approx(0.0389, rel=0.01)
+
+
+def static_response(channel):
+    """Impulse response of the static paths, as received."""
+    pulse = np.zeros(64)
+    pulse[0] = 1e-3
+    clean = channel_of(False, static_clutter_db=60)
+    assert clean.scale == channel.scale
+    return clean.process(pulse, 0) / 1e-3
+
+
+def test_front_end_dc_and_compression_have_stated_size():
+    plain = channel_of(False, static_clutter_db=60)
+    bent = channel_of(False, static_clutter_db=60, front_end={"compression": 0.04})
+    shifted = channel_of(False, static_clutter_db=60, front_end={"dc_offset": 0.05})
+    samples = np.tile(frame(), 3)
+    a, b, c = (channel.process(samples, 0) for channel in (plain, bent, shifted))
+    peak = 10 ** (-3 / 20)
+    loud = np.abs(a) > 0.3
+    lost = 1 - np.abs(b[loud] / a[loud])
+    np.testing.assert_allclose(lost, 0.04 * (np.abs(a[loud]) / peak) ** 2, atol=1e-5)
+    assert np.ptp(np.angle(b[loud] / a[loud])) < 1e-5
+    assert np.abs((c - a).mean()) == pytest.approx(0.05 * peak, rel=1e-4)
+
+
+def test_ripple_has_stated_frequency_and_depth():
+    channel = channel_of(False, static_clutter_db=60, ripple={"percent": 10, "hz": 50})
+    h = snapshots(channel, 6945)  # 0.4 s, 20 periods
+    lines = spectrum_db(h, [50, -50, 0, 100])
+    np.testing.assert_allclose(lines[:3], [60 - 26.02, 60 - 26.02, 60], atol=0.05)
+    assert lines[3] < -20
+
+
+@pytest.mark.parametrize("mains_hz", [50, 60])
+def test_lamps_lines_fall_with_harmonic_number(mains_hz):
+    stated = {"mains_hz": mains_hz, "level_db": 10, "wander_hz_per_sqrt_s": 0}
+    h = snapshots(channel_of(False, lamps=stated), 12_000)
+    harmonics = np.array([1, 2, 5, -10, 20])
+    lines = spectrum_db(h, 2 * mains_hz * harmonics)
+    expected = 10 - 20 * np.log10(np.abs(harmonics))
+    # The snapshot averages 20 us, which costs 0.1 dB at 2.4 kHz.
+    np.testing.assert_allclose(lines, expected, atol=0.3)
+    assert spectrum_db(h, [3 * mains_hz])[0] < -40
+
+
+def test_lamps_wander_as_stated():
+    """Phase of the tenth harmonic after t: the integral of a random walk, std w t^1.5 / sqrt(3)."""
+    turns = []
+    for seed in range(60):
+        lamps = MainsLamps(Lamps(wander_hz_per_sqrt_s=0.06), Seeds(seed, "lamps"))
+        turns.append(2 * lamps._wander.integral(2.0))
+    assert np.std(turns) == pytest.approx(2 * 0.06 * 2**1.5 / np.sqrt(3), rel=0.25)

@@ -9,6 +9,8 @@ from ..io.values import Integer, Number, Scope
 
 _LEVEL = Number(unit="dB", low=-100, high=100)
 _SHARE = Number(low=0, above=True, high=0.95)
+_IMBALANCE_DB = Number(unit="dB", low=-3, high=3)
+_IMBALANCE_DEG = Number(unit="deg", low=-20, high=20)
 _BURST = Number(unit="s", low=20e-6, high=10)
 
 
@@ -68,4 +70,87 @@ class Hopper:
         _LEVEL,
         default=30.0,
         doc="Power in a subcarrier that it covers relative to the receiver's noise there.",
+    )
+
+
+@declared
+class FrontEnd:
+    """What the analogue parts of transmitter and receiver do to the signal.
+
+    Examples
+    --------
+    >>> FrontEnd(receiver_gain_db=0.5, receiver_phase_deg=3.0).dc_offset
+    0.0
+    """
+
+    receiver_gain_db: float = key(
+        _IMBALANCE_DB, default=0.0, doc="Gain of the receiver's Q relative to its I."
+    )
+    receiver_phase_deg: float = key(
+        _IMBALANCE_DEG,
+        default=0.0,
+        doc="Deviation of the angle between the receiver's I and Q from 90 degrees.",
+    )
+    transmitter_gain_db: float = key(
+        _IMBALANCE_DB, default=0.0, doc="Gain of the transmitter's Q relative to its I."
+    )
+    transmitter_phase_deg: float = key(
+        _IMBALANCE_DEG, default=0.0, doc="The same deviation in the transmitter."
+    )
+    dc_offset: float = key(
+        Number(low=0, high=1),
+        default=0.0,
+        doc="Magnitude of the receiver's DC offset relative to the peak of the received signal. "
+        "Its angle is drawn at random.",
+    )
+    compression: float = key(
+        Number(low=0, high=0.3),
+        default=0.0,
+        doc="Third-order compression of the receiver: share of the amplitude that is lost at the "
+        "peak of the received signal.",
+    )
+
+
+@declared
+class Ripple:
+    """Amplitude modulation of all that is received, for example by a power supply.
+
+    Examples
+    --------
+    >>> Ripple().hz
+    50.0
+    """
+
+    percent: float = key(
+        Number(unit="%", low=0, high=100), default=10.0, doc="Amplitude of the modulation."
+    )
+    hz: float = key(
+        Number(unit="Hz", low=0, above=True, high=10_000), default=50.0, doc="Its frequency."
+    )
+
+
+@declared
+class Lamps:
+    """Lamps whose reflections are modulated at twice the mains frequency and its harmonics.
+
+    Examples
+    --------
+    >>> Lamps().mains_hz
+    50.0
+    """
+
+    mains_hz: float = key(
+        Number(unit="Hz", low=10, high=1000), default=50.0, doc="Mains frequency."
+    )
+    level_db: float = key(
+        _LEVEL,
+        default=10.0,
+        doc="Power of each of the two lines at twice the mains frequency relative to "
+        "|c1[1] G1|^2. Harmonic h is 20 log10(h) dB weaker.",
+    )
+    wander_hz_per_sqrt_s: float = key(
+        Number(unit="Hz", low=0, high=1),
+        default=0.06,
+        doc="Random walk of the mains frequency per root of a second, reflected at 1 % from the "
+        "stated frequency.",
     )

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..io.schema import Derived, ListOf, Mapping, declared, key, read
 from ..io.values import Choice, Integer, KeyPath, Number, Scope, Text
-from .effects import Bursts, Hopper
+from .effects import Bursts, FrontEnd, Hopper, Lamps, Ripple
 
 if TYPE_CHECKING:
     from .schema import SceneSensor
@@ -289,6 +289,21 @@ class Simulation:
         Mapping(of=Hopper, optional=True),
         default=None,
         doc="A narrow-band transmitter that hops; null means none.",
+    )
+    front_end: FrontEnd | None = key(
+        Mapping(of=FrontEnd, optional=True),
+        default=None,
+        doc="Imperfections of transmitter and receiver; null means none.",
+    )
+    ripple: Ripple | None = key(
+        Mapping(of=Ripple, optional=True),
+        default=None,
+        doc="Amplitude modulation of the received signal; null means none.",
+    )
+    lamps: Lamps | None = key(
+        Mapping(of=Lamps, optional=True),
+        default=None,
+        doc="Lamps that modulate what they reflect; null means none.",
     )
     tags: tuple[Tag, ...] = key(
         ListOf(of=Tag, most=MAX_SENSORS), doc="Properties of single tags, at most one entry each."

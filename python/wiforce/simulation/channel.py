@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .front_end import AnalogueFrontEnd, GainRipple
 from .interference import power_over_noise, transmitters
 from .levels import Levels
 from .oscillators import FreeOscillators
@@ -86,11 +87,11 @@ class AirChannel:
         self.sensors, of_tags = tag_paths(scene, self._levels, sources, ramp)
         paths += of_tags
         if through:
-            self.scale = 1 / static_level
+            self.scale, peak = 1 / static_level, self._levels.frame_peak()
         else:
             taps = [static, *(path.taps for path in paths)]
             noise = self._noise * float(np.sqrt(1 + power_over_noise(simulation)))
-            self.scale = PEAK / self._levels.peak(taps, noise)
+            self.scale, peak = PEAK / self._levels.peak(taps, noise), PEAK
         self._static = Fir(self.scale * static)
         self._paths: list[tuple[Fir, Callable[[int, int], np.ndarray]]] = [
             (Fir(self.scale * path.taps), path.gain) for path in paths
@@ -102,6 +103,13 @@ class AirChannel:
             ramp,
             rate_hz,
         )
+        self._front_end = self._ripple = None
+        if simulation.front_end:
+            self._front_end = AnalogueFrontEnd(
+                simulation.front_end, peak, sources.effect("front_end")
+            )
+        if simulation.ripple:
+            self._ripple = GainRipple(simulation.ripple, ramp, sources.effect("ripple"))
         self._others = transmitters(simulation, sources, rate_hz, self.noise_std)
         self._memory = max(fir.memory for fir in [self._static, *(fir for fir, _ in self._paths)])
         self._scratch = np.empty((2, _PIECE), np.complex64)
@@ -182,6 +190,8 @@ class AirChannel:
 
     def _piece(self, samples: np.ndarray, first: int, received: np.ndarray) -> None:
         count = len(samples)
+        if self._front_end:
+            samples = self._front_end.transmit(samples)
         sent = np.concatenate([self._history, samples])
         self._history = sent[count:].copy()
         if sent.any():
@@ -191,12 +201,16 @@ class AirChannel:
                 fir.apply(sent, count, path, scratch)
                 path *= gain(first, count)
                 received += path
+            if self._ripple:
+                self._ripple.modulate(first, received)
             self._oscillators.rotate(first, received)
         else:
             received[:] = 0
         self._add_noise(received)
         for other in self._others:
             other.add(first, received)
+        if self._front_end:
+            self._front_end.receive(received)
 
     def _add_noise(self, received: np.ndarray) -> None:
         noise = self._scratch[0].view(np.float32)[: 2 * len(received)]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .levels import Levels
+from .mains import MainsLamps
 from .paths import MOVING_PATHS, MovingPath, tag_taps
 from .sources import RandomSources
 from .streams import Ramp
@@ -82,6 +83,9 @@ def modulated_paths(
         level = levels.amplitude(simulation.moving_clutter_db) / np.sqrt(MOVING_PATHS)
         movers = [MovingPath(sources.movers, hertz, i == 0) for i in range(MOVING_PATHS)]
         paths += [slow(mover.taps, level, mover.gain) for mover in movers]
+    if simulation.lamps:
+        lamps = MainsLamps(simulation.lamps, sources.effect("lamps"))
+        paths.append(slow(lamps.taps, levels.amplitude(simulation.lamps.level_db), lamps.gain))
     return paths
 
 
