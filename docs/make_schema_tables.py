@@ -13,6 +13,7 @@ from pathlib import Path
 
 from gnuradio.wiforce.io.schema import ListOf, Mapping, keys
 from gnuradio.wiforce.scene import Scene
+from gnuradio.wiforce.scene.effects import OtherTag
 from gnuradio.wiforce.scene.simulated import Move, Press, Simulation, Tag
 from gnuradio.wiforce.sensor.file_schema import CarrierCurves, CurvesFile, LineFile, SensorFile
 
@@ -61,9 +62,10 @@ def _allowed(value_type):
 
 TABLES = {
     "reader": [*rows_of(Scene, leave_out={"simulation"})],
-    "simulation": [*rows_of(Simulation, leave_out={"tags", "presses", "moves"})],
+    "simulation": [*rows_of(Simulation, leave_out={"tags", "other_tags", "presses", "moves"})],
     "presses": [*rows_of(Press)],
     "tags": [*rows_of(Tag)],
+    "other tags": [*rows_of(OtherTag)],
     "moves": [*rows_of(Move)],
     "every sensor": [*rows_of(SensorFile)],
     "line": [*rows_of(LineFile, leave_out=keys(SensorFile))],

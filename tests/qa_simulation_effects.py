@@ -4,9 +4,10 @@
 import numpy as np
 import pytest
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.scene.effects import Lamps
+from gnuradio.wiforce.scene.effects import Lamps, Walker
 from gnuradio.wiforce.simulation.channel import AirChannel
 from gnuradio.wiforce.simulation.mains import MainsLamps
+from gnuradio.wiforce.simulation.person import Person
 from gnuradio.wiforce.simulation.sources import Seeds
 
 RATE = 12.5e6
@@ -60,6 +61,9 @@ EFFECTS = {
     },
     "ripple": {"ripple": {}},
     "lamps": {"lamps": {"level_db": 20}},
+    "fan": {"fan": {}},
+    "walker": {"walker": {"level_db": 30}},
+    "other_tags": {"other_tags": [{"clock_hz": 1500, "delay_s": 3e-8, "level_db": 0}]},
     "hopper": {"hopper": {"shortest_s": 1e-3, "longest_s": 2e-3}},
 }
 
@@ -207,3 +211,62 @@ def test_lamps_wander_as_stated():
         lamps = MainsLamps(Lamps(wander_hz_per_sqrt_s=0.06), Seeds(seed, "lamps"))
         turns.append(2 * lamps._wander.integral(2.0))
     assert np.std(turns) == pytest.approx(2 * 0.06 * 2**1.5 / np.sqrt(3), rel=0.25)
+
+
+def test_fan_lines_lie_at_multiples_of_blade_frequency_up_to_tips():
+    stated = {"blade_hz": 40, "highest_hz": 200, "level_db": 20}
+    h = snapshots(channel_of(False, fan=stated), 6510)  # 0.375 s
+    assert db(np.mean(np.abs(h) ** 2) / tag_line() ** 2) == pytest.approx(20, abs=0.1)
+    lines = spectrum_db(h, 40.0 * np.arange(-10, 11))
+    between = spectrum_db(h, 40.0 * np.arange(-10, 10) + 20)
+    assert lines.max() > 10 and between.max() < -40
+    power = 10 ** (lines / 10)
+    inside = np.abs(np.arange(-10, 11)) <= 5
+    assert power[~inside].sum() < 0.05 * power.sum()  # the tips reach 200 Hz
+    assert power[inside & (np.abs(np.arange(-10, 11)) > 2)].sum() > 0.2 * power.sum()
+
+
+def test_walker_walks_stops_and_swings_limbs():
+    """Steady movers hide what a start or a stop does to readings."""
+    person = Person(Walker(walking_share=0.6, walk_s=2.0), 900e6, Seeds(3, "walker"))
+    times = np.arange(0, 400, 2e-3)
+    walks = person.walking(times)
+    assert walks.mean() == pytest.approx(0.6, abs=0.05)
+    assert 200 < 2 * np.sum(np.diff(walks.astype(int)) == 1) < 260  # starts and stops
+    trunk, leg = (
+        np.diff(np.unwrap(np.angle(person.limbs[i].gain(times)))) / (2 * np.pi * 2e-3)
+        for i in (0, 1)
+    )
+    still = ~walks[1:] & ~walks[:-1]
+    assert np.abs(leg[still]).max() < 0.1  # breathing
+    assert 9 < np.abs(trunk).max() < 10.2 and 25 < np.abs(leg).max() < 30.2
+    steady = np.abs(trunk) > 6
+    assert 0.2 < np.mean(np.abs(leg[steady]) < 5) < 0.6  # a foot rests in every step
+    assert trunk.min() < -8 and trunk.max() > 8  # to and fro
+
+
+def test_walker_has_stated_level():
+    channel = channel_of(False, walker={"level_db": 25, "walk_s": 5, "walking_share": 0.9})
+    powers = []
+    for first in range(0, 200_000, 1000):
+        channel.restart(first * FRAME)
+        powers.append(np.mean(np.abs(snapshots(channel, 1, first)) ** 2))
+    assert db(np.mean(powers) / tag_line() ** 2) == pytest.approx(25, abs=1)
+
+
+def test_other_tag_has_own_line_level_and_delay():
+    stated = {"clock_hz": 1000, "clock_offset_ppm": 60_00, "level_db": -10, "delay_s": 80e-9}
+    channel = channel_of(other_tags=[stated])
+    h = snapshots(channel, 17_361)
+    window = np.kaiser(len(h), 14)[:, None]
+    times = np.arange(len(h)) * T
+    ours, other = (
+        (h * window * np.exp(-2j * np.pi * f * times)[:, None]).sum(axis=0) / window.sum()
+        for f in (1000 * (1 + 40e-6), 1006)
+    )
+    assert db(np.mean(np.abs(other) ** 2) / np.mean(np.abs(ours) ** 2)) == pytest.approx(
+        -10, abs=0.1
+    )
+    turns = np.unwrap(np.angle(other / ours))[20:42] / (2 * np.pi)
+    slope = np.polyfit(np.r_[-11:0, 1:12] / 64 * RATE, turns, 1)[0]
+    assert -slope == pytest.approx(80e-9, rel=0.05)

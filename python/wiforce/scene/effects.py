@@ -154,3 +154,82 @@ class Lamps:
         doc="Random walk of the mains frequency per root of a second, reflected at 1 % from the "
         "stated frequency.",
     )
+
+
+@declared
+class Fan:
+    """A fan whose blades reflect.
+
+    Examples
+    --------
+    >>> Fan().blade_hz
+    40.0
+    """
+
+    blade_hz: float = key(
+        Number(unit="Hz", low=0.1, high=1000),
+        default=40.0,
+        doc="Blades that pass per second; all lines lie at multiples of it.",
+    )
+    highest_hz: float = key(
+        Number(unit="Hz", low=0.1, high=5000),
+        default=200.0,
+        doc="Highest Doppler frequency, that of the tips.",
+    )
+    level_db: float = key(
+        _LEVEL, default=20.0, doc="Power of what the blades reflect relative to |c1[1] G1|^2."
+    )
+
+
+@declared
+class Walker:
+    """A person who walks, stops, and walks again.
+
+    Examples
+    --------
+    >>> Walker().highest_hz
+    30.0
+    """
+
+    level_db: float = key(
+        _LEVEL, default=20.0, doc="Power of all that the person reflects relative to |c1[1] G1|^2."
+    )
+    highest_hz: float = key(
+        Number(unit="Hz", low=1, high=1000),
+        default=30.0,
+        doc="Highest Doppler frequency, that of a swinging leg. The trunk reaches a third of it.",
+    )
+    walking_share: float = key(
+        _SHARE, default=0.6, doc="Share of the time in which the person walks."
+    )
+    walk_s: float = key(
+        Number(unit="s", low=0.5, high=1000),
+        default=2.0,
+        doc="Mean duration of a walk, between half and one and a half times of which each lasts.",
+    )
+
+
+@declared
+class OtherTag:
+    """A tag that the scene does not list among its sensors.
+
+    Examples
+    --------
+    >>> OtherTag(clock_hz=1000.0, clock_offset_ppm=60.0).level_db
+    -10.0
+    """
+
+    clock_hz: float = key(
+        Number(unit="Hz", low=0, above=True, high=1e6), doc="Frequency of its clock 1."
+    )
+    clock_offset_ppm: float = key(
+        Number(unit="ppm", low=-20_000, high=20_000), default=0.0, doc="Error of that clock."
+    )
+    level_db: float = key(
+        _LEVEL, default=-10.0, doc="Strength relative to a tag of the scene with `level_db` 0."
+    )
+    delay_s: float = key(
+        Number(unit="s", low=0, high=1e-6),
+        default=0.0,
+        doc="Delay of its path relative to that of the scene's tags.",
+    )

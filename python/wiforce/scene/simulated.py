@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..io.schema import Derived, ListOf, Mapping, declared, key, read
 from ..io.values import Choice, Integer, KeyPath, Number, Scope, Text
-from .effects import Bursts, FrontEnd, Hopper, Lamps, Ripple
+from .effects import Bursts, Fan, FrontEnd, Hopper, Lamps, OtherTag, Ripple, Walker
 
 if TYPE_CHECKING:
     from .schema import SceneSensor
@@ -21,6 +21,8 @@ MODEL_NAME_LENGTH = 4096  # of a path, the longest that Linux accepts
 _LONGEST_S = 1e6
 _TIME = Number(unit="s", low=0, high=_LONGEST_S)
 _CLOCK_OFFSET = Number(unit="ppm", low=-1000, high=1000)
+# Highest Doppler frequency of a walking person at 2.4 GHz; what moves where a scene states nothing.
+_MOVING_HZ = 30.0
 _CLOCK_DRIFT = Number(unit="ppm/s", low=-10, high=10)
 
 
@@ -59,6 +61,10 @@ def _check_sensor_name(name: str, scope: Scope) -> str | None:
     names = _names(scope)
     known = ", ".join(names)
     return None if name in names else f"must be the name of a sensor of the scene ({known})"
+
+
+def _number_or(value: Any, default: float) -> float:
+    return float(value) if isinstance(value, int | float) else default
 
 
 def _truth_model(scope: Scope) -> str:
@@ -242,7 +248,8 @@ class Simulation:
     moving_clutter_hz: float = key(
         Number(unit="Hz", low=0, high=10_000),
         derived=Derived(
-            "`environment.moving_clutter_hz`", lambda scope: scope["environment"].moving_clutter_hz
+            f"`environment.moving_clutter_hz`; {_MOVING_HZ:g} where that is not a number",
+            lambda scope: _number_or(scope["environment"].moving_clutter_hz, _MOVING_HZ),
         ),
         doc="Highest Doppler frequency of what moves. Where it differs from the default, the "
         "reader works with a wrong value.",
@@ -304,6 +311,17 @@ class Simulation:
         Mapping(of=Lamps, optional=True),
         default=None,
         doc="Lamps that modulate what they reflect; null means none.",
+    )
+    fan: Fan | None = key(
+        Mapping(of=Fan, optional=True), default=None, doc="A fan; null means none."
+    )
+    walker: Walker | None = key(
+        Mapping(of=Walker, optional=True),
+        default=None,
+        doc="A person who walks, beside `moving_clutter_db`; null means nobody.",
+    )
+    other_tags: tuple[OtherTag, ...] = key(
+        ListOf(of=OtherTag, most=MAX_SENSORS), doc="Tags that are not listed as sensors."
     )
     tags: tuple[Tag, ...] = key(
         ListOf(of=Tag, most=MAX_SENSORS), doc="Properties of single tags, at most one entry each."

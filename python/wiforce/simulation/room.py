@@ -7,9 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .fan import FanBlades
 from .levels import Levels
 from .mains import MainsLamps
+from .other_tags import UnlistedTag
 from .paths import MOVING_PATHS, MovingPath, tag_taps
+from .person import Person
 from .sources import RandomSources
 from .streams import Ramp
 from .tag import SwitchedTag
@@ -83,9 +86,23 @@ def modulated_paths(
         level = levels.amplitude(simulation.moving_clutter_db) / np.sqrt(MOVING_PATHS)
         movers = [MovingPath(sources.movers, hertz, i == 0) for i in range(MOVING_PATHS)]
         paths += [slow(mover.taps, level, mover.gain) for mover in movers]
+    if simulation.fan:
+        fan = FanBlades(simulation.fan, sources.effect("fan"))
+        paths.append(slow(fan.taps, levels.amplitude(simulation.fan.level_db), fan.gain))
+    if simulation.walker:
+        person = Person(
+            simulation.walker, scene.radio.center_frequency_hz, sources.effect("walker")
+        )
+        level = levels.amplitude(simulation.walker.level_db)
+        for limb in person.limbs:
+            paths.append(slow(limb.taps, level * limb.amplitude, limb.gain))
     if simulation.lamps:
         lamps = MainsLamps(simulation.lamps, sources.effect("lamps"))
         paths.append(slow(lamps.taps, levels.amplitude(simulation.lamps.level_db), lamps.gain))
+    for index, stated in enumerate(simulation.other_tags):
+        other = UnlistedTag(stated, scene, sources.effect("other_tags").generator(index))
+        taps = levels.scaled(other.taps, 10 ** (stated.level_db / 20))
+        paths.append(ModulatedPath(sources.rotated(taps), other.reflection))
     return paths
 
 
