@@ -14,7 +14,8 @@ from pathlib import Path
 from gnuradio.wiforce.io.schema import ListOf, Mapping, keys
 from gnuradio.wiforce.scene import Scene
 from gnuradio.wiforce.scene.effects import OtherTag
-from gnuradio.wiforce.scene.simulated import Move, Press, Simulation, Tag
+from gnuradio.wiforce.scene.simulated import Move, Press, Simulation
+from gnuradio.wiforce.scene.simulated_tags import Tag
 from gnuradio.wiforce.sensor.file_schema import CarrierCurves, CurvesFile, LineFile, SensorFile
 
 DOCS = Path(__file__).resolve().parent

@@ -54,6 +54,7 @@ def db(power):
     return 10 * np.log10(power)
 
 
+PRESS = {"start_s": 0.5, "hold_s": 0.5, "rise_s": 0.001, "force_n": 4.0, "location_mm": 33.0}
 EFFECTS = {
     "bursts": {"bursts": {"share": 0.4, "level_db": 30}},
     "front_end": {
@@ -64,6 +65,22 @@ EFFECTS = {
     "fan": {"fan": {}},
     "walker": {"walker": {"level_db": 30}},
     "other_tags": {"other_tags": [{"clock_hz": 1500, "delay_s": 3e-8, "level_db": 0}]},
+    "clock": {
+        "tags": [
+            {
+                "clock_offset_ppm": 3000,
+                "clock_wander_ppm_per_sqrt_s": 20,
+                "clock_jitter_s": 1e-6,
+                "clock1_duty_error": -0.008,
+                "clock2_duty_error": 0.009,
+                "clock2_delay_s": 3e-6,
+                "switch_rise_s": 2e-6,
+            }
+        ]
+    },
+    "drift": {"tags": [{"drift_deg_per_sqrt_s": 30}]},
+    "beam": {"tags": [{"beam": {"creep": 0.5, "creep_s": 0.01}}], "presses": [PRESS]},
+    "hand": {"tags": [{"hand": {"level_db": 0}}], "presses": [PRESS]},
     "hopper": {"hopper": {"shortest_s": 1e-3, "longest_s": 2e-3}},
 }
 
@@ -72,10 +89,11 @@ EFFECTS = {
 def test_effect_any_division_of_stream_gives_same_samples(name):
     """The software N210 and the tag block receive in pieces of any size."""
     sent = np.tile(frame(), 140).astype(np.complex64)
-    settings = {"static_clutter_db": 50, "snr_db": 10} | EFFECTS[name]
+    settings = {"static_clutter_db": 30, "snr_db": 10} | EFFECTS[name]
     start = 6_249_000  # sample 6 250 000 is 0.5 s
+    key = next(iter(EFFECTS[name]))
     whole, pieces, without = (
-        channel_of(**each) for each in (settings, settings, settings | dict.fromkeys(EFFECTS[name]))
+        channel_of(**each) for each in (settings, settings, settings | {key: None})
     )
     for channel in (whole, pieces, without):
         channel.restart(start)
@@ -110,7 +128,7 @@ def test_bursts_have_stated_share_level_and_durations(share, level_db):
 def test_bursts_hit_the_share_of_snapshots_that_their_length_gives():
     """A snapshot is hit by any overlap, so more snapshots are hit than the share of time."""
     channel = channel_of(False, bursts={}, snr_db=10)
-    h = snapshots(channel, 17_361)
+    h = snapshots(channel, 12_000)
     power = np.mean(np.abs(h) ** 2, axis=1) / (tag_line() ** 2 / 10)
     hit = np.mean(power > 3)
     bursts_per_s = 0.2 / 1.15e-3
@@ -120,7 +138,7 @@ def test_bursts_hit_the_share_of_snapshots_that_their_length_gives():
 def test_hopper_covers_stated_subcarriers_at_stated_level():
     stated = {"subcarriers": 8, "share": 0.5, "level_db": 30}
     channel = channel_of(False, hopper=stated, snr_db=10)
-    h = np.concatenate([snapshots(channel, 8000, 8000 * i) for i in range(3)])
+    h = np.concatenate([snapshots(channel, 8000, 8000 * i) for i in range(2)])
     relative = np.abs(h) ** 2 / (tag_line() ** 2 / 10)  # the noise is 1
     k = np.r_[-31:0, 1:32]
     visits = relative.reshape(-1, 20, 62).mean(axis=1)  # over 1.2 ms
@@ -133,7 +151,7 @@ def test_hopper_covers_stated_subcarriers_at_stated_level():
             widths.append(len(span))
             levels.append(np.sort(visit)[-5:].mean())
     assert np.mean(np.array(spans) > 10) < 0.1  # one channel at a time, but when it hops
-    assert len(widths) / len(visits) == pytest.approx(0.5, abs=0.12)
+    assert len(widths) / len(visits) == pytest.approx(0.5, abs=0.15)
     assert np.median(widths) == pytest.approx(8, abs=1)
     assert db(np.median(levels)) == pytest.approx(30, abs=1.5)
     assert np.std([k[np.argmax(v)] for v in visits if v.max() > 100]) > 10  # it hops
@@ -207,7 +225,7 @@ def test_lamps_lines_fall_with_harmonic_number(mains_hz):
 def test_lamps_wander_as_stated():
     """Phase of the tenth harmonic after t: the integral of a random walk, std w t^1.5 / sqrt(3)."""
     turns = []
-    for seed in range(60):
+    for seed in range(40):
         lamps = MainsLamps(Lamps(wander_hz_per_sqrt_s=0.06), Seeds(seed, "lamps"))
         turns.append(2 * lamps._wander.integral(2.0))
     assert np.std(turns) == pytest.approx(2 * 0.06 * 2**1.5 / np.sqrt(3), rel=0.25)
@@ -257,7 +275,7 @@ def test_walker_has_stated_level():
 def test_other_tag_has_own_line_level_and_delay():
     stated = {"clock_hz": 1000, "clock_offset_ppm": 60_00, "level_db": -10, "delay_s": 80e-9}
     channel = channel_of(other_tags=[stated])
-    h = snapshots(channel, 17_361)
+    h = snapshots(channel, 13_000)
     window = np.kaiser(len(h), 14)[:, None]
     times = np.arange(len(h)) * T
     ours, other = (

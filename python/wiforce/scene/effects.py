@@ -233,3 +233,64 @@ class OtherTag:
         default=0.0,
         doc="Delay of its path relative to that of the scene's tags.",
     )
+
+
+@declared
+class Beam:
+    """How the soft beam of a sensor deviates from an elastic one.
+
+    Examples
+    --------
+    >>> Beam(hysteresis=0.1).creep_s
+    2.0
+    """
+
+    hysteresis: float = key(
+        Number(low=0, high=1),
+        default=0.05,
+        doc="Largest excess of the force that the contact shows while unloading, relative to the "
+        "largest force of the press.",
+    )
+    creep: float = key(
+        Number(low=0, high=1),
+        default=0.03,
+        doc="What the shown force gains in the long run under a constant force, relative to it.",
+    )
+    creep_s: float = key(
+        Number(unit="s", low=0.01, high=1e4), default=2.0, doc="Time constant of the creep."
+    )
+
+
+@declared
+class Hand:
+    """The hand that presses, as a second path between tag and reader.
+
+    Examples
+    --------
+    >>> Hand().level_db
+    -20.0
+    """
+
+    level_db: float = key(
+        _LEVEL,
+        default=-20.0,
+        doc="Level of the path by way of the hand on the sensor, relative to the tag's own path.",
+    )
+    delay_s: float = key(
+        Number(unit="s", low=0, high=1e-6),
+        default=5e-9,
+        doc="Its delay relative to the tag's own path.",
+    )
+    reach_s: float = key(
+        Number(unit="s", low=0.01, high=10),
+        default=0.3,
+        doc="Time in which the hand comes before a press, and goes after it.",
+    )
+    travel_mm: float = key(
+        Number(unit="mm", low=0, high=2000), default=200.0, doc="How far it comes."
+    )
+    sway_mm: float = key(
+        Number(unit="mm", low=0, high=100),
+        default=2.0,
+        doc="Amplitude of its movement while it presses, at 0.7 Hz.",
+    )

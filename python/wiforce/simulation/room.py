@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .fan import FanBlades
+from .hand import NearHand
 from .levels import Levels
 from .mains import MainsLamps
 from .other_tags import UnlistedTag
@@ -132,10 +133,25 @@ def tag_paths(
     """
     simulation = scene.simulation
     tags, paths = {}, []
-    for sensor, tag in zip(scene.sensors, simulation.tags, strict=True):
-        switched = SwitchedTag(scene, sensor, tag, sources.clocks, ramp)
+    for index, tag in enumerate(simulation.tags):
+        switched = SwitchedTag(scene, index, sources, ramp)
         fade = tag_taps(sources.paths, scene.waveform(), simulation.tag_coherence_hz)
-        taps = sources.rotated(levels.scaled(fade, 10 ** (tag.level_db / 20)))
-        tags[sensor.name] = switched
-        paths.append(ModulatedPath(taps, switched.reflection))
+        rotation = sources.rotated(np.ones(1))
+        level = 10 ** (tag.level_db / 20)
+        tags[switched.name] = switched
+        paths.append(ModulatedPath(rotation * levels.scaled(fade, level), switched.reflection))
+        if tag.hand:
+            hand = NearHand(tag.hand, switched, scene, sources.effect("hand").generator(index))
+            taps = levels.scaled(hand.taps, level * 10 ** (tag.hand.level_db / 20))
+            paths.append(ModulatedPath(rotation * taps, _product(switched, hand, ramp)))
     return tags, paths
+
+
+def _product(tag: SwitchedTag, hand: NearHand, ramp: Ramp) -> Callable[[int, int], np.ndarray]:
+    """Gain of the path by way of tag and hand."""
+
+    def at(first: int, count: int) -> np.ndarray:
+        gain = ramp.interpolate(hand.gain(ramp.knots(first, count)), first, count)
+        return gain * tag.reflection(first, count)
+
+    return at

@@ -20,6 +20,7 @@ EFFECTS = (
     "other_tags",
     "clock",
     "drift",
+    "hand",
 )
 
 
