@@ -3,6 +3,7 @@
 
 import numpy as np
 import pytest
+import yaml
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.effects import Lamps, Walker
 from gnuradio.wiforce.simulation.channel import AirChannel
@@ -288,3 +289,30 @@ def test_other_tag_has_own_line_level_and_delay():
     turns = np.unwrap(np.angle(other / ours))[20:42] / (2 * np.pi)
     slope = np.polyfit(np.r_[-11:0, 1:12] / 64 * RATE, turns, 1)[0]
     assert -slope == pytest.approx(80e-9, rel=0.05)
+
+
+ROOMS = {
+    "office_wifi": {"bursts"},
+    "workshop_lamps": {"lamps", "ripple"},
+    "cheap_tag": {"clock_wander_ppm_per_sqrt_s", "clock_jitter_s", "clock2_duty_error"},
+    "uncalibrated_radio": {"front_end"},
+    "warm_day": {"drift_deg_per_sqrt_s", "beam", "hand"},
+    "somebody_walks": {"walker", "fan", "other_tags"},
+}
+
+
+@pytest.mark.parametrize("name", ROOMS)
+def test_room_is_undescribed_and_has_its_effects(name):
+    """A scene that told the reader what to expect would not test whether it finds out."""
+    scene = load_scene(name)
+    assert "environment" not in yaml.safe_load(scene.path.read_text())
+    clock = scene.sensors[0].clock_hz
+    assert clock % 100 and clock % 120
+    simulation = scene.simulation
+    stated = {
+        key for part in (simulation, simulation.tags[0]) for key, x in vars(part).items() if x
+    }
+    assert ROOMS[name] <= stated
+    assert simulation.duration_s <= 4
+    received = AirChannel(scene).process(np.tile(frame(), 200), 0)
+    assert 0.4 < np.abs(received).max() < 1
