@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 import yaml
+from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.effects import Lamps, Walker
 from gnuradio.wiforce.simulation.channel import AirChannel
@@ -105,6 +106,19 @@ def test_effect_any_division_of_stream_gives_same_samples(name):
         done += len(got[-1])
     np.testing.assert_allclose(np.concatenate(got), expected, atol=3e-6)
     assert np.abs(without.process(sent, start) - expected).max() > 1e-4  # it does something
+
+
+def test_effect_whose_keys_contradict_each_other_is_refused():
+    with pytest.raises(InputError, match="bursts.longest_s: must not be below shortest_s .0.003."):
+        channel_of(bursts={"shortest_s": 3e-3})
+
+
+def test_effects_are_none_where_a_scene_states_none():
+    """What a scene does not use costs nothing, and its samples stay what they were."""
+    channel = channel_of(static_clutter_db=50, snr_db=10)
+    assert len(channel._paths) == 1  # the tag
+    assert not (channel._others or channel._front_end or channel._ripple)
+    assert channel.sensors["arm"].clock.regular and not channel.sensors["arm"]._drifts
 
 
 @pytest.mark.parametrize("share, level_db", [(0.2, 25), (0.45, 35)])
