@@ -108,6 +108,19 @@ def test_effect_any_division_of_stream_gives_same_samples(name):
     assert np.abs(without.process(sent, start) - expected).max() > 1e-4  # it does something
 
 
+@pytest.mark.parametrize("name", EFFECTS)
+def test_effect_is_the_same_wherever_the_stream_starts(name):
+    """A host of the software N210 that starts late must meet the scene where it is by then."""
+    sent = np.tile(frame(), 60).astype(np.complex64)
+    start, later = 6_249_600, 6_249_600 + 30 * FRAME
+    early, late = (channel_of(**{"snr_db": 10} | EFFECTS[name]) for _ in range(2))
+    for channel, first in ((early, start), (late, later)):
+        channel.set_snr_db(140)  # the receiver's noise is drawn as it comes
+        channel.restart(first)
+    expected = early.process(sent, start)[30 * FRAME :]
+    np.testing.assert_allclose(late.process(sent[: len(expected)], later), expected, atol=3e-6)
+
+
 def test_effect_whose_keys_contradict_each_other_is_refused():
     with pytest.raises(InputError, match="bursts.longest_s: must not be below shortest_s .0.003."):
         channel_of(bursts={"shortest_s": 3e-3})
