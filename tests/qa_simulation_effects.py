@@ -163,6 +163,23 @@ def test_bursts_hit_the_share_of_snapshots_that_their_length_gives():
     assert hit == pytest.approx(0.2 + bursts_per_s * 256 / RATE, rel=0.12)
 
 
+def test_bursts_reach_both_antennas_at_once():
+    """The ratio of two antennas must meet the same bursts in both."""
+    scene = load_scene(
+        {
+            "sensors": [{"name": "arm", "model": "line-900mhz"}],
+            "environment": {"reader_clock": "free", "receive_antennas": 2},
+            "simulation": QUIET | {"snr_db": 10, "bursts": {"share": 0.5, "level_db": 40}},
+        }
+    )
+    first, second = (
+        AirChannel(scene, antenna=antenna).process(np.zeros(200_000), 0) for antenna in (0, 1)
+    )
+    powers = [np.mean(np.abs(each) ** 2) for each in (first, second)]
+    common = np.vdot(first, second) / np.sqrt(np.prod(powers)) / len(first)
+    assert abs(common) > 0.99 and abs(np.angle(common)) > 0.01
+
+
 def test_hopper_covers_stated_subcarriers_at_stated_level():
     stated = {"subcarriers": 8, "share": 0.5, "level_db": 30}
     channel = channel_of(False, hopper=stated, snr_db=10)

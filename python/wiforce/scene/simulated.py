@@ -155,8 +155,8 @@ class Simulation:
             f"`environment.moving_clutter_hz`; {_MOVING_HZ:g} where that is not a number",
             lambda scope: _number_or(scope["environment"].moving_clutter_hz, _MOVING_HZ),
         ),
-        doc="Highest Doppler frequency of what moves. Where it differs from the default, the "
-        "reader works with a wrong value.",
+        doc="Highest Doppler frequency of what moves. Where it differs from a number that "
+        "`environment.moving_clutter_hz` states, the reader works with a wrong value.",
     )
     tag_coherence_hz: float | None = key(
         Number(unit="Hz", low=0, above=True, high=1e9, optional=True),
