@@ -72,6 +72,7 @@ EFFECTS = {
             {
                 "clock_offset_ppm": 3000,
                 "clock_wander_ppm_per_sqrt_s": 20,
+                "clock_period_jitter_s": 3e-7,
                 "clock_jitter_s": 1e-6,
                 "clock1_duty_error": -0.008,
                 "clock2_duty_error": 0.009,
@@ -338,7 +339,7 @@ def test_other_tag_has_own_line_level_and_delay():
 ROOMS = {
     "office_wifi": {"bursts"},
     "workshop_lamps": {"lamps", "ripple"},
-    "cheap_tag": {"clock_wander_ppm_per_sqrt_s", "clock_jitter_s", "clock2_duty_error"},
+    "cheap_tag": {"clock_wander_ppm_per_sqrt_s", "clock_period_jitter_s", "clock2_duty_error"},
     "uncalibrated_radio": {"front_end"},
     "warm_day": {"drift_deg_per_sqrt_s", "beam", "hand"},
     "somebody_walks": {"walker", "fan", "other_tags"},

@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.scene.simulated_tags import Tag
 from gnuradio.wiforce.simulation.channel import AirChannel
 from gnuradio.wiforce.simulation.irregular_clock import IrregularClock
 from gnuradio.wiforce.simulation.sources import Seeds
@@ -36,15 +37,24 @@ def channel_of(seed=1, presses=(), **tag):
     )
 
 
-def irregular(wander=0.0, jitter=0.0, seed=1):
-    return IrregularClock(*CLOCK, wander, jitter, Seeds(seed, "clock"), 0)
+def irregular(wander=0.0, jitter=0.0, period_jitter=0.0, seed=1):
+    tag = Tag(
+        sensor="arm",
+        truth_model="line-900mhz",
+        clock_offset_ppm=0.0,
+        clock_drift_ppm_per_s=0.0,
+        clock_wander_ppm_per_sqrt_s=wander,
+        clock_jitter_s=jitter,
+        clock_period_jitter_s=period_jitter,
+    )
+    return IrregularClock(*CLOCK, tag, Seeds(seed, "clock"), 0)
 
 
 @pytest.mark.parametrize("rise_s", [0.0, 5e-6])
 @pytest.mark.parametrize("first", [12_345, 4_012_345])
 def test_switch_states_of_wandering_clock_equal_fine_sampling(first, rise_s):
     """Edges must follow the clock itself, at any time and for any division of the stream."""
-    clock, delay, rate, count, fine = irregular(wander=200.0), 3e-6, 1e6, 3000, 200
+    clock, delay, rate, count, fine = irregular(200.0, period_jitter=1e-6), 3e-6, 1e6, 3000, 200
     switches = with_duty_errors(SWITCHES["pulses"], (-0.008, 0.009))
     states = switch_states(clock, switches, delay, first, count, rate, rise_s)
     t = (first - 0.5 + (np.arange(count * fine) + 0.5) / fine) / rate
@@ -81,6 +91,16 @@ def test_clock_wander_continues_after_a_change_of_offset():
     assert clock.cycles(5.0) == pytest.approx(float(before), abs=1e-9)
     lost = float(slow - clock.cycles(5.1))
     assert lost == pytest.approx(1000 * 0.1 * (1000e-6 + 5e-6), rel=1e-3)  # drift: 1 ppm/s
+
+
+def test_clock_period_jitter_accumulates():
+    """Phase noise of an RC oscillator: the lengths of its periods deviate independently."""
+    clock, steady = irregular(period_jitter=0.3e-6), SwitchingClock(*CLOCK)
+    times = np.arange(20_000) / 1000
+    gained_s = (clock.cycles(times) - steady.cycles(times)) / 1000
+    for periods in (1, 16):
+        steps = gained_s[periods:] - gained_s[:-periods]
+        assert np.std(steps) == pytest.approx(0.3e-6 * np.sqrt(periods), rel=0.1)
 
 
 def test_clock_jitter_has_stated_size_and_does_not_accumulate():

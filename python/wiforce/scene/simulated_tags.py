@@ -107,6 +107,12 @@ class Tag:
         default=0.0,
         doc="Random walk of that error, per root of a second, reflected at 1000 ppm from it.",
     )
+    clock_period_jitter_s: float = key(
+        Number(unit="s", low=0, high=1e-4),
+        default=0.0,
+        doc="Standard deviation of the length of a period of clock 1. The deviations of all "
+        "periods add up, as those of any free-running oscillator.",
+    )
     clock_jitter_s: float = key(
         Number(unit="s", low=0, high=1e-4),
         default=0.0,

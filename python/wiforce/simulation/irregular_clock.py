@@ -1,12 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Clocks without a crystal: their frequency wanders, and their periods are not alike."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .sources import Seeds
 from .switching import SwitchingClock
 from .walk import RandomWalk
+
+if TYPE_CHECKING:
+    from ..scene.simulated_tags import Tag
 
 # Most that the frequency wanders from its stated course.
 MOST_WANDER_PPM = 1000.0
@@ -20,17 +25,19 @@ class IrregularClock(SwitchingClock):
     ----------
     clock_hz, offset_ppm, drift_ppm_per_s, limit_ppm, phase_cycles : float
         As for :class:`SwitchingClock`.
-    wander_ppm_per_sqrt_s : float
-        Standard deviation of the offset's change in 1 s.
-    jitter_s : float
-        Standard deviation of :meth:`early_s`.
+    tag : Tag
+        Whose ``clock_wander_ppm_per_sqrt_s``, ``clock_period_jitter_s`` and ``clock_jitter_s``
+        are the standard deviations of the offset's change in 1 s, of the length of a period,
+        which accumulates, and of :meth:`early_s`, which does not.
     seeds : Seeds
     index : int
         Of the clock, for the seeds.
 
     Examples
     --------
-    >>> clock = IrregularClock(1000.0, 0.0, 0.0, 0.0, 0.0, 20.0, 1e-6, Seeds(1, "clock"), 0)
+    >>> from gnuradio.wiforce.scene import load_scene
+    >>> tag = load_scene("cheap_tag").simulation.tags[0]
+    >>> clock = IrregularClock(1000.0, 0.0, 0.0, 0.0, 0.0, tag, Seeds(1, "clock"), 0)
     >>> bool(abs(clock.cycles(1.0) - 1000) < 0.1), clock.early_s(np.arange(3)).shape
     (True, (3,))
     """
@@ -44,19 +51,26 @@ class IrregularClock(SwitchingClock):
         drift_ppm_per_s: float,
         limit_ppm: float,
         phase_cycles: float,
-        wander_ppm_per_sqrt_s: float,
-        jitter_s: float,
+        tag: "Tag",
         seeds: Seeds,
         index: int,
     ) -> None:
         super().__init__(clock_hz, offset_ppm, drift_ppm_per_s, limit_ppm, phase_cycles)
-        self._walk = RandomWalk(wander_ppm_per_sqrt_s, seeds.generator(index), MOST_WANDER_PPM)
-        self._jitter_s, self._seeds, self._index = jitter_s, seeds, index
+        wander = tag.clock_wander_ppm_per_sqrt_s
+        self._walk = RandomWalk(wander, seeds.generator(index), MOST_WANDER_PPM)
+        self._late: RandomWalk | None = None
+        if tag.clock_period_jitter_s:
+            std = tag.clock_period_jitter_s * np.sqrt(clock_hz)
+            rng = seeds.generator(index, 0, 0)
+            self._late = RandomWalk(std, rng, spacing_s=1 / clock_hz)
+        self._jitter_s, self._seeds, self._index = tag.clock_jitter_s, seeds, index
         self._lots: dict[int, np.ndarray] = {}
 
     def cycles(self, time_s: ArrayLike) -> np.ndarray:
         time_s = np.asarray(time_s, float)
         gained_s = 1e-6 * self._walk.integral(time_s)
+        if self._late:
+            gained_s = gained_s - self._late.at(time_s)
         return self._steady_cycles(time_s) + self.clock_hz * gained_s
 
     def offset_ppm(self, time_s: ArrayLike) -> np.ndarray:

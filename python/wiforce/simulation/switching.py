@@ -25,6 +25,11 @@ SWITCHES: dict[str, tuple[Switch, Switch]] = {
 }
 
 
+# Steps of Newton's method for the edges of an irregular clock. The guess is a few samples off, and
+# a step leaves the relative error of the clock's nominal frequency, at most 2 %, of that.
+_REFINEMENTS = 3
+
+
 class SwitchingClock:
     """Phase of a crystal clock over time.
 
@@ -202,10 +207,11 @@ def switch_states(
         if not clock.regular:
             early_s = clock.early_s(np.floor(periods / rate).astype(int))
             for edges, x in ((lows, on), (highs, off)):
-                # One step of Newton's method from the guess above, which is within 0.1 samples.
-                time_s = edge_s + edges / sample_rate_hz - lag_s
-                missing = (periods + x) / rate - clock.cycles(time_s)
-                edges += (missing / clock.clock_hz - early_s) * sample_rate_hz
+                for _ in range(_REFINEMENTS):
+                    time_s = edge_s + edges / sample_rate_hz - lag_s
+                    missing = (periods + x) / rate - clock.cycles(time_s)
+                    edges += missing / clock.clock_hz * sample_rate_hz
+                edges -= early_s * sample_rate_hz
         state = np.zeros(count, np.float32)
         for low, high in zip(lows.tolist(), highs.tolist(), strict=True):
             if rise_s:

@@ -140,7 +140,6 @@ def _clock(
         max(sensor.clock_tolerance_ppm, abs(tag.clock_offset_ppm), abs(last_ppm)),
         phase,
     )
-    if not (tag.clock_wander_ppm_per_sqrt_s or tag.clock_jitter_s):
+    if not (tag.clock_wander_ppm_per_sqrt_s or tag.clock_period_jitter_s or tag.clock_jitter_s):
         return SwitchingClock(*steady)
-    wander, jitter = tag.clock_wander_ppm_per_sqrt_s, tag.clock_jitter_s
-    return IrregularClock(*steady, wander, jitter, sources.effect("clock"), index)
+    return IrregularClock(*steady, tag, sources.effect("clock"), index)

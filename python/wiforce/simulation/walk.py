@@ -3,8 +3,6 @@
 
 import numpy as np
 
-# Knots; between them a walk is linear.
-_SPACING_S = 10e-3
 # Knots that are drawn at once.
 _DRAWN = 4096
 
@@ -20,10 +18,12 @@ class RandomWalk:
         Of this walk alone.
     limit : float
         The walk is reflected at +-``limit``.
+    spacing_s : float
+        Time between knots; between them the walk is linear.
 
     Notes
     -----
-    The walk is kept from time 0 on, 16 bytes for each 10 ms, and so can be evaluated in any order.
+    The walk is kept from time 0 on, 16 bytes per knot, and so can be evaluated in any order.
 
     Examples
     --------
@@ -34,9 +34,14 @@ class RandomWalk:
     """
 
     def __init__(
-        self, std_per_sqrt_s: float, rng: np.random.Generator, limit: float = np.inf
+        self,
+        std_per_sqrt_s: float,
+        rng: np.random.Generator,
+        limit: float = np.inf,
+        spacing_s: float = 10e-3,
     ) -> None:
-        self._step, self._rng, self._limit = std_per_sqrt_s * np.sqrt(_SPACING_S), rng, limit
+        self._step, self._rng, self._limit = std_per_sqrt_s * np.sqrt(spacing_s), rng, limit
+        self._spacing_s = spacing_s
         self._last = 0.0  # before reflection
         self._values, self._integrals = np.zeros(1), np.zeros(1)
 
@@ -69,11 +74,11 @@ class RandomWalk:
         knot, inside = self._knots(time_s)
         start = self._values[knot]
         rise = self._values[knot + 1] - start
-        return self._integrals[knot] + _SPACING_S * (start * inside + rise * inside**2 / 2)
+        return self._integrals[knot] + self._spacing_s * (start * inside + rise * inside**2 / 2)
 
     def _knots(self, time_s: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
         """The knot before each time, and the part of the interval after it."""
-        position = np.maximum(np.asarray(time_s, float) / _SPACING_S, 0.0)
+        position = np.maximum(np.asarray(time_s, float) / self._spacing_s, 0.0)
         knot = position.astype(np.int64)
         if knot.size:
             self._extend(int(knot.max()) + 2)
@@ -88,7 +93,7 @@ class RandomWalk:
         walk = self._last + np.cumsum(steps)
         self._last = float(walk[-1])
         new = np.r_[self._values[-1], _reflected(walk, self._limit)]
-        areas = np.cumsum((new[1:] + new[:-1]) / 2) * _SPACING_S
+        areas = np.cumsum((new[1:] + new[:-1]) / 2) * self._spacing_s
         self._integrals = np.r_[self._integrals, self._integrals[-1] + areas]
         self._values = np.r_[self._values, new[1:]]
 
