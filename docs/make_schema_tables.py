@@ -13,7 +13,9 @@ from pathlib import Path
 
 from gnuradio.wiforce.io.schema import ListOf, Mapping, keys
 from gnuradio.wiforce.scene import Scene
-from gnuradio.wiforce.scene.simulated import Move, Press, Simulation, Tag
+from gnuradio.wiforce.scene.effects import OtherTag
+from gnuradio.wiforce.scene.simulated import Move, Press, Simulation
+from gnuradio.wiforce.scene.simulated_tags import Tag
 from gnuradio.wiforce.sensor.file_schema import CarrierCurves, CurvesFile, LineFile, SensorFile
 
 DOCS = Path(__file__).resolve().parent
@@ -27,12 +29,18 @@ def rows_of(cls, leave_out=(), prefix=""):
         if name in leave_out:
             continue
         if isinstance(each.type, Mapping):
+            if each.type.optional:
+                yield _row(f"{prefix}{name}", each)
             yield from rows_of(each.type.of, prefix=f"{prefix}{name}.")
         elif isinstance(each.type, ListOf):
             yield from rows_of(each.type.of, prefix=f"{prefix}{name}[].")
         else:
-            cells = (f"`{prefix}{name}`", _default(each), _allowed(each.type), each.doc)
-            yield "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+            yield _row(f"{prefix}{name}", each)
+
+
+def _row(dotted, each):
+    cells = (f"`{dotted}`", _default(each), _allowed(each.type), each.doc)
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
 def _default(key):
@@ -55,9 +63,10 @@ def _allowed(value_type):
 
 TABLES = {
     "reader": [*rows_of(Scene, leave_out={"simulation"})],
-    "simulation": [*rows_of(Simulation, leave_out={"tags", "presses", "moves"})],
+    "simulation": [*rows_of(Simulation, leave_out={"tags", "other_tags", "presses", "moves"})],
     "presses": [*rows_of(Press)],
     "tags": [*rows_of(Tag)],
+    "other tags": [*rows_of(OtherTag)],
     "moves": [*rows_of(Move)],
     "every sensor": [*rows_of(SensorFile)],
     "line": [*rows_of(LineFile, leave_out=keys(SensorFile))],

@@ -146,7 +146,7 @@ def test_a_second_run_of_the_flowgraph_goes_on():
         ({"model": "nothing"}, "got 'nothing'"),
         ({"clock_hz": 0}, "clock_hz: must be a number above 0"),
         ({"clock_hz": 2171}, "4 x clock_hz must lie below half the snapshot rate"),
-        ({"clock_offset_ppm": 2000}, "clock_offset_ppm: must be a number from -1000 to 1000"),
+        ({"clock_offset_ppm": 20001}, "clock_offset_ppm: must be a number from -20000 to 20000"),
         ({"force_n": -1}, "force_n: must be from 0 to 1000, got -1"),
         ({"location_mm": 81}, "location_mm: must be from 0 to 80, got 81"),
         ({"location_mm": float("nan")}, "location_mm: must be from 0 to 80, got nan"),
@@ -172,5 +172,20 @@ def test_bad_values_set_while_running_are_refused_and_leave_all_as_it_was():
     with pytest.raises(ValueError, match="location_mm: must be from 0 to 80, got 90"):
         tag.set_location_mm(90)
     with pytest.raises(ValueError, match="clock_offset_ppm"):
-        tag.set_clock_offset_ppm(5000)
+        tag.set_clock_offset_ppm(25000)
     assert (tag.force_n(), tag.location_mm()) == (2.0, 40.0)
+
+
+def test_effects_act_in_a_flowgraph_and_may_not_repeat_parameters():
+    plain = run(wiforce.backscatter_tag(**QUIET), 50)
+    rippling = run(
+        wiforce.backscatter_tag(**QUIET, effects={"ripple": {"percent": 20, "hz": 1000}}), 50
+    )
+    loud = np.abs(plain) > 0.2
+    gain = (rippling[loud] / plain[loud]).real
+    assert (gain.min(), gain.max()) == (pytest.approx(0.8, abs=2e-3), pytest.approx(1.2, abs=2e-3))
+    for wrong in ({"snr_db": 3}, {"presses": []}):
+        with pytest.raises(wiforce.errors.InputError, match="effects: must not hold"):
+            wiforce.backscatter_tag(effects=wrong)
+    with pytest.raises(wiforce.errors.InputError, match="simulation.lamp: is not a known key"):
+        wiforce.backscatter_tag(effects={"lamp": {}})

@@ -250,7 +250,7 @@ REFUSED = [
     ("wiforce_backscatter_tag", {"location_mm": 81}),
     ("wiforce_backscatter_tag", {"clock_hz": 0}),
     ("wiforce_backscatter_tag", {"clock_hz": 2171}),
-    ("wiforce_backscatter_tag", {"clock_offset_ppm": 1001}),
+    ("wiforce_backscatter_tag", {"clock_offset_ppm": 20001}),
     ("wiforce_backscatter_tag", {"snr_db": 141}),
     ("wiforce_backscatter_tag", {"static_clutter_db": 141}),
     ("wiforce_backscatter_tag", {"amplitude": 0}),

@@ -30,6 +30,14 @@ SCENE = {
     },
 }
 
+EFFECTS = {
+    "bursts": {"share": 0.3},
+    "front_end": {"receiver_gain_db": 0.3, "transmitter_phase_deg": 2, "compression": 0.01},
+    "lamps": {},
+    "walker": {},
+    "tags": [{"clock_jitter_s": 1e-6, "drift_deg_per_sqrt_s": 30}],
+}
+
 
 @pytest.fixture
 def scene_file(tmp_path):
@@ -71,6 +79,8 @@ def simulated(scene, count):
 
 
 def test_scene_air_host_receives_what_simulate_writes(software_usrp, scene_file, tmp_path):
+    imperfect = SCENE | {"simulation": SCENE["simulation"] | EFFECTS}
+    scene_file.write_text(json.dumps(imperfect))
     scene = load_scene(scene_file)
     count = int(0.06 * 12.5e6) // 720 * 720
     device = software_usrp(scene_file, "--delay-us", 0)

@@ -3,6 +3,7 @@
 
 from collections import deque
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from gnuradio import gr
@@ -12,6 +13,8 @@ from ..estimation.groups import Array
 from ..scene import load_scene
 from ..simulation.channel import AirChannel
 
+# The tag is pressed by calls, and rounding is the receiver's part.
+_WITHOUT_EFFECT = ("presses", "truth_model", "adc_bits")
 _WORK_ITEMS = 16384  # as many samples at once as keep the cost of a call small
 
 
@@ -50,6 +53,9 @@ class backscatter_tag(gr.sync_block):
         Samples per frame.
     seed : int
         Of the noise and of the clock's start phase.
+    effects : dict, optional
+        Further keys of a scene's ``simulation``, for rooms and components that are not ideal, such
+        as ``{"bursts": {"share": 0.2}, "tags": [{"clock_jitter_s": 3e-7}]}``.
 
     Raises
     ------
@@ -80,12 +86,25 @@ class backscatter_tag(gr.sync_block):
         waveform: str = "repeated",
         frame_length: int = 720,
         seed: int = 1,
+        effects: dict[str, Any] | None = None,
     ) -> None:
         if not (np.isfinite(amplitude) and amplitude > 0):
             raise InputError("amplitude", "must be above 0", amplitude)
         if static_clutter_db is None:
             raise InputError("static_clutter_db", "must be a number", static_clutter_db)
         off = complex(off_reflection)
+        stated = {
+            "duration_s": 1e6,
+            "clock_offset_ppm": clock_offset_ppm,
+            "clock_drift_ppm_per_s": 0.0,
+            "static_clutter_db": static_clutter_db,
+            "snr_db": snr_db,
+            "seed": seed,
+        }
+        twice = sorted({*stated, *_WITHOUT_EFFECT} & {*(effects or {})})
+        if twice:
+            rule = f"must not hold what the block itself sets ({', '.join(twice)})"
+            raise InputError("effects", rule)
         scene = load_scene(
             {
                 "radio": {"center_frequency_hz": center_frequency, "sample_rate_hz": sample_rate},
@@ -98,14 +117,7 @@ class backscatter_tag(gr.sync_block):
                         "off_reflection": [off.real, off.imag],
                     }
                 ],
-                "simulation": {
-                    "duration_s": 1e6,
-                    "clock_offset_ppm": clock_offset_ppm,
-                    "clock_drift_ppm_per_s": 0.0,
-                    "static_clutter_db": static_clutter_db,
-                    "snr_db": snr_db,
-                    "seed": seed,
-                },
+                "simulation": stated | (effects or {}),
             }
         )
         gr.sync_block.__init__(self, "backscatter_tag", [np.complex64], [np.complex64])
@@ -131,7 +143,7 @@ class backscatter_tag(gr.sync_block):
 
     def set_clock_offset_ppm(self, offset_ppm: float) -> None:
         """Change the rate of the tag's clock; its phase stays continuous."""
-        offset_ppm = _checked("clock_offset_ppm", offset_ppm, -1000, 1000)
+        offset_ppm = _checked("clock_offset_ppm", offset_ppm, -20_000, 20_000)
         self._changes.append(lambda now_s: self._tag.clock.retune(now_s, offset_ppm))
 
     def set_snr_db(self, snr_db: float) -> None:

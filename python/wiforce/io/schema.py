@@ -233,7 +233,9 @@ def json_schema(cls: type) -> dict[str, Any]:
 
 @dataclass(frozen=True, kw_only=True)
 class Mapping(ValueType):
-    """A mapping that a class declares; where it is absent, all its keys have their defaults.
+    """A mapping that a class declares.
+
+    Where it is absent, all its keys have their defaults; an ``optional`` one is then None.
 
     Parameters
     ----------
@@ -249,20 +251,23 @@ class Mapping(ValueType):
 
     @property
     def may_be_absent(self) -> bool:
-        return not any(each.required for each in keys(self.of).values())
+        return self.optional or not any(each.required for each in keys(self.of).values())
 
     def read(self, value: Any, where: KeyPath, scope: Scope) -> Any:
+        if value is None and self.optional:
+            return None
         return self._read({} if value is None else value, where, scope)
 
     def _read(self, value: Any, where: KeyPath, scope: Scope) -> Any:
         return read(self.of, value, where, scope)
 
-    def plain(self, value: Any) -> dict[str, Any]:
-        return plain(self.of, value)
+    def plain(self, value: Any) -> dict[str, Any] | None:
+        return None if value is None else plain(self.of, value)
 
     def _json_schema(self) -> dict[str, Any]:
         schema = json_schema(self.of)
-        return schema | {"type": ["object", "null"]} if self.may_be_absent else schema
+        with_null = self.may_be_absent and not self.optional  # json_schema() adds the other null
+        return schema | {"type": ["object", "null"]} if with_null else schema
 
 
 @dataclass(frozen=True, kw_only=True)

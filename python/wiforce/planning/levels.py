@@ -7,7 +7,8 @@ import numpy as np
 
 from ..scene import Scene
 from ..signal.switching import harmonics
-from ..simulation.channel import NOISE_PEAK, PEAK
+from ..simulation.channel import PEAK
+from ..simulation.levels import NOISE_PEAK
 
 # Standard deviation of a noise component, in ADC steps, below which rounding errors are no longer
 # like noise, and amplitude of the tag's line, in steps, below which that matters.

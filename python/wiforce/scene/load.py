@@ -13,7 +13,7 @@ from ..io.values import KeyPath
 from ..io.yamlfile import read_yaml
 from .consistency import check_scene
 from .schema import Scene
-from .simulated import with_all_tags
+from .simulated_tags import with_all_tags
 
 
 def load_scene(scene: str | Path | dict[str, Any] | Scene) -> Scene:

@@ -13,7 +13,8 @@ from ..io.schema import DRAFT_7, ListOf, Mapping, declared, json_schema, key, pl
 from ..io.values import AutomaticNumber, Choice, Integer, Number, Text
 from ..signal.waveform import PREAMBLE_LENGTH, Waveform, sounding_waveform
 from .off_reflection import OffReflection
-from .simulated import MAX_SENSORS, MODEL_NAME_LENGTH, Simulation
+from .simulated import Simulation
+from .simulated_tags import MAX_SENSORS, MODEL_NAME_LENGTH
 
 if TYPE_CHECKING:
     from ..sensor import SensorModel

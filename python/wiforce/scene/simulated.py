@@ -4,67 +4,29 @@
 Only the simulator and the software device use this part of a scene; a reader never does.
 """
 
-from collections.abc import Iterable
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from ..io.schema import Derived, ListOf, declared, key, read
-from ..io.values import Choice, Integer, KeyPath, Number, Scope, Text
+from ..io.schema import Derived, ListOf, Mapping, declared, key
+from ..io.values import Integer, Number, Text
+from .effects import Bursts, Fan, FrontEnd, Hopper, Lamps, OtherTag, Ripple, Walker
+from .simulated_tags import (
+    CLOCK_DRIFT,
+    CLOCK_OFFSET,
+    MAX_SENSORS,
+    MODEL_NAME_LENGTH,
+    Tag,
+    sensor_name,
+)
 
-if TYPE_CHECKING:
-    from .schema import SceneSensor
-
-MAX_SENSORS = 16
 MAX_EVENTS = 1000
-MODEL_NAME_LENGTH = 4096  # of a path, the longest that Linux accepts
 _LONGEST_S = 1e6
 _TIME = Number(unit="s", low=0, high=_LONGEST_S)
-# Fastest Doppler of a person near a sensor, at 2.4 GHz.
-_AUTOMATIC_HZ = 30.0
-_CLOCK_OFFSET = Number(unit="ppm", low=-1000, high=1000)
-_CLOCK_DRIFT = Number(unit="ppm/s", low=-10, high=10)
+# Highest Doppler frequency of a walking person at 2.4 GHz; what moves where a scene states nothing.
+_MOVING_HZ = 30.0
 
 
-def sensor_name() -> Any:
-    """Declare the key by which an entry names one of the scene's sensors.
-
-    Returns
-    -------
-    object
-        What ``io.schema.key`` returns; by default the name of the only sensor.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> load_scene("demo").simulation.presses[0].sensor  # stated, as it would be by default
-    'arm'
-    """
-    return key(
-        Text(limit=64),
-        derived=Derived("the only sensor", _only_sensor),
-        check=_check_sensor_name,
-        doc="Name of the sensor. May be left out where the scene has only one.",
-    )
-
-
-def _names(scope: Scope) -> list[str]:
-    return [sensor.name for sensor in scope["sensors"]]
-
-
-def _only_sensor(scope: Scope) -> str | None:
-    names = _names(scope)
-    return names[0] if len(names) == 1 else None
-
-
-def _check_sensor_name(name: str, scope: Scope) -> str | None:
-    names = _names(scope)
-    known = ", ".join(names)
-    return None if name in names else f"must be the name of a sensor of the scene ({known})"
-
-
-def _truth_model(scope: Scope) -> str:
-    models = {sensor.name: sensor.model for sensor in scope["sensors"]}
-    return scope["truth_model"] or models[scope["sensor"]]
+def _number_or(value: Any, default: float) -> float:
+    return float(value) if isinstance(value, int | float) else default
 
 
 @declared
@@ -141,59 +103,6 @@ class Move:
 
 
 @declared
-class Tag:
-    """What a simulation knows about one sensor's tag, and a reader does not.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> load_scene("demo").simulation.tags[0].truth_model
-    'line-900mhz'
-    """
-
-    sensor: str = sensor_name()
-    truth_model: str = key(
-        Text(limit=MODEL_NAME_LENGTH),
-        derived=Derived("`simulation.truth_model`, otherwise the sensor's `model`", _truth_model),
-        doc="Sensor model that is pressed, as `simulation.truth_model`.",
-    )
-    level_db: float = key(
-        Number(unit="dB", low=-140, high=140),
-        default=0.0,
-        doc="Strength of this tag relative to the levels that the scene states.",
-    )
-    clock_offset_ppm: float = key(
-        _CLOCK_OFFSET,
-        derived=Derived("`simulation.clock_offset_ppm`", lambda scope: scope["clock_offset_ppm"]),
-        doc="Error of this tag's crystal at time 0, positive where the clock is fast.",
-    )
-    clock_drift_ppm_per_s: float = key(
-        _CLOCK_DRIFT,
-        derived=Derived(
-            "`simulation.clock_drift_ppm_per_s`", lambda scope: scope["clock_drift_ppm_per_s"]
-        ),
-        doc="Drift of that error.",
-    )
-    clock_phase_deg: float | None = key(
-        Number(unit="deg", low=-1e6, high=1e6, optional=True),
-        default=None,
-        doc="Phase of clock 1 at time 0; null draws it at random.",
-    )
-    clock2_delay_s: float = key(
-        Number(unit="s", low=-1e-3, high=1e-3),
-        default=0.0,
-        doc="Delay of clock 2 relative to clock 1.",
-    )
-    clock2_duty: str = key(
-        Choice(words=("pulses", "overlapping", "two_frequencies")),
-        default="pulses",
-        doc="`pulses`: the two switches are never on together. `overlapping`: clock 2 has a true "
-        "75 % duty cycle, so that both are on for part of the time. `two_frequencies`: the naive "
-        "scheme, square waves of 50 % duty cycle at fs and 1.4 fs.",
-    )
-
-
-@declared
 class Simulation:
     """What happens in a simulated scene.
 
@@ -243,15 +152,11 @@ class Simulation:
     moving_clutter_hz: float = key(
         Number(unit="Hz", low=0, high=10_000),
         derived=Derived(
-            "`environment.moving_clutter_hz`, or 30 where that is `auto`",
-            lambda scope: (
-                _AUTOMATIC_HZ
-                if scope["environment"].moving_clutter_hz is None
-                else scope["environment"].moving_clutter_hz
-            ),
+            f"`environment.moving_clutter_hz`; {_MOVING_HZ:g} where that is not a number",
+            lambda scope: _number_or(scope["environment"].moving_clutter_hz, _MOVING_HZ),
         ),
-        doc="Highest Doppler frequency of what moves. Where it differs from the default, the "
-        "reader works with a wrong value.",
+        doc="Highest Doppler frequency of what moves. Where it differs from a number that "
+        "`environment.moving_clutter_hz` states, the reader works with a wrong value.",
     )
     tag_coherence_hz: float | None = key(
         Number(unit="Hz", low=0, above=True, high=1e9, optional=True),
@@ -259,12 +164,12 @@ class Simulation:
         doc="Coherence bandwidth of Rayleigh fading on the tags' paths; null means flat paths.",
     )
     clock_offset_ppm: float = key(
-        _CLOCK_OFFSET,
+        CLOCK_OFFSET,
         default=40.0,
         doc="Error of the tags' crystals at time 0, positive where the clock is fast.",
     )
     clock_drift_ppm_per_s: float = key(
-        _CLOCK_DRIFT,
+        CLOCK_DRIFT,
         default=0.1,
         doc="Drift of that error. It reverses where the error reaches the tolerance.",
     )
@@ -286,55 +191,44 @@ class Simulation:
         doc="Resolution of the converter; codes are left-justified in ci16. null means 16 bits "
         "for ci16 and no rounding for cf32.",
     )
+    bursts: Bursts | None = key(
+        Mapping(of=Bursts, optional=True),
+        default=None,
+        doc="Bursts of other transmitters over the whole band; null means none.",
+    )
+    hopper: Hopper | None = key(
+        Mapping(of=Hopper, optional=True),
+        default=None,
+        doc="A narrow-band transmitter that hops; null means none.",
+    )
+    front_end: FrontEnd | None = key(
+        Mapping(of=FrontEnd, optional=True),
+        default=None,
+        doc="Imperfections of transmitter and receiver; null means none.",
+    )
+    ripple: Ripple | None = key(
+        Mapping(of=Ripple, optional=True),
+        default=None,
+        doc="Amplitude modulation of the received signal; null means none.",
+    )
+    lamps: Lamps | None = key(
+        Mapping(of=Lamps, optional=True),
+        default=None,
+        doc="Lamps that modulate what they reflect; null means none.",
+    )
+    fan: Fan | None = key(
+        Mapping(of=Fan, optional=True), default=None, doc="A fan; null means none."
+    )
+    walker: Walker | None = key(
+        Mapping(of=Walker, optional=True),
+        default=None,
+        doc="A person who walks, beside `moving_clutter_db`; null means nobody.",
+    )
+    other_tags: tuple[OtherTag, ...] = key(
+        ListOf(of=OtherTag, most=MAX_SENSORS), doc="Tags that are not listed as sensors."
+    )
     tags: tuple[Tag, ...] = key(
         ListOf(of=Tag, most=MAX_SENSORS), doc="Properties of single tags, at most one entry each."
     )
     presses: tuple[Press, ...] = key(ListOf(of=Press, most=MAX_EVENTS), doc="The presses.")
     moves: tuple[Move, ...] = key(ListOf(of=Move, most=MAX_EVENTS), doc="The movements of tags.")
-
-
-def with_all_tags(
-    simulation: Simulation, sensors: Iterable["SceneSensor"], where: KeyPath
-) -> Simulation:
-    """Complete the list of tags: one entry per sensor, in the order of the sensors.
-
-    Parameters
-    ----------
-    simulation : Simulation
-        As read from a scene file.
-    sensors : iterable of SceneSensor
-        Of the scene.
-    where : KeyPath
-        Of the simulation in its file, for messages.
-
-    Returns
-    -------
-    Simulation
-
-    Raises
-    ------
-    InputError
-        When two entries name the same sensor.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> scene = load_scene("two_sensors")
-    >>> complete = with_all_tags(scene.simulation, scene.sensors, KeyPath("scene.yaml"))
-    >>> [tag.sensor for tag in complete.tags]
-    ['left', 'right']
-    """
-    stated: dict[str, Tag] = {}
-    for index, tag in enumerate(simulation.tags):
-        if tag.sensor in stated:
-            duplicate = where.key("tags").item(index).key("sensor")
-            raise duplicate.error("must not have two entries", tag.sensor)
-        stated[tag.sensor] = tag
-    scope = Scope(vars(simulation), {"sensors": sensors})
-    return replace(
-        simulation,
-        tags=tuple(
-            stated.get(sensor.name) or read(Tag, {"sensor": sensor.name}, where, scope)
-            for sensor in sensors
-        ),
-    )

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A sensor pressed over time: force, location, and the reflections of its ends."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..signal.carrier import SPEED_OF_LIGHT_M_S
+from .press_force import press_force, shown_force
 
 if TYPE_CHECKING:
+    from ..scene.effects import Beam
     from ..scene.simulated import Move, Press
     from ..sensor import SensorModel
 
-# Physiological tremor of a hand lies between 8 and 12 Hz.
-TREMOR_HZ = (8.3, 9.7, 11.4)
 # Points over which a mean within a phase group is taken.
 _MEAN_POINTS = 32
 
@@ -29,6 +29,7 @@ class TouchState:
     touch : ndarray of bool, shape (n,)
         Whether the line is shorted.
     force_n : ndarray, shape (n,)
+        Force that is applied, whatever the beam makes of it.
     location_mm : ndarray, shape (n,)
         NaN where nothing presses.
     phases_deg : ndarray, shape (n, 2)
@@ -62,6 +63,8 @@ class PressedSensor:
         Of this sensor's tag.
     center_frequency_hz : float
         Carrier, in Hz.
+    beam : Beam, optional
+        Hysteresis and creep; none for an elastic beam.
 
     Raises
     ------
@@ -83,8 +86,9 @@ class PressedSensor:
         presses: Sequence["Press"],
         moves: Sequence["Move"],
         center_frequency_hz: float,
+        beam: "Beam | None" = None,
     ) -> None:
-        self._model = model
+        self._model, self._beam = model, beam
         self._presses = sorted(presses, key=lambda press: press.start_s)
         self._starts = np.array([press.start_s for press in self._presses])
         self._moves = moves
@@ -118,18 +122,7 @@ class PressedSensor:
         force_n, location_mm : ndarray of float, shape (n,)
             Location is NaN where nothing presses.
         """
-        time_s = np.asarray(time_s, float)
-        if self._held is not None:
-            return np.full(time_s.shape, self._held[0]), np.full(time_s.shape, self._held[1])
-        force, location = np.zeros(time_s.shape), np.full(time_s.shape, np.nan)
-        if not len(self._presses) or not time_s.size:
-            return force, location
-        first = max(np.searchsorted(self._starts, time_s.min(), "right") - 1, 0)
-        for press in self._presses[first : np.searchsorted(self._starts, time_s.max(), "right")]:
-            during = (time_s >= press.start_s) & (time_s < press.end_s)
-            location[during] = press.location_mm
-            force[during] = _force(press, time_s[during])
-        return force, location
+        return self._over_time(np.asarray(time_s, float), press_force)
 
     def state(self, time_s: ArrayLike) -> TouchState:
         """State over time.
@@ -143,8 +136,9 @@ class PressedSensor:
         TouchState
         """
         force, location = self.force(time_s)
-        touch = force >= self._model.onset_force_n
-        return TouchState(touch, force, location, self._phases_deg(force, location))
+        shown = self._shown(time_s)[0]
+        touch = shown >= self._model.onset_force_n
+        return TouchState(touch, force, location, self._phases_deg(shown, location))
 
     def reflections(self, time_s: np.ndarray) -> np.ndarray:
         """G_1 / rho and G_2 / rho over time.
@@ -157,7 +151,7 @@ class PressedSensor:
         -------
         ndarray of complex, shape (n, 2), or (1, 2) when nothing changes over these times
         """
-        force, location = self.force(time_s)
+        force, location = self._shown(time_s)
         steady = (force == force[0]).all() and (
             np.isnan(location) | (location == location[0])
         ).all()
@@ -210,8 +204,30 @@ class PressedSensor:
         untouched = self._model.phases_deg(0.0, 0.0, self._carrier_hz)
         passing = 2 * np.exp(1j * np.deg2rad(untouched.sum() / 4))
         alone = np.exp(1j * np.deg2rad(untouched)).sum()
-        touch = self.force(time_s)[0] >= self._model.onset_force_n
+        touch = self._shown(time_s)[0] >= self._model.onset_force_n
         return np.where(touch, 0.0, passing - alone)
+
+    def near(self, time_s: np.ndarray, reach_s: float) -> np.ndarray:
+        """How near the hand is that presses: 1 while it does, 0 without a press.
+
+        Parameters
+        ----------
+        time_s : ndarray of float, shape (n,)
+        reach_s : float
+            Time in which it comes and goes.
+
+        Returns
+        -------
+        ndarray of float, shape (n,)
+        """
+        if self._held is not None:
+            return np.full(time_s.shape, float(self._held[0] > 0))
+        nearest = np.zeros(time_s.shape)
+        for press in self._presses:
+            away_s = np.maximum(press.start_s - time_s, time_s - press.end_s)
+            done = np.clip(1 - away_s / reach_s, 0, 1)
+            nearest = np.maximum(nearest, (1 - np.cos(np.pi * done)) / 2)
+        return nearest
 
     def motion(self, time_s: ArrayLike) -> np.ndarray | float:
         """Rotation of the tag's path by its moves, exp(-j 4 pi d / lambda).
@@ -232,27 +248,34 @@ class PressedSensor:
         )
         return np.exp(-4j * np.pi * distance * self._carrier_hz / SPEED_OF_LIGHT_M_S)
 
+    def _shown(self, time_s: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+        """The force that an elastic beam would need for the same contact, and the location."""
+        beam = self._beam
+        if beam is None:
+            return self.force(time_s)
+        return self._over_time(
+            np.asarray(time_s, float), lambda press, times: shown_force(press, times, beam)
+        )
+
+    def _over_time(
+        self, time_s: np.ndarray, force_of: Callable[["Press", np.ndarray], np.ndarray]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        if self._held is not None:
+            return np.full(time_s.shape, self._held[0]), np.full(time_s.shape, self._held[1])
+        force, location = np.zeros(time_s.shape), np.full(time_s.shape, np.nan)
+        if not len(self._presses) or not time_s.size:
+            return force, location
+        first = max(np.searchsorted(self._starts, time_s.min(), "right") - 1, 0)
+        for press in self._presses[first : np.searchsorted(self._starts, time_s.max(), "right")]:
+            during = (time_s >= press.start_s) & (time_s < press.end_s)
+            location[during] = press.location_mm
+            force[during] = force_of(press, time_s[during])
+        return force, location
+
     def _phases_deg(self, force: np.ndarray, location: np.ndarray) -> np.ndarray:
         return self._model.phases_deg(
             force, np.where(np.isnan(location), 0.0, location), self._carrier_hz
         )
-
-
-def _profile(press: "Press") -> tuple[np.ndarray, list[float]]:
-    """Times and forces between which a press is linear."""
-    times = press.start_s + np.cumsum([0, press.rise_s, press.hold_s, press.rise_s])
-    return times, [0.0, press.force_n, press.end_force_n, 0.0]
-
-
-def _force(press: "Press", time_s: np.ndarray) -> np.ndarray:
-    """Force of a press at times within it, with the tremor of a hand that holds it."""
-    force = np.interp(time_s, *_profile(press))
-    if press.tremor_n:
-        cycles = np.outer(TREMOR_HZ, time_s - press.start_s)
-        tremor = np.sin(2 * np.pi * cycles).sum(axis=0) * np.sqrt(2 / len(TREMOR_HZ))
-        share = force / max(press.force_n, press.end_force_n)
-        force = np.maximum(force + press.tremor_n * share * tremor, 0.0)
-    return force
 
 
 def _progress(move: "Move", time_s: np.ndarray) -> np.ndarray:

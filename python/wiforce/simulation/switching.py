@@ -25,6 +25,11 @@ SWITCHES: dict[str, tuple[Switch, Switch]] = {
 }
 
 
+# Steps of Newton's method for the edges of an irregular clock. The guess is a few samples off, and
+# a step leaves the relative error of the clock's nominal frequency, at most 2 %, of that.
+_REFINEMENTS = 3
+
+
 class SwitchingClock:
     """Phase of a crystal clock over time.
 
@@ -67,6 +72,9 @@ class SwitchingClock:
         self._offset = offset_ppm * 1e-6
         self._start_s, self._start_cycles = 0.0, phase_cycles
 
+    # Whether edges follow from u alone, and u is linear over a few milliseconds.
+    regular = True
+
     def cycles(self, time_s: ArrayLike) -> np.ndarray:
         """u at the given times.
 
@@ -79,8 +87,20 @@ class SwitchingClock:
         ndarray of float, shape of ``time_s``
             In cycles.
         """
-        elapsed = np.asarray(time_s, float) - self._start_s
-        return self._start_cycles + self.clock_hz * (elapsed + self._gained_s(elapsed))
+        return self._steady_cycles(np.asarray(time_s, float))
+
+    def early_s(self, periods: np.ndarray) -> np.ndarray:
+        """Time by which the edges of given periods come before u says so.
+
+        Parameters
+        ----------
+        periods : ndarray of int, shape (n,)
+
+        Returns
+        -------
+        ndarray of float, shape (n,)
+        """
+        return np.zeros(len(periods))
 
     def offset_ppm(self, time_s: ArrayLike) -> np.ndarray:
         """o at the given times.
@@ -106,10 +126,14 @@ class SwitchingClock:
             When it changes.
         offset_ppm : float
         """
-        self._start_cycles = float(self.cycles(time_s))
+        self._start_cycles = float(self._steady_cycles(np.asarray(time_s, float)))
         self._start_s = float(time_s)
         self._offset = offset_ppm * 1e-6
         self._limit = max(self._limit, abs(self._offset))
+
+    def _steady_cycles(self, time_s: np.ndarray) -> np.ndarray:
+        elapsed = time_s - self._start_s
+        return self._start_cycles + self.clock_hz * (elapsed + self._gained_s(elapsed))
 
     def _offset_at(self, elapsed: np.ndarray) -> np.ndarray:
         if self._drift == 0 or self._limit == 0:
@@ -138,6 +162,7 @@ def switch_states(
     first_sample: int,
     count: int,
     sample_rate_hz: float,
+    rise_s: float = 0.0,
 ) -> list[np.ndarray]:
     """Part of each sample in which each switch is on.
 
@@ -154,6 +179,8 @@ def switch_states(
     first_sample, count : int
         A few milliseconds of samples at most.
     sample_rate_hz : float
+    rise_s : float
+        Time in which a switch goes from off to on and back, centred on the edge.
 
     Returns
     -------
@@ -175,13 +202,52 @@ def switch_states(
         # The rate is taken as constant over these samples: at 10 ppm/s the error is 4e-4 samples
         # in the middle of 5 ms, and zero at either end.
         samples_per_cycle = count / (stop - start)
+        periods = np.arange(math.floor(start) - 1, math.floor(stop) + 2)
+        lows, highs = (samples_per_cycle * (periods + x - start) for x in (on, off))
+        if not clock.regular:
+            early_s = clock.early_s(np.floor(periods / rate).astype(int))
+            for edges, x in ((lows, on), (highs, off)):
+                for _ in range(_REFINEMENTS):
+                    time_s = edge_s + edges / sample_rate_hz - lag_s
+                    missing = (periods + x) / rate - clock.cycles(time_s)
+                    edges += missing / clock.clock_hz * sample_rate_hz
+                edges -= early_s * sample_rate_hz
         state = np.zeros(count, np.float32)
-        for period in range(math.floor(start) - 1, math.floor(stop) + 2):
-            low = (period + on - start) * samples_per_cycle
-            high = (period + off - start) * samples_per_cycle
-            _cover(state, max(low, 0.0), min(high, float(count)))
+        for low, high in zip(lows.tolist(), highs.tolist(), strict=True):
+            if rise_s:
+                _cover_slowly(state, low, high, rise_s * sample_rate_hz)
+            else:
+                _cover(state, max(low, 0.0), min(high, float(count)))
         states.append(state)
     return states
+
+
+def with_duty_errors(
+    switches: tuple[Switch, Switch], errors: tuple[float, float]
+) -> tuple[Switch, Switch]:
+    """Switches whose duty cycles deviate.
+
+    Parameters
+    ----------
+    switches : tuple
+        One of :data:`SWITCHES`.
+    errors : tuple of float
+        What is added to the duty cycle of each, one half on either side.
+
+    Returns
+    -------
+    tuple
+
+    Examples
+    --------
+    >>> with_duty_errors(SWITCHES["pulses"], (0.0, 0.25))[1]
+    (2.0, (0.25, 0.75))
+    """
+    first, second = (
+        (rate, (on - error / 2, off + error / 2))
+        for (rate, (on, off)), error in zip(switches, errors, strict=True)
+    )
+    return first, second
 
 
 def _cover(state: np.ndarray, low: float, high: float) -> None:
@@ -196,3 +262,20 @@ def _cover(state: np.ndarray, low: float, high: float) -> None:
     state[first + 1 : last] += 1
     if last < len(state):
         state[last] += high - last
+
+
+def _cover_slowly(state: np.ndarray, low: float, high: float, rise: float) -> None:
+    """Add a trapezoid that rises about ``low`` and falls about ``high``, averaged per sample."""
+    first = max(math.floor(low - rise / 2), 0)
+    last = min(math.ceil(high + rise / 2), len(state))
+    if first >= last:
+        return
+    edges = np.arange(first, last + 1)
+    area = _ramp_area(edges - low, rise) - _ramp_area(edges - high, rise)
+    state[first:last] += np.diff(area).astype(np.float32)
+
+
+def _ramp_area(x: np.ndarray, rise: float) -> np.ndarray:
+    """Integral up to x of a step from 0 to 1 that takes ``rise`` about 0."""
+    inside = np.clip(x + rise / 2, 0, rise)
+    return inside**2 / (2 * rise) + np.maximum(x - rise / 2, 0)

@@ -6,14 +6,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .irregular_clock import IrregularClock
 from .presses import PressedSensor
+from .sources import RandomSources
 from .streams import Ramp
-from .switching import SWITCHES, SwitchingClock, switch_states
+from .switching import SWITCHES, SwitchingClock, switch_states, with_duty_errors
+from .walk import RandomWalk
 
 if TYPE_CHECKING:
     from ..scene import Scene
     from ..scene.schema import SceneSensor
-    from ..scene.simulated import Tag
+    from ..scene.simulated_tags import Tag
 
 
 class SwitchedTag:
@@ -22,10 +25,10 @@ class SwitchedTag:
     Parameters
     ----------
     scene : Scene
-    sensor : SceneSensor
-    tag : Tag
-    rng : numpy.random.Generator
-        For the clock's start and the path's phase.
+    index : int
+        Of the sensor in the scene.
+    sources : RandomSources
+        Of the scene.
     ramp : Ramp
         Knots at which reflections are computed.
 
@@ -43,43 +46,33 @@ class SwitchedTag:
     >>> from gnuradio.wiforce.scene import load_scene
     >>> scene = load_scene("demo")
     >>> ramp = Ramp(scene.radio.sample_rate_hz)
-    >>> rng = np.random.default_rng(1)
-    >>> tag = SwitchedTag(scene, scene.sensors[0], scene.simulation.tags[0], rng, ramp)
+    >>> tag = SwitchedTag(scene, 0, RandomSources(1, 0), ramp)
     >>> reflection = tag.reflection(0, 12_500)  # a period of the clock
     >>> round(float(np.mean(np.abs(reflection))), 2)  # on for a quarter of the time at either end
     0.5
     """
 
-    def __init__(
-        self,
-        scene: "Scene",
-        sensor: "SceneSensor",
-        tag: "Tag",
-        rng: np.random.Generator,
-        ramp: Ramp,
-    ) -> None:
+    def __init__(self, scene: "Scene", index: int, sources: RandomSources, ramp: Ramp) -> None:
+        sensor, simulation = scene.sensors[index], scene.simulation
+        tag = simulation.tags[index]
         self.name, self.on = sensor.name, True
         self._rate, self._ramp = scene.radio.sample_rate_hz, ramp
-        simulation = scene.simulation
-        last_ppm = tag.clock_offset_ppm + tag.clock_drift_ppm_per_s * simulation.duration_s
-        phase = rng.random()
-        if tag.clock_phase_deg is not None:
-            phase = tag.clock_phase_deg / 360
-        self.clock = SwitchingClock(
-            sensor.clock_hz,
-            tag.clock_offset_ppm,
-            tag.clock_drift_ppm_per_s,
-            max(sensor.clock_tolerance_ppm, abs(tag.clock_offset_ppm), abs(last_ppm)),
-            phase,
-        )
-        self._switches, self._delay_s = SWITCHES[tag.clock2_duty], tag.clock2_delay_s
+        self.clock = _clock(sensor, tag, simulation.duration_s, index, sources)
+        errors = tag.clock1_duty_error, tag.clock2_duty_error
+        self._switches = with_duty_errors(SWITCHES[tag.clock2_duty], errors)
+        self._delay_s, self._rise_s = tag.clock2_delay_s, tag.switch_rise_s
         self._off = np.array(sensor.off_reflection)
-        self._rotation = np.exp(2j * np.pi * rng.random())
+        self._rotation = np.exp(2j * np.pi * sources.clocks.random())
+        self._drifts: list[RandomWalk] = []
+        if tag.drift_deg_per_sqrt_s:
+            seeds, std = sources.effect("drift"), np.deg2rad(tag.drift_deg_per_sqrt_s)
+            self._drifts = [RandomWalk(std, seeds.generator(index, end)) for end in (0, 1)]
         self.pressed = PressedSensor(
             scene.load_model(tag.truth_model),
             [press for press in simulation.presses if press.sensor == sensor.name],
             [move for move in simulation.moves if move.sensor == sensor.name],
             scene.radio.center_frequency_hz,
+            tag.beam,
         )
 
     def reflection(self, first: int, count: int) -> np.ndarray:
@@ -98,11 +91,13 @@ class SwitchedTag:
         if not self.on:
             return np.zeros(count, np.complex64)
         first_on, second_on = switch_states(
-            self.clock, self._switches, self._delay_s, first, count, self._rate
+            self.clock, self._switches, self._delay_s, first, count, self._rate, self._rise_s
         )
         both_on = first_on * second_on
         times = self._ramp.knots(first, count)
         ends = self.pressed.reflections(times)
+        if self._drifts:
+            ends = ends * np.exp(1j * np.stack([walk.at(times) for walk in self._drifts], axis=1))
         path = self._rotation * self.pressed.motion(times)
         # Relative to the off state, which is added for the whole time.
         states = [first_on, second_on]
@@ -128,3 +123,23 @@ class SwitchedTag:
             constant = len(value) == 1
             total += state * (value if constant else self._ramp.interpolate(value, first, count))
         return total
+
+
+def _clock(
+    sensor: "SceneSensor", tag: "Tag", duration_s: float, index: int, sources: RandomSources
+) -> SwitchingClock:
+    """The clock of a tag as the scene states it."""
+    last_ppm = tag.clock_offset_ppm + tag.clock_drift_ppm_per_s * duration_s
+    phase = sources.clocks.random()
+    if tag.clock_phase_deg is not None:
+        phase = tag.clock_phase_deg / 360
+    steady = (
+        sensor.clock_hz,
+        tag.clock_offset_ppm,
+        tag.clock_drift_ppm_per_s,
+        max(sensor.clock_tolerance_ppm, abs(tag.clock_offset_ppm), abs(last_ppm)),
+        phase,
+    )
+    if not (tag.clock_wander_ppm_per_sqrt_s or tag.clock_period_jitter_s or tag.clock_jitter_s):
+        return SwitchingClock(*steady)
+    return IrregularClock(*steady, tag, sources.effect("clock"), index)

@@ -1,0 +1,296 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What real rooms and radios add to a simulated scene: one optional mapping per effect.
+
+Only the simulator and the software device use it; a reader is told none of it.
+"""
+
+from ..io.schema import declared, key
+from ..io.values import Integer, Number, Scope
+
+_LEVEL = Number(unit="dB", low=-100, high=100)
+_SHARE = Number(low=0, above=True, high=0.95)
+_IMBALANCE_DB = Number(unit="dB", low=-3, high=3)
+_IMBALANCE_DEG = Number(unit="deg", low=-20, high=20)
+_BURST = Number(unit="s", low=20e-6, high=10)
+
+
+def _not_below_shortest(longest_s: float, scope: Scope) -> str | None:
+    shortest_s = scope["shortest_s"]
+    return None if longest_s >= shortest_s else f"must not be below shortest_s ({shortest_s:g})"
+
+
+@declared
+class Bursts:
+    """Bursts of other transmitters, such as Wi-Fi frames, over the whole band.
+
+    Examples
+    --------
+    >>> Bursts(share=0.4).longest_s
+    0.002
+    """
+
+    share: float = key(_SHARE, default=0.2, doc="Share of the time in which a burst is on the air.")
+    shortest_s: float = key(_BURST, default=0.3e-3, doc="Shortest burst.")
+    longest_s: float = key(
+        _BURST,
+        default=2e-3,
+        doc="Longest burst. Durations are spread evenly, the pauses between bursts exponentially.",
+        check=_not_below_shortest,
+    )
+    level_db: float = key(
+        _LEVEL, default=25.0, doc="Power of a burst relative to the receiver's noise."
+    )
+
+
+@declared
+class Hopper:
+    """A narrow-band transmitter that hops, such as Bluetooth.
+
+    Examples
+    --------
+    >>> Hopper().subcarriers
+    8
+    """
+
+    subcarriers: int = key(
+        Integer(low=1, high=64),
+        default=8,
+        doc="Bandwidth in subcarriers, of which the sample rate holds 64. The centre of each "
+        "visit is drawn at random so that the transmission lies within the band.",
+    )
+    share: float = key(_SHARE, default=0.5, doc="Share of the time in which it transmits.")
+    shortest_s: float = key(_BURST, default=5e-3, doc="Shortest visit to a channel.")
+    longest_s: float = key(
+        _BURST,
+        default=20e-3,
+        doc="Longest visit to a channel.",
+        check=_not_below_shortest,
+    )
+    level_db: float = key(
+        _LEVEL,
+        default=30.0,
+        doc="Power in a subcarrier that it covers relative to the receiver's noise there.",
+    )
+
+
+@declared
+class FrontEnd:
+    """What the analogue parts of transmitter and receiver do to the signal.
+
+    Examples
+    --------
+    >>> FrontEnd(receiver_gain_db=0.5, receiver_phase_deg=3.0).dc_offset
+    0.0
+    """
+
+    receiver_gain_db: float = key(
+        _IMBALANCE_DB, default=0.0, doc="Gain of the receiver's Q relative to its I."
+    )
+    receiver_phase_deg: float = key(
+        _IMBALANCE_DEG,
+        default=0.0,
+        doc="Deviation of the angle between the receiver's I and Q from 90 degrees.",
+    )
+    transmitter_gain_db: float = key(
+        _IMBALANCE_DB, default=0.0, doc="Gain of the transmitter's Q relative to its I."
+    )
+    transmitter_phase_deg: float = key(
+        _IMBALANCE_DEG, default=0.0, doc="The same deviation in the transmitter."
+    )
+    dc_offset: float = key(
+        Number(low=0, high=1),
+        default=0.0,
+        doc="Magnitude of the receiver's DC offset relative to the peak of the received signal. "
+        "Its angle is drawn at random.",
+    )
+    compression: float = key(
+        Number(low=0, high=0.3),
+        default=0.0,
+        doc="Third-order compression of the receiver: share of the amplitude that is lost at the "
+        "peak of the received signal.",
+    )
+
+
+@declared
+class Ripple:
+    """Amplitude modulation of all that is received, for example by a power supply.
+
+    Examples
+    --------
+    >>> Ripple().hz
+    50.0
+    """
+
+    percent: float = key(
+        Number(unit="%", low=0, high=100), default=10.0, doc="Amplitude of the modulation."
+    )
+    hz: float = key(
+        Number(unit="Hz", low=0, above=True, high=10_000), default=50.0, doc="Its frequency."
+    )
+
+
+@declared
+class Lamps:
+    """Lamps whose reflections are modulated at twice the mains frequency and its harmonics.
+
+    Examples
+    --------
+    >>> Lamps().mains_hz
+    50.0
+    """
+
+    mains_hz: float = key(
+        Number(unit="Hz", low=10, high=1000), default=50.0, doc="Mains frequency."
+    )
+    level_db: float = key(
+        _LEVEL,
+        default=10.0,
+        doc="Power of each of the two lines at twice the mains frequency relative to "
+        "|c1[1] G1|^2. Harmonic h is 20 log10(h) dB weaker.",
+    )
+    wander_hz_per_sqrt_s: float = key(
+        Number(unit="Hz", low=0, high=1),
+        default=0.06,
+        doc="Random walk of the mains frequency per root of a second, reflected at 1 % from the "
+        "stated frequency.",
+    )
+
+
+@declared
+class Fan:
+    """A fan whose blades reflect.
+
+    Examples
+    --------
+    >>> Fan().blade_hz
+    40.0
+    """
+
+    blade_hz: float = key(
+        Number(unit="Hz", low=0.1, high=1000),
+        default=40.0,
+        doc="Blades that pass per second; all lines lie at multiples of it.",
+    )
+    highest_hz: float = key(
+        Number(unit="Hz", low=0.1, high=5000),
+        default=200.0,
+        doc="Highest Doppler frequency, that of the tips.",
+    )
+    level_db: float = key(
+        _LEVEL, default=20.0, doc="Power of what the blades reflect relative to |c1[1] G1|^2."
+    )
+
+
+@declared
+class Walker:
+    """A person who walks, stops, and walks again.
+
+    Examples
+    --------
+    >>> Walker().highest_hz
+    30.0
+    """
+
+    level_db: float = key(
+        _LEVEL, default=20.0, doc="Power of all that the person reflects relative to |c1[1] G1|^2."
+    )
+    highest_hz: float = key(
+        Number(unit="Hz", low=1, high=1000),
+        default=30.0,
+        doc="Highest Doppler frequency, that of a swinging leg. The trunk reaches a third of it.",
+    )
+    walking_share: float = key(
+        _SHARE, default=0.6, doc="Share of the time in which the person walks."
+    )
+    walk_s: float = key(
+        Number(unit="s", low=0.5, high=1000),
+        default=2.0,
+        doc="Mean duration of a walk, between half and one and a half times of which each lasts.",
+    )
+
+
+@declared
+class OtherTag:
+    """A tag that the scene does not list among its sensors.
+
+    Examples
+    --------
+    >>> OtherTag(clock_hz=1000.0, clock_offset_ppm=60.0).level_db
+    -10.0
+    """
+
+    clock_hz: float = key(
+        Number(unit="Hz", low=0, above=True, high=1e6), doc="Frequency of its clock 1."
+    )
+    clock_offset_ppm: float = key(
+        Number(unit="ppm", low=-20_000, high=20_000), default=0.0, doc="Error of that clock."
+    )
+    level_db: float = key(
+        _LEVEL, default=-10.0, doc="Strength relative to a tag of the scene with `level_db` 0."
+    )
+    delay_s: float = key(
+        Number(unit="s", low=0, high=1e-6),
+        default=0.0,
+        doc="Delay of its path relative to that of the scene's tags.",
+    )
+
+
+@declared
+class Beam:
+    """How the soft beam of a sensor deviates from an elastic one.
+
+    Examples
+    --------
+    >>> Beam(hysteresis=0.1).creep_s
+    2.0
+    """
+
+    hysteresis: float = key(
+        Number(low=0, high=1),
+        default=0.05,
+        doc="Largest excess of the force that the contact shows while unloading, relative to the "
+        "largest force of the press.",
+    )
+    creep: float = key(
+        Number(low=0, high=1),
+        default=0.03,
+        doc="What the shown force gains in the long run under a constant force, relative to it.",
+    )
+    creep_s: float = key(
+        Number(unit="s", low=0.01, high=1e4), default=2.0, doc="Time constant of the creep."
+    )
+
+
+@declared
+class Hand:
+    """The hand that presses, as a second path between tag and reader.
+
+    Examples
+    --------
+    >>> Hand().level_db
+    -20.0
+    """
+
+    level_db: float = key(
+        _LEVEL,
+        default=-20.0,
+        doc="Level of the path by way of the hand on the sensor, relative to the tag's own path.",
+    )
+    delay_s: float = key(
+        Number(unit="s", low=0, high=1e-6),
+        default=5e-9,
+        doc="Its delay relative to the tag's own path.",
+    )
+    reach_s: float = key(
+        Number(unit="s", low=0.01, high=10),
+        default=0.3,
+        doc="Time in which the hand comes before a press, and goes after it.",
+    )
+    travel_mm: float = key(
+        Number(unit="mm", low=0, high=2000), default=200.0, doc="How far it comes."
+    )
+    sway_mm: float = key(
+        Number(unit="mm", low=0, high=100),
+        default=2.0,
+        doc="Amplitude of its movement while it presses, at 0.7 Hz.",
+    )

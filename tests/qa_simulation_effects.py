@@ -1,0 +1,363 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Effects of real rooms and radios, measured on simulated samples against the stated keys."""
+
+import numpy as np
+import pytest
+import yaml
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.scene.effects import Lamps, Walker
+from gnuradio.wiforce.simulation.channel import AirChannel
+from gnuradio.wiforce.simulation.mains import MainsLamps
+from gnuradio.wiforce.simulation.person import Person
+from gnuradio.wiforce.simulation.sources import Seeds
+
+RATE = 12.5e6
+FRAME = 720
+T = FRAME / RATE
+QUIET = {"static_clutter_db": None, "snr_db": 120, "duration_s": 10, "adc_bits": None}
+
+
+def channel_of(tags_on=True, sensor=(), **simulation):
+    """The channel of a scene with one sensor, without anything else unless stated."""
+    scene = load_scene(
+        {
+            "sensors": [{"name": "arm", "model": "line-900mhz"} | dict(sensor)],
+            "simulation": QUIET | simulation,
+        }
+    )
+    channel = AirChannel(scene)
+    channel.sensors["arm"].on = tags_on
+    return channel
+
+
+def frame():
+    k = np.r_[-31:0, 1:32]
+    n = np.arange(64)
+    symbol = np.exp(2j * np.pi * np.outer(n, k) / 64) @ np.exp(1j * np.pi * k**2 / 64)
+    return np.r_[np.tile(symbol / np.sqrt(62), 5), np.zeros(400)]
+
+
+def snapshots(channel, count, first=0):
+    """H[n, k] from the signal model, in units of the tag; shape (count, 62)."""
+    received = channel.process(np.tile(frame(), count), first * FRAME)
+    folded = received.reshape(count, FRAME)[:, 64:320].reshape(count, 4, 64).mean(axis=1)
+    k = np.r_[-31:0, 1:32]
+    reference = np.exp(1j * np.pi * k**2 / 64) * 64 / np.sqrt(62)
+    return np.fft.fft(folded.astype(complex))[:, k] / reference / channel.scale
+
+
+def tag_line(clock_hz=1000.0):
+    """|c1[1] G1| of the signal model."""
+    return 0.25 * np.sinc(0.25) * np.sinc(clock_hz * 256 / RATE)
+
+
+def db(power):
+    return 10 * np.log10(power)
+
+
+PRESS = {"start_s": 0.5, "hold_s": 0.5, "rise_s": 0.001, "force_n": 4.0, "location_mm": 33.0}
+EFFECTS = {
+    "bursts": {"bursts": {"share": 0.4, "level_db": 30}},
+    "front_end": {
+        "front_end": {"receiver_gain_db": 0.5, "transmitter_phase_deg": 3, "compression": 0.01}
+    },
+    "ripple": {"ripple": {}},
+    "lamps": {"lamps": {"level_db": 20}},
+    "fan": {"fan": {}},
+    "walker": {"walker": {"level_db": 30}},
+    "other_tags": {"other_tags": [{"clock_hz": 1500, "delay_s": 3e-8, "level_db": 0}]},
+    "clock": {
+        "tags": [
+            {
+                "clock_offset_ppm": 3000,
+                "clock_wander_ppm_per_sqrt_s": 20,
+                "clock_period_jitter_s": 3e-7,
+                "clock_jitter_s": 1e-6,
+                "clock1_duty_error": -0.008,
+                "clock2_duty_error": 0.009,
+                "clock2_delay_s": 3e-6,
+                "switch_rise_s": 2e-6,
+            }
+        ]
+    },
+    "drift": {"tags": [{"drift_deg_per_sqrt_s": 30}]},
+    "beam": {"tags": [{"beam": {"creep": 0.5, "creep_s": 0.01}}], "presses": [PRESS]},
+    "hand": {"tags": [{"hand": {"level_db": 0}}], "presses": [PRESS]},
+    "hopper": {"hopper": {"shortest_s": 1e-3, "longest_s": 2e-3}},
+}
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_effect_any_division_of_stream_gives_same_samples(name):
+    """The software N210 and the tag block receive in pieces of any size."""
+    sent = np.tile(frame(), 140).astype(np.complex64)
+    settings = {"static_clutter_db": 30, "snr_db": 10} | EFFECTS[name]
+    start = 6_249_000  # sample 6 250 000 is 0.5 s
+    key = next(iter(EFFECTS[name]))
+    whole, pieces, without = (
+        channel_of(**each) for each in (settings, settings, settings | {key: None})
+    )
+    for channel in (whole, pieces, without):
+        channel.restart(start)
+    expected = whole.process(sent, start)
+    got, done = [], 0
+    for size in (1, 2, 1000, 7, 40_000, 363, 33_000, len(sent)):
+        got.append(pieces.process(sent[done : done + size], start + done))
+        done += len(got[-1])
+    np.testing.assert_allclose(np.concatenate(got), expected, atol=3e-6)
+    assert np.abs(without.process(sent, start) - expected).max() > 1e-4  # it does something
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_effect_is_the_same_wherever_the_stream_starts(name):
+    """A host of the software N210 that starts late must meet the scene where it is by then."""
+    sent = np.tile(frame(), 60).astype(np.complex64)
+    start, later = 6_249_600, 6_249_600 + 30 * FRAME
+    early, late = (channel_of(**{"snr_db": 10} | EFFECTS[name]) for _ in range(2))
+    for channel, first in ((early, start), (late, later)):
+        channel.set_snr_db(140)  # the receiver's noise is drawn as it comes
+        channel.restart(first)
+    expected = early.process(sent, start)[30 * FRAME :]
+    np.testing.assert_allclose(late.process(sent[: len(expected)], later), expected, atol=3e-6)
+
+
+def test_effect_whose_keys_contradict_each_other_is_refused():
+    with pytest.raises(InputError, match="bursts.longest_s: must not be below shortest_s .0.003."):
+        channel_of(bursts={"shortest_s": 3e-3})
+
+
+def test_effects_are_none_where_a_scene_states_none():
+    """What a scene does not use costs nothing, and its samples stay what they were."""
+    channel = channel_of(static_clutter_db=50, snr_db=10)
+    assert len(channel._paths) == 1  # the tag
+    assert not (channel._others or channel._front_end or channel._ripple)
+    assert channel.sensors["arm"].clock.regular and not channel.sensors["arm"]._drifts
+
+
+@pytest.mark.parametrize("share, level_db", [(0.2, 25), (0.45, 35)])
+def test_bursts_have_stated_share_level_and_durations(share, level_db):
+    channel = channel_of(bursts={"share": share, "level_db": level_db}, snr_db=10)
+    count = 6_250_000
+    received = np.concatenate(
+        [channel.process(np.zeros(1_250_000), 1_250_000 * i) for i in range(count // 1_250_000)]
+    )
+    power = np.convolve(np.abs(received) ** 2, np.ones(50) / 50, "same")
+    on = power > 10 * channel.noise_std**2
+    assert np.mean(on) == pytest.approx(share, rel=0.15)
+    inside = np.abs(received[on]) ** 2
+    assert db(inside.mean() / channel.noise_std**2) == pytest.approx(level_db, abs=0.3)
+    edges = np.flatnonzero(np.diff(on.astype(int)))
+    durations = np.diff(edges)[::2] if on[edges[0] + 1] else np.diff(edges)[1::2]
+    assert 0.3e-3 - 1e-5 < durations.min() / RATE < 0.4e-3
+    # Two bursts with a short pause between them count as one here.
+    assert 1e-3 < np.median(durations) / RATE < 1.3e-3 / (1 - share)
+
+
+def test_bursts_hit_the_share_of_snapshots_that_their_length_gives():
+    """A snapshot is hit by any overlap, so more snapshots are hit than the share of time."""
+    channel = channel_of(False, bursts={}, snr_db=10)
+    h = snapshots(channel, 12_000)
+    power = np.mean(np.abs(h) ** 2, axis=1) / (tag_line() ** 2 / 10)
+    hit = np.mean(power > 3)
+    bursts_per_s = 0.2 / 1.15e-3
+    assert hit == pytest.approx(0.2 + bursts_per_s * 256 / RATE, rel=0.12)
+
+
+def test_bursts_reach_both_antennas_at_once():
+    """The ratio of two antennas must meet the same bursts in both."""
+    scene = load_scene(
+        {
+            "sensors": [{"name": "arm", "model": "line-900mhz"}],
+            "environment": {"reader_clock": "free", "receive_antennas": 2},
+            "simulation": QUIET | {"snr_db": 10, "bursts": {"share": 0.5, "level_db": 40}},
+        }
+    )
+    first, second = (
+        AirChannel(scene, antenna=antenna).process(np.zeros(200_000), 0) for antenna in (0, 1)
+    )
+    powers = [np.mean(np.abs(each) ** 2) for each in (first, second)]
+    common = np.vdot(first, second) / np.sqrt(np.prod(powers)) / len(first)
+    assert abs(common) > 0.99 and abs(np.angle(common)) > 0.01
+
+
+def test_hopper_covers_stated_subcarriers_at_stated_level():
+    stated = {"subcarriers": 8, "share": 0.5, "level_db": 30}
+    channel = channel_of(False, hopper=stated, snr_db=10)
+    h = np.concatenate([snapshots(channel, 8000, 8000 * i) for i in range(2)])
+    relative = np.abs(h) ** 2 / (tag_line() ** 2 / 10)  # the noise is 1
+    k = np.r_[-31:0, 1:32]
+    visits = relative.reshape(-1, 20, 62).mean(axis=1)  # over 1.2 ms
+    widths, levels, spans = [], [], []
+    for visit in visits:
+        covered = visit > 100
+        if covered.any():
+            span = k[covered]
+            spans.append(np.ptp(span))
+            widths.append(len(span))
+            levels.append(np.sort(visit)[-5:].mean())
+    assert np.mean(np.array(spans) > 10) < 0.1  # one channel at a time, but when it hops
+    assert len(widths) / len(visits) == pytest.approx(0.5, abs=0.15)
+    assert np.median(widths) == pytest.approx(8, abs=1)
+    assert db(np.median(levels)) == pytest.approx(30, abs=1.5)
+    assert np.std([k[np.argmax(v)] for v in visits if v.max() > 100]) > 10  # it hops
+
+
+def spectrum_db(h, hertz):
+    """Power of lines, mean over the subcarriers, relative to the tag's line; Kaiser window."""
+    window = np.kaiser(len(h), 14)[:, None]
+    times = np.arange(len(h)) * T
+    lines = [(h * window * np.exp(-2j * np.pi * f * times)[:, None]).sum(axis=0) for f in hertz]
+    return db(np.mean(np.abs(lines) ** 2, axis=1) / window.sum() ** 2 / tag_line() ** 2)
+
+
+@pytest.mark.parametrize("side", ["receiver", "transmitter"])
+def test_front_end_image_has_ratio_of_stated_imbalance(side):
+    """A tone above the carrier: its image stands below, .5 dB and 3 deg give -28.2 dB."""
+    stated = {f"{side}_gain_db": 0.5, f"{side}_phase_deg": 3.0}
+    channel = channel_of(False, static_clutter_db=60, front_end=stated)
+    tone = 0.5 * np.exp(2j * np.pi * 8 * np.arange(64_000) / 64)
+    spectrum = np.fft.fft(channel.process(tone, 0)[64 * 100 :].reshape(-1, 64).mean(axis=0))
+    ratio = np.abs(spectrum[-8] / spectrum[8])
+    response = np.fft.fft(static_response(channel), 64)
+    if side == "transmitter":  # the image goes through the room at its own frequency
+        ratio *= np.abs(response[8] / response[-8])
+    assert ratio == pytest.approx(0.0389, rel=0.01)
+
+
+def static_response(channel):
+    """Impulse response of the static paths, as received."""
+    pulse = np.zeros(64)
+    pulse[0] = 1e-3
+    clean = channel_of(False, static_clutter_db=60)
+    assert clean.scale == channel.scale
+    return clean.process(pulse, 0) / 1e-3
+
+
+def test_front_end_dc_and_compression_have_stated_size():
+    plain = channel_of(False, static_clutter_db=60)
+    bent = channel_of(False, static_clutter_db=60, front_end={"compression": 0.04})
+    shifted = channel_of(False, static_clutter_db=60, front_end={"dc_offset": 0.05})
+    samples = np.tile(frame(), 3)
+    a, b, c = (channel.process(samples, 0) for channel in (plain, bent, shifted))
+    peak = 10 ** (-3 / 20)
+    loud = np.abs(a) > 0.3
+    lost = 1 - np.abs(b[loud] / a[loud])
+    np.testing.assert_allclose(lost, 0.04 * (np.abs(a[loud]) / peak) ** 2, atol=1e-5)
+    assert np.ptp(np.angle(b[loud] / a[loud])) < 1e-5
+    assert np.abs((c - a).mean()) == pytest.approx(0.05 * peak, rel=1e-4)
+
+
+def test_ripple_has_stated_frequency_and_depth():
+    channel = channel_of(False, static_clutter_db=60, ripple={"percent": 10, "hz": 50})
+    h = snapshots(channel, 6945)  # 0.4 s, 20 periods
+    lines = spectrum_db(h, [50, -50, 0, 100])
+    np.testing.assert_allclose(lines[:3], [60 - 26.02, 60 - 26.02, 60], atol=0.05)
+    assert lines[3] < -20
+
+
+@pytest.mark.parametrize("mains_hz", [50, 60])
+def test_lamps_lines_fall_with_harmonic_number(mains_hz):
+    stated = {"mains_hz": mains_hz, "level_db": 10, "wander_hz_per_sqrt_s": 0}
+    h = snapshots(channel_of(False, lamps=stated), 12_000)
+    harmonics = np.array([1, 2, 5, -10, 20])
+    lines = spectrum_db(h, 2 * mains_hz * harmonics)
+    expected = 10 - 20 * np.log10(np.abs(harmonics))
+    # The snapshot averages 20 us, which costs 0.1 dB at 2.4 kHz.
+    np.testing.assert_allclose(lines, expected, atol=0.3)
+    assert spectrum_db(h, [3 * mains_hz])[0] < -40
+
+
+def test_lamps_wander_as_stated():
+    """Phase of the tenth harmonic after t: the integral of a random walk, std w t^1.5 / sqrt(3)."""
+    turns = []
+    for seed in range(40):
+        lamps = MainsLamps(Lamps(wander_hz_per_sqrt_s=0.06), Seeds(seed, "lamps"))
+        turns.append(2 * lamps._wander.integral(2.0))
+    assert np.std(turns) == pytest.approx(2 * 0.06 * 2**1.5 / np.sqrt(3), rel=0.25)
+
+
+def test_fan_lines_lie_at_multiples_of_blade_frequency_up_to_tips():
+    stated = {"blade_hz": 40, "highest_hz": 200, "level_db": 20}
+    h = snapshots(channel_of(False, fan=stated), 6510)  # 0.375 s
+    assert db(np.mean(np.abs(h) ** 2) / tag_line() ** 2) == pytest.approx(20, abs=0.1)
+    lines = spectrum_db(h, 40.0 * np.arange(-10, 11))
+    between = spectrum_db(h, 40.0 * np.arange(-10, 10) + 20)
+    assert lines.max() > 10 and between.max() < -40
+    power = 10 ** (lines / 10)
+    inside = np.abs(np.arange(-10, 11)) <= 5
+    assert power[~inside].sum() < 0.05 * power.sum()  # the tips reach 200 Hz
+    assert power[inside & (np.abs(np.arange(-10, 11)) > 2)].sum() > 0.2 * power.sum()
+
+
+def test_walker_walks_stops_and_swings_limbs():
+    """Steady movers hide what a start or a stop does to readings."""
+    person = Person(Walker(walking_share=0.6, walk_s=2.0), 900e6, Seeds(3, "walker"))
+    times = np.arange(0, 400, 2e-3)
+    walks = person.walking(times)
+    assert walks.mean() == pytest.approx(0.6, abs=0.05)
+    assert 200 < 2 * np.sum(np.diff(walks.astype(int)) == 1) < 260  # starts and stops
+    trunk, leg = (
+        np.diff(np.unwrap(np.angle(person.limbs[i].gain(times)))) / (2 * np.pi * 2e-3)
+        for i in (0, 1)
+    )
+    still = ~walks[1:] & ~walks[:-1]
+    assert np.abs(leg[still]).max() < 0.1  # breathing
+    assert 9 < np.abs(trunk).max() < 10.2 and 25 < np.abs(leg).max() < 30.2
+    steady = np.abs(trunk) > 6
+    assert 0.2 < np.mean(np.abs(leg[steady]) < 5) < 0.6  # a foot rests in every step
+    assert trunk.min() < -8 and trunk.max() > 8  # to and fro
+
+
+def test_walker_has_stated_level():
+    channel = channel_of(False, walker={"level_db": 25, "walk_s": 5, "walking_share": 0.9})
+    powers = []
+    for first in range(0, 200_000, 1000):
+        channel.restart(first * FRAME)
+        powers.append(np.mean(np.abs(snapshots(channel, 1, first)) ** 2))
+    assert db(np.mean(powers) / tag_line() ** 2) == pytest.approx(25, abs=1)
+
+
+def test_other_tag_has_own_line_level_and_delay():
+    stated = {"clock_hz": 1000, "clock_offset_ppm": 60_00, "level_db": -10, "delay_s": 80e-9}
+    channel = channel_of(other_tags=[stated])
+    h = snapshots(channel, 13_000)
+    window = np.kaiser(len(h), 14)[:, None]
+    times = np.arange(len(h)) * T
+    ours, other = (
+        (h * window * np.exp(-2j * np.pi * f * times)[:, None]).sum(axis=0) / window.sum()
+        for f in (1000 * (1 + 40e-6), 1006)
+    )
+    assert db(np.mean(np.abs(other) ** 2) / np.mean(np.abs(ours) ** 2)) == pytest.approx(
+        -10, abs=0.1
+    )
+    turns = np.unwrap(np.angle(other / ours))[20:42] / (2 * np.pi)
+    slope = np.polyfit(np.r_[-11:0, 1:12] / 64 * RATE, turns, 1)[0]
+    assert -slope == pytest.approx(80e-9, rel=0.05)
+
+
+ROOMS = {
+    "office_wifi": {"bursts"},
+    "workshop_lamps": {"lamps", "ripple"},
+    "cheap_tag": {"clock_wander_ppm_per_sqrt_s", "clock_period_jitter_s", "clock2_duty_error"},
+    "uncalibrated_radio": {"front_end"},
+    "warm_day": {"drift_deg_per_sqrt_s", "beam", "hand"},
+    "somebody_walks": {"walker", "fan", "other_tags"},
+}
+
+
+@pytest.mark.parametrize("name", ROOMS)
+def test_room_is_undescribed_and_has_its_effects(name):
+    """A scene that told the reader what to expect would not test whether it finds out."""
+    scene = load_scene(name)
+    assert "environment" not in yaml.safe_load(scene.path.read_text())
+    clock = scene.sensors[0].clock_hz
+    assert clock % 100 and clock % 120
+    simulation = scene.simulation
+    stated = {
+        key for part in (simulation, simulation.tags[0]) for key, x in vars(part).items() if x
+    }
+    assert ROOMS[name] <= stated
+    assert simulation.duration_s <= 4
+    received = AirChannel(scene).process(np.tile(frame(), 200), 0)
+    assert 0.4 < np.abs(received).max() < 1
