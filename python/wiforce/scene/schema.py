@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from ..io.schema import DRAFT_7, ListOf, Mapping, declared, json_schema, key, plain
 from ..io.values import Choice, Integer, Number, Text
+from ..signal.bands import BANDS
 from ..signal.waveform import PREAMBLE_LENGTH, Waveform, sounding_waveform
+from .mains import FREQUENCIES_HZ, Mains, MainsFrequency
 from .off_reflection import OffReflection
 from .simulated import MAX_SENSORS, MODEL_NAME_LENGTH, Simulation
 
@@ -113,6 +115,25 @@ class Environment:
         doc="2 needs `reader_clock: free`: `simulate` writes a second capture `NAME.antenna2`, "
         "and `read` uses the ratio of the two.",
     )
+    mains_hz: Mains = key(
+        MainsFrequency(optional=True),
+        default="auto",
+        doc="Frequency of the mains. Lamps modulate what they reflect at multiples of twice this "
+        "frequency. `auto`: not known beforehand. null: no lamps.",
+    )
+    band: str | None = key(
+        Choice(words=tuple(BANDS), optional=True),
+        default=None,
+        doc="Frequency band that you may transmit in; `plan` and `check` warn where the signal "
+        "leaves it.",
+    )
+
+    @property
+    def possible_mains_hz(self) -> tuple[float, ...]:
+        """Mains frequencies that are possible in this room, in Hz; empty without lamps."""
+        if self.mains_hz is None:
+            return ()
+        return FREQUENCIES_HZ if isinstance(self.mains_hz, str) else (self.mains_hz,)
 
 
 @declared
