@@ -169,6 +169,13 @@ def _receiver_warnings(scene: Scene) -> Iterator[str]:
 def _sensor_warnings(scene: Scene) -> Iterator[str]:
     for sensor in scene.sensors:
         model = sensor.load_model(scene)
+        if model.transferred_from_hz and model.transfer_std_deg:
+            yield (
+                f"sensor '{sensor.name}' was calibrated at {model.transferred_from_hz / 1e6:g} "
+                f"MHz: transferred to {model.frequencies_hz[0] / 1e6:g} MHz, each phase is "
+                f"uncertain by {model.transfer_std_deg:.2g} deg; calibrate at the carrier in use "
+                "for smaller errors"
+            )
         for press in scene.simulation.presses:
             forces = [press.force_n, press.end_force_n]
             inside = model.in_span(forces, press.location_mm)

@@ -13,7 +13,12 @@ Mains = str | float | None
 
 @dataclass(frozen=True, kw_only=True)
 class MainsFrequency(ValueType):
-    """``auto``, 50 or 60 Hz; null, where it is allowed, for a room without lamps.
+    """``auto``, 50 or 60 Hz.
+
+    Parameters
+    ----------
+    optional : bool
+        Whether null, a room without lamps, is allowed.
 
     Examples
     --------

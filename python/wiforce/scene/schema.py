@@ -34,7 +34,7 @@ class Radio:
     center_frequency_hz: float = key(
         Number(unit="Hz", low=1e6, high=100e9),
         default=900e6,
-        doc="Carrier frequency. Every sensor model must hold it.",
+        doc="Carrier frequency, within 10 % of one that every sensor model holds.",
     )
     sample_rate_hz: float = key(
         Number(unit="Hz", low=1e5, high=1e9),
@@ -239,10 +239,14 @@ class Scene:
         return tuple(sensor.name for sensor in self.sensors)
 
     def load_model(self, name: str) -> "SensorModel":
-        """Load a sensor model by its shipped name, or by its path relative to the scene file."""
+        """Load a sensor model by its shipped name, or by its path relative to the scene file.
+
+        A model without the scene's carrier is transferred to it (see ``sensor.load_sensor``).
+        """
         from ..sensor import load_sensor
 
-        return load_sensor(name, relative_to=self.path.parent if self.path else None)
+        folder = self.path.parent if self.path else None
+        return load_sensor(name, folder, self.radio.center_frequency_hz)
 
     def as_dict(self) -> dict[str, Any]:
         """The scene with all defaults filled in, as plain values that YAML and JSON can hold."""
