@@ -67,6 +67,22 @@ def test_better_clock_of_good_clock_is_none():
     assert better_clock_hz([1035.0], 0, BOTH, WAVEFORM, 625) is None
 
 
+def test_plan_names_only_clocks_that_it_accepts():
+    """At 3906 snapshots/s the ninth line of 435 Hz meets aliases: a scene with it is refused."""
+    scene = scene_of(
+        400,
+        radio={"sample_rate_hz": 1.25e6},
+        sounding={"frame_length": 320},
+        phase_group={"snapshots": 125},
+    )
+    (found,) = [text for text in warnings(plan(scene)) if text.startswith("lamps")]
+    named = float(found.split("with a clock of ")[1].split()[0])
+    changed = [{"name": "arm", "model": "line-900mhz", "clock_hz": named}]
+    plan(scene.as_dict() | {"sensors": changed})
+    with pytest.raises(InputError, match="must leave the tag a line"):
+        plan(scene.as_dict() | {"sensors": [{**changed[0], "clock_hz": 435}]})
+
+
 @pytest.mark.parametrize("clock_hz, warned", [(1000, True), (1200, True), (1035, False)])
 def test_plan_warns_of_clock_on_lamp_lines(clock_hz, warned):
     """Without the warning, lamps give confident wrong readings at 1000 Hz."""

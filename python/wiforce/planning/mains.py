@@ -6,11 +6,13 @@ mains frequency and has lines at all multiples of that. A line of a tag is separ
 it lies a bin, the inverse of a phase group, away.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
+from ..errors import InputError
 from ..signal.waveform import Waveform
 from .clocks import WORST_LOSS_DB, assess_clocks
 from .plan import Plan
@@ -98,6 +100,7 @@ def better_clock_hz(
     group_length: int,
     tolerance_ppm: float = 100.0,
     clutter_hz: float = 0.0,
+    usable: Callable[[Sequence[float]], bool] = lambda clocks_hz: True,
 ) -> float | None:
     """A clock near that of a tag whose strong lines lie farther from the lines of lamps.
 
@@ -111,6 +114,8 @@ def better_clock_hz(
         Mains frequencies that are possible, in Hz.
     waveform, group_length, tolerance_ppm, clutter_hz
         As in :func:`.clocks.assess_clocks`.
+    usable : callable
+        A further condition: clocks of all tags to whether they can be used.
 
     Returns
     -------
@@ -140,7 +145,8 @@ def better_clock_hz(
             continue
         changed = [*clocks_hz[:tag], clock_hz, *clocks_hz[tag + 1 :]]
         report = assess_clocks(changed, *settings)
-        if report.worst_loss_db <= min(now_db + _ACCEPTED_LOSS_DB, WORST_LOSS_DB):
+        worst_db = min(now_db + _ACCEPTED_LOSS_DB, WORST_LOSS_DB)
+        if report.worst_loss_db <= worst_db and usable(changed):
             return clock_hz
     return None
 
@@ -230,9 +236,22 @@ def lines_near_lamps(plan: Plan) -> Iterator[LampLines]:
             plan.group_length,
             clock.tolerance_ppm,
             plan.clutter_hz,
+            partial(_usable, plan),
         )
         farther = None if better is None else float(lamp_distances_hz(better, mains_hz).min())
         yield LampLines(tag, near, float(distances_hz.min()), better, farther)
+
+
+def _usable(plan: Plan, clocks_hz: Sequence[float]) -> bool:
+    """Whether the receiver's weights can be designed for other clocks."""
+    clocks = tuple(
+        replace(clock, clock_hz=hz) for clock, hz in zip(plan.clocks, clocks_hz, strict=True)
+    )
+    try:
+        replace(plan, clocks=clocks).check_lines()
+    except InputError:
+        return False
+    return True
 
 
 def lamp_multiples(mains_hz: Sequence[float]) -> str:

@@ -45,7 +45,7 @@ class SwitchedTag:
     >>> ramp = Ramp(scene.radio.sample_rate_hz)
     >>> rng = np.random.default_rng(1)
     >>> tag = SwitchedTag(scene, scene.sensors[0], scene.simulation.tags[0], rng, ramp)
-    >>> reflection = tag.reflection(0, 12_500)  # a period of the clock
+    >>> reflection = tag.reflection(0, 250_000)  # 20 ms of its clock
     >>> round(float(np.mean(np.abs(reflection))), 2)  # on for a quarter of the time at either end
     0.5
     """
