@@ -16,6 +16,7 @@ from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.schema import scene_json_schema
 from gnuradio.wiforce.signal.waveform import sounding_waveform
+from wiforce_app.check import Findings, advice_on
 
 WAVEFORM = sounding_waveform()
 BOTH = (50.0, 60.0)
@@ -182,6 +183,13 @@ def test_licence_note_names_no_band_only_without_stated_band():
     assert licence_note(with_carrier(scene_of(), 915e6)) is None
     assert "893.945 to 906.055 MHz" in licence_note(scene_of())
     assert licence_note(scene_of(environment={"band": "us-902-928"})) is None
+
+
+def test_check_advises_on_band_first():
+    """`check` transmits: it is the last occasion to notice a wrong carrier."""
+    scene = scene_of(environment={"band": "us-902-928"})
+    advice = advice_on(Findings("a device", {}), scene)
+    assert "leaves environment.band us-902-928" in advice[0] and len(advice) == 2
 
 
 def test_command_plan_prints_band_warning_and_note(tmp_path):
