@@ -12,6 +12,8 @@ from gnuradio.wiforce.sensor.line import ContactLaw
 HERE = Path(__file__).resolve().parent
 PUBLISHED = HERE.parent / "data" / "paper" / "vna.csv"
 FREQUENCIES_MHZ = (900, 2400)
+# In the middle of the bands at 902-928 MHz and 2400-2483.5 MHz; each from the paper's carrier.
+UNLICENSED_MHZ = {915: 900, 2440: 2400}
 DATE = "2026-11-21"
 # Just under the least published force.
 ONSET_FORCE_N = 0.9
@@ -142,6 +144,10 @@ def all_sensors():
         yield line_calibrated(mhz)
         yield published("paper", mhz)
         yield published("wiforce", mhz)
+    for mhz, published_mhz in UNLICENSED_MHZ.items():
+        yield line(mhz)
+        yield line_calibrated(mhz)
+        yield published("wiforce", published_mhz).transferred(mhz * 1e6, f"wiforce-{mhz}mhz")
     yield pressed_widely("fingertip-900mhz", FINGER_WIDTH_MM)
     yield calibrated_stamp()
     yield plain_trace()

@@ -76,7 +76,8 @@ def calibrate(table, output, frequency_hz, kind, name, refined, plot_path, **set
     name = name or Path(output).stem
     data = _read(sensor, table, kind or sensor.table_kind(table), frequency_hz)
     if refined is not None:
-        model = sensor.refine(sensor.load_sensor(refined), data, name)
+        bench = sensor.load_sensor(refined, frequency_hz=frequency_hz)
+        model = sensor.refine(bench, data, name)
     else:
         model = sensor.calibrate(data, name, **settings)
     lines = report(model)  # refuses a model that cannot be inverted

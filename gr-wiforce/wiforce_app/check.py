@@ -9,6 +9,7 @@ import numpy as np
 from gnuradio.wiforce.estimation.frame import MARGIN
 from gnuradio.wiforce.estimation.levels import measure_levels
 from gnuradio.wiforce.io.samples import samples_of
+from gnuradio.wiforce.planning.bands import licence_note, outside_band
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.schema import Scene
 
@@ -45,6 +46,7 @@ class Findings:
     times_ignored: int = 0
     sensors: list = field(default_factory=list)
     advice: list = field(default_factory=list)
+    notes: list = field(default_factory=list)
 
 
 @click.command()
@@ -67,6 +69,7 @@ def check(scene_path, args, as_json, amplitude, **radio):
     if samples is not None:
         _measure(findings, scene, session, samples)
     findings.advice = advice_on(findings, scene)
+    findings.notes = [note for note in [licence_note(scene)] if note]
     click.echo(json.dumps(asdict(findings), indent=2) if as_json else _text(findings))
 
 
@@ -127,9 +130,11 @@ def advice_on(findings: Findings, scene: Scene) -> list[str]:
     """What to change before a measurement, the most important first."""
     if findings.levels is None:
         return [
-            "no sounding frames received: check antennas and cables, raise --tx-gain or --rx-gain"
+            *outside_band(scene),
+            "no sounding frames received: check antennas and cables, raise --tx-gain or --rx-gain",
         ]
     return [
+        *outside_band(scene),
         *_advice_on_levels(findings.levels),
         *_advice_on_loss(findings),
         *(text for sensor in scene.sensors for text in _advice_on_sensor(findings, sensor)),
@@ -189,6 +194,7 @@ def _text(findings):
         ]
     lines += [f"{sensor.name:10s} {_sensor_text(sensor)}" for sensor in findings.sensors]
     lines += [f"advice     {text}" for text in findings.advice or ["none, ready to measure"]]
+    lines += [f"note       {text}" for text in findings.notes]
     return "\n".join(lines)
 
 

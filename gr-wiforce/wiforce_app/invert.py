@@ -22,7 +22,9 @@ _LARGEST = 1e12  # of any number: phases of more have no digits left for degrees
 @click.argument("phases", type=click.Path())
 @click.option("--sensor", "model", required=True, help="Shipped sensor or SENSOR.yaml.")
 @click.option("-o", "--output", type=click.Path(), help="OUT.csv or OUT.jsonl; CSV on stdout.")
-@click.option("--frequency-hz", type=CARRIER_HZ, help="Carrier, for a sensor that holds several.")
+@click.option(
+    "--frequency-hz", type=CARRIER_HZ, help="Carrier, where it is not the sensor's only one."
+)
 @click.option(
     "--std-deg", type=float, help="Standard deviation of the phases; 1 deg when not given."
 )
@@ -40,7 +42,7 @@ def invert(phases, model, output, frequency_hz, std_deg, tracked, smoothed):
         raise InputError("--std-deg", "must be positive", std_deg)
     if tracked and smoothed:
         raise click.UsageError("--tracked and --smoothed exclude each other")
-    sensor = load_sensor(model)
+    sensor = load_sensor(model, frequency_hz=frequency_hz)
     if frequency_hz is None and len(sensor.frequencies_hz) > 1:
         held = ", ".join(f"{frequency:g}" for frequency in sensor.frequencies_hz)
         raise InputError("--frequency-hz", f"must be one of the sensor's carriers, {held}")

@@ -25,6 +25,7 @@ COMMANDS = {
     "live": "Read force and location live from a USRP.",
     "check": "Check levels, noise, delay and tag clocks of a USRP.",
     "calibrate": "Make a sensor model from known presses.",
+    "transfer": "Transfer a sensor model to another carrier.",
     "off-reflection": "Estimate the off state of the switches from a capture.",
     "invert": "Convert measured phases to force and location.",
     "plan": "Show steps, cost and expected errors of a scene.",

@@ -7,6 +7,7 @@ import json
 import click
 from gnuradio.wiforce.planning.advice import improve as proposals_for
 from gnuradio.wiforce.planning.advice import warnings as warnings_of
+from gnuradio.wiforce.planning.bands import licence_note
 from gnuradio.wiforce.planning.expected import expect
 from gnuradio.wiforce.planning.plan import plan as plan_of
 from gnuradio.wiforce.planning.steps import steps as steps_of
@@ -30,6 +31,7 @@ def plan(scene, improve, measure, as_json):
         "steps": [dataclasses.asdict(step) for step in steps_of(settings)],
         "expected": [dataclasses.asdict(sensor) for sensor in expect(settings)],
         "warnings": list(warnings_of(settings)),
+        "notes": [note for note in [licence_note(scene)] if note],
     }
     if measure:
         from .measure import measure_steps
@@ -82,6 +84,8 @@ def _print(report, scene):
         )
     for warning in report["warnings"]:
         click.echo(f"warning: {warning}")
+    for note in report["notes"]:
+        click.echo(f"note: {note}")
     for proposal in report.get("proposals", ()):
         std, time = proposal["phase_std_deg"], proposal["time_resolution_s"]
         click.echo(

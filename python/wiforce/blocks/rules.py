@@ -60,7 +60,7 @@ def is_sensor(model: Any) -> bool:
 
 
 def is_carrier_of(model: Any, frequency_hz: float) -> bool:
-    """Whether a sensor model contains a carrier.
+    """Whether a sensor model contains a carrier, or can be transferred to it.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def is_carrier_of(model: Any, frequency_hz: float) -> bool:
     """
     from ..sensor import load_sensor
 
-    return _accepted(lambda: load_sensor(model).untouched_deg(frequency_hz))
+    return _accepted(lambda: load_sensor(model, frequency_hz=frequency_hz))
 
 
 def is_amplitude_of(waveform: str, amplitude: float) -> bool:

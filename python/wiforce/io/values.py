@@ -159,6 +159,8 @@ class ValueType(ABC):
         if self.optional and "type" in schema:
             types = schema["type"]
             schema["type"] = [*([types] if isinstance(types, str) else types), "null"]
+        elif self.optional and "enum" in schema:
+            schema["enum"] = [*schema["enum"], None]
         return schema
 
     @abstractmethod

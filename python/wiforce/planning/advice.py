@@ -9,10 +9,12 @@ import numpy as np
 from ..errors import InputError
 from ..scene import Scene
 from ..signal.waveform import PREAMBLE_LENGTH
+from .bands import outside_band
 from .clock_search import propose_clocks
 from .clocks import ClockReport, assess_clocks
 from .expected import expect
 from .levels import receive_levels, why_not_readable
+from .mains import lamp_multiples, lamp_warnings, lines_near_lamps
 from .plan import Plan
 from .plan import plan as plan_of
 
@@ -80,7 +82,9 @@ def warnings(plan: Plan) -> list[str]:
     """
     scene = plan.require_scene()
     return [
+        *outside_band(scene),
         *_clock_warnings(scene, plan),
+        *lamp_warnings(plan),
         *_motion_warnings(scene, plan),
         *_receiver_warnings(scene),
         *_sensor_warnings(scene),
@@ -165,6 +169,13 @@ def _receiver_warnings(scene: Scene) -> Iterator[str]:
 def _sensor_warnings(scene: Scene) -> Iterator[str]:
     for sensor in scene.sensors:
         model = sensor.load_model(scene)
+        if model.transferred_from_hz and model.transfer_std_deg:
+            yield (
+                f"sensor '{sensor.name}' was calibrated at {model.transferred_from_hz / 1e6:g} "
+                f"MHz: transferred to {model.frequencies_hz[0] / 1e6:g} MHz, each phase is "
+                f"uncertain by {model.transfer_std_deg:.2g} deg; calibrate at the carrier in use "
+                "for smaller errors"
+            )
         for press in scene.simulation.presses:
             forces = [press.force_n, press.end_force_n]
             inside = model.in_span(forces, press.location_mm)
@@ -197,14 +208,17 @@ def improve(plan: Plan) -> list[Proposal]:
     """
     now = _worst_std(plan)
     found = []
-    for change, reason, better in _changes(plan.require_scene(), plan):
+    scene = plan.require_scene()
+    against_lamps = list(_lamp_changes(scene, plan))
+    for change, reason, better in [*_changes(scene, plan), *against_lamps]:
         try:
             changed = plan_of(better)
             std = _worst_std(changed)
         except InputError:
             continue
         faster = changed.group_period_s < _WORTHWHILE_TIME * plan.group_period_s
-        if std < _WORTHWHILE_NOISE * now or (faster and std < now / _WORTHWHILE_NOISE):
+        useful = faster or (change, reason, better) in against_lamps
+        if std < _WORTHWHILE_NOISE * now or (useful and std < now / _WORTHWHILE_NOISE):
             times = (plan.group_period_s, changed.group_period_s)
             found.append(Proposal(change, reason, (now, std), times))
     return found
@@ -274,12 +288,28 @@ def _clock_changes(scene: Scene, plan: Plan) -> Iterator[tuple[str, str, Scene]]
             others,
             tolerance_ppm=sensor.clock_tolerance_ppm,
             clutter_hz=plan.clutter_hz,
+            mains_hz=scene.environment.possible_mains_hz,
         )
         for clock_hz in better:
-            sensors = list(scene.sensors)
-            sensors[i] = replace(sensor, clock_hz=clock_hz)
-            yield (
-                f"sensors[{i}].clock_hz: {clock_hz:g}",
-                f"lines of '{sensor.name}' further from those of the other tags",
-                replace(scene, sensors=tuple(sensors)),
+            reason = f"lines of '{sensor.name}' further from those of the other tags"
+            yield _with_clock(scene, i, clock_hz, reason)
+
+
+def _with_clock(scene: Scene, i: int, clock_hz: float, reason: str) -> tuple[str, str, Scene]:
+    sensors = list(scene.sensors)
+    sensors[i] = replace(sensors[i], clock_hz=clock_hz)
+    changed = replace(scene, sensors=tuple(sensors))
+    return f"sensors[{i}].clock_hz: {clock_hz:g}", reason, changed
+
+
+def _lamp_changes(scene: Scene, plan: Plan) -> Iterator[tuple[str, str, Scene]]:
+    """Clocks whose lines keep away from those of lamps, at no more noise."""
+    mains_hz = scene.environment.possible_mains_hz
+    for found in lines_near_lamps(plan):
+        if found.better_hz is not None:
+            reason = (
+                f"strong lines of '{scene.sensor_names[found.tag]}' "
+                f"{found.better_distance_hz:g} Hz instead of {found.distance_hz:g} Hz from "
+                f"{lamp_multiples(mains_hz)}, where lamps have theirs"
             )
+            yield _with_clock(scene, found.tag, found.better_hz, reason)

@@ -150,7 +150,9 @@ def _press_times(scene: Scene) -> Iterator[Violation]:
 
 
 def _models(scene: Scene) -> Iterator[Violation]:
-    """Every model must load and hold the carrier; presses must lie on the line that is pressed."""
+    """Every model must load and suit the carrier; presses must lie on the line that is pressed."""
+    from ..sensor import load_sensor
+
     keys = {sensor.model: f"sensors[{i}].model" for i, sensor in enumerate(scene.sensors)}
     for tag in scene.simulation.tags:
         stated = tag.truth_model != scene.simulation.truth_model
@@ -159,14 +161,15 @@ def _models(scene: Scene) -> Iterator[Violation]:
     models = {}
     for name, key in keys.items():
         try:
-            models[name] = scene.load_model(name)
+            model = load_sensor(name, scene.path.parent if scene.path else None)
         except InputError as error:
             yield key, str(error).removeprefix("sensor: ")
             return
         try:
-            models[name].carrier_index(scene.radio.center_frequency_hz)
+            models[name] = model.at_carrier(scene.radio.center_frequency_hz)
         except InputError as error:
             yield "radio.center_frequency_hz", f"model {error}"
+            return
     pressed = {tag.sensor: models[tag.truth_model] for tag in scene.simulation.tags}
     for i, press in enumerate(scene.simulation.presses):
         length_mm = pressed[press.sensor].length_mm

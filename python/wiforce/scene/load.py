@@ -38,7 +38,7 @@ def load_scene(scene: str | Path | dict[str, Any] | Scene) -> Scene:
     Examples
     --------
     >>> load_scene("demo").radio.center_frequency_hz
-    900000000.0
+    915000000.0
     >>> scene = {"sensors": [{"name": "arm", "model": "line-900mhz", "clock_hz": 0}]}
     >>> load_scene(scene)
     Traceback (most recent call last):

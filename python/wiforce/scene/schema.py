@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from ..io.schema import DRAFT_7, ListOf, Mapping, declared, json_schema, key, plain
 from ..io.values import AutomaticNumber, Choice, Integer, Number, Text
+from ..signal.bands import BANDS
 from ..signal.waveform import PREAMBLE_LENGTH, Waveform, sounding_waveform
+from .mains import FREQUENCIES_HZ, Mains, MainsFrequency
 from .off_reflection import OffReflection
 from .simulated import Simulation
 from .simulated_tags import MAX_SENSORS, MODEL_NAME_LENGTH
@@ -33,7 +35,7 @@ class Radio:
     center_frequency_hz: float = key(
         Number(unit="Hz", low=1e6, high=100e9),
         default=900e6,
-        doc="Carrier frequency. Every sensor model must hold it.",
+        doc="Carrier frequency, within 10 % of one that every sensor model holds.",
     )
     sample_rate_hz: float = key(
         Number(unit="Hz", low=1e5, high=1e9),
@@ -116,6 +118,25 @@ class Environment:
         doc="2 needs `reader_clock: free`: `simulate` writes a second capture `NAME.antenna2`, "
         "and `read` uses the ratio of the two.",
     )
+    mains_hz: Mains = key(
+        MainsFrequency(optional=True),
+        default="auto",
+        doc="Frequency of the mains. Lamps modulate what they reflect at multiples of twice this "
+        "frequency. `auto`: not known beforehand. null: no lamps.",
+    )
+    band: str | None = key(
+        Choice(words=tuple(BANDS), optional=True),
+        default=None,
+        doc="Frequency band that you may transmit in; `plan` and `check` warn where the signal "
+        "leaves it.",
+    )
+
+    @property
+    def possible_mains_hz(self) -> tuple[float, ...]:
+        """Mains frequencies that are possible in this room, in Hz; empty without lamps."""
+        if self.mains_hz is None:
+            return ()
+        return FREQUENCIES_HZ if isinstance(self.mains_hz, str) else (self.mains_hz,)
 
 
 @declared
@@ -227,10 +248,14 @@ class Scene:
         return tuple(sensor.name for sensor in self.sensors)
 
     def load_model(self, name: str) -> "SensorModel":
-        """Load a sensor model by its shipped name, or by its path relative to the scene file."""
+        """Load a sensor model by its shipped name, or by its path relative to the scene file.
+
+        A model without the scene's carrier is transferred to it (see ``sensor.load_sensor``).
+        """
         from ..sensor import load_sensor
 
-        return load_sensor(name, relative_to=self.path.parent if self.path else None)
+        folder = self.path.parent if self.path else None
+        return load_sensor(name, folder, self.radio.center_frequency_hz)
 
     def as_dict(self) -> dict[str, Any]:
         """The scene with all defaults filled in, as plain values that YAML and JSON can hold."""

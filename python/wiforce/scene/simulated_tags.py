@@ -71,7 +71,7 @@ class Tag:
     --------
     >>> from gnuradio.wiforce.scene import load_scene
     >>> load_scene("demo").simulation.tags[0].truth_model
-    'line-900mhz'
+    'line-915mhz'
     """
 
     sensor: str = sensor_name()

@@ -8,15 +8,17 @@ locations j, basis functions B of force, weights w of location. It is linear in 
 their covariance carries over to every phase.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import BSpline
 
+from ..signal.carrier import wrap_deg
 from . import line
 from .location import LocationInterpolation
 from .model import SensorModel
+from .transfer import transfer_std_deg
 
 FORMS = ("cubic", "power", "spline")
 
@@ -216,3 +218,50 @@ class CurveModel(SensorModel):
             for port in (0, 1)
         ]
         return np.sqrt(np.stack(variance, axis=-1))
+
+    def _scaled(self, index, frequency_hz):
+        """Fields that change at another carrier."""
+        from_hz = self.transferred_from_hz or self.frequencies_hz[index]
+        return {
+            "carriers": (self._scaled_carrier(index, frequency_hz),),
+            "cross_validation": {},  # it is that of the calibrated carrier
+            "transferred_from_hz": from_hz,
+            "transfer_std_deg": transfer_std_deg(
+                self.length_mm, self.permittivity, from_hz, frequency_hz
+            ),
+        }
+
+    def _scaled_carrier(self, index, frequency_hz):
+        """The curves of one carrier, their phases scaled to another frequency."""
+        carrier = self.carriers[index]
+        ratio = frequency_hz / carrier.frequency_hz
+        lines = [
+            line.open_phase_deg(self.length_mm, hz, self.permittivity)
+            for hz in (carrier.frequency_hz, frequency_hz)
+        ]
+        # What ports add to the phases of the line, less than half a turn.
+        ports = wrap_deg(np.asarray(carrier.untouched_deg) - lines[0])
+        coefficients = carrier.coefficients_deg - self._whole_turns(index, ports)
+        untouched = wrap_deg(lines[1] + ratio * ports)
+        return replace(
+            carrier,
+            frequency_hz=frequency_hz,
+            untouched_deg=tuple(untouched.tolist()),
+            coefficients_deg=ratio * coefficients,
+            covariance_deg2=ratio**2 * carrier.covariance_deg2,
+            noise_deg=tuple(ratio * value for value in carrier.noise_deg),
+            misfit_deg=tuple(ratio * value for value in carrier.misfit_deg),
+        )
+
+    def _whole_turns(self, index, ports_deg):
+        """Turns of 360 deg in the curves, as coefficients (2, 1, K): scaled, they would not be
+
+        whole. What ports add, touched and untouched phases have in common.
+        """
+        carrier = self.carriers[index]
+        values = self._at_locations(np.linspace(*self.force_span_n, 8), index)
+        turns = 360.0 * np.round((values.mean(axis=(0, 2)) - ports_deg) / 360.0)
+        size = carrier.coefficients_deg.shape[-1]
+        # B-splines sum to one; the other forms begin with a constant.
+        constant = np.ones(size) if self.form == "spline" else np.eye(size)[0]
+        return turns[:, None, None] * constant

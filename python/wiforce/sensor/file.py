@@ -39,7 +39,9 @@ def _shipped_folder() -> Path:
 
 
 def load_sensor(
-    name_or_path: str | os.PathLike, relative_to: str | os.PathLike | None = None
+    name_or_path: str | os.PathLike,
+    relative_to: str | os.PathLike | None = None,
+    frequency_hz: float | None = None,
 ) -> SensorModel:
     """Load a sensor model.
 
@@ -49,6 +51,9 @@ def load_sensor(
         Name of a shipped sensor, or path of a YAML file (ends in ``.yaml`` or ``.yml``).
     relative_to : path, optional
         Folder that a relative path starts from; the current one by default.
+    frequency_hz : float, optional
+        Carrier to use the model at, in Hz. Where the model does not hold it, its phases are
+        transferred from the nearest carrier (see :meth:`.model.SensorModel.at_carrier`).
 
     Returns
     -------
@@ -57,13 +62,20 @@ def load_sensor(
     Raises
     ------
     InputError
-        Naming file, dotted key, rule and value.
+        Naming file, dotted key, rule and value; or for a carrier too far from those held.
 
     Examples
     --------
     >>> load_sensor("line-900mhz").length_mm
     80.0
+    >>> load_sensor("wiforce-900mhz", frequency_hz=915e6).transferred_from_hz
+    900000000.0
     """
+    model = _load(name_or_path, relative_to)
+    return model if frequency_hz is None else model.at_carrier(frequency_hz)
+
+
+def _load(name_or_path: str | os.PathLike, relative_to: str | os.PathLike | None) -> SensorModel:
     text = os.fspath(name_or_path)
     if text.lower().endswith((".yaml", ".yml")):
         path = Path(relative_to or ".") / text

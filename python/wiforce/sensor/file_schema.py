@@ -250,6 +250,16 @@ class SensorFile:
         doc="Effective relative permittivity of the line; 1 for a line in air.",
     )
     provenance: Provenance = key(Mapping(of=Provenance), doc="Where the model comes from.")
+    transferred_from_hz: float | None = key(
+        Number(unit="Hz", low=LEAST_FREQUENCY_HZ, high=LARGEST, optional=True),
+        default=None,
+        doc="Carrier of the calibration, where `gr-wiforce transfer` made the file.",
+    )
+    transfer_std_deg: float | None = key(
+        Number(unit="deg", low=0, high=180, optional=True),
+        default=None,
+        doc="Standard deviation of each phase that the transfer adds.",
+    )
 
 
 @declared

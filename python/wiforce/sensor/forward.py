@@ -54,7 +54,7 @@ class ForwardMap:
             [model.short_deg(force, location, c) for c in carriers], axis=-1
         )
         variance = np.concatenate(
-            [model._model_std_deg(force, location, c) ** 2 for c in carriers], axis=-1
+            [model.carrier_std_deg(force, location, c) ** 2 for c in carriers], axis=-1
         )
         _check_turns(self.phase_deg, f"sensor {model.name}: phases")
         self.size = self.phase_deg.shape[-1]

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What every sensor model can do, whatever stands behind its phases."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from ..errors import InputError
 from ..signal.carrier import wrap_deg
 from . import line
+from .transfer import transfer_assumption
 
 if TYPE_CHECKING:
     from .inversion import Inversion
@@ -18,6 +19,9 @@ if TYPE_CHECKING:
 # A carrier given within this fraction of a calibrated one is taken for it: 0.1 % changes 2 beta L
 # of an 80 mm line by 0.2 deg at 900 MHz.
 CARRIER_TOLERANCE = 1e-3
+# A model is not transferred further than this fraction of its carrier: the phase of a cable or
+# connector is known modulo 360 deg only, so further away nothing about it is known.
+MAX_TRANSFER = 0.1
 # No sensor is beyond these, in N, mm and Hz: squares of their ratios are still numbers.
 LEAST, LEAST_FREQUENCY_HZ = 1e-6, 1.0
 MAX_LENGTH_MM = 10_000
@@ -30,7 +34,8 @@ class SensorModel:
     """A sensor: force and location to the phases of its two ends.
 
     Subclasses give ``short_deg`` (phases of the pressed line, not wrapped), ``_model_std_deg``
-    (one sigma of what calibration left open) and ``_untouched_deg``.
+    (one sigma of what calibration left open), ``_untouched_deg`` and ``_scaled`` (what changes at
+    another carrier).
 
     Attributes
     ----------
@@ -44,6 +49,9 @@ class SensorModel:
         What the calibration covers. A reading outside is flagged ``extrapolated``.
     provenance : dict
         ``source``, ``date``, ``assumed`` (list of str).
+    transferred_from_hz, transfer_std_deg : float or None
+        Carrier of the calibration where the model was transferred from another one, and the
+        standard deviation of each phase that this adds.
     """
 
     name: str
@@ -53,6 +61,8 @@ class SensorModel:
     force_span_n: tuple
     location_span_mm: tuple
     provenance: dict = field(default_factory=dict, compare=False)
+    transferred_from_hz: float | None = None
+    transfer_std_deg: float | None = None
 
     def carrier_index(self, frequency_hz=None):
         """Index of a carrier; ``None`` stands for the only one.
@@ -71,10 +81,91 @@ class SensorModel:
         held = np.asarray(self.frequencies_hz)
         near = int(np.argmin(np.abs(held - frequency_hz)))
         if not abs(held[near] - frequency_hz) <= CARRIER_TOLERANCE * held[near]:
-            raise InputError(
-                self.name, f"carrier must be within 0.1 % of {self._held()}", frequency_hz
-            )
+            raise self.carrier_error(frequency_hz, CARRIER_TOLERANCE)
         return near
+
+    def carrier_error(self, frequency_hz: float, within: float = MAX_TRANSFER) -> InputError:
+        """The error to raise for a carrier that is too far from those the model holds."""
+        rule = f"carrier must be within {100 * within:g} % of {self._held()}"
+        return InputError(self.name, rule, frequency_hz)
+
+    def at_carrier(self, frequency_hz: float) -> "SensorModel":
+        """The model for use at one carrier.
+
+        Parameters
+        ----------
+        frequency_hz : float
+            In Hz.
+
+        Returns
+        -------
+        SensorModel
+            The model itself where it holds the carrier, else the one that
+            :meth:`transferred` makes of it, kept for reuse.
+
+        Raises
+        ------
+        InputError
+            For a carrier more than 10 % from those the model holds.
+
+        Examples
+        --------
+        >>> from gnuradio.wiforce.sensor import load_sensor
+        >>> sensor = load_sensor("wiforce-900mhz")
+        >>> sensor.at_carrier(900.2e6) is sensor
+        True
+        >>> sensor.at_carrier(915e6).frequencies_hz
+        (915000000.0,)
+        """
+        held = np.asarray(self.frequencies_hz)
+        if np.any(np.abs(held - frequency_hz) <= CARRIER_TOLERANCE * held):
+            return self
+        if frequency_hz not in self._transferred:
+            self._transferred[frequency_hz] = self.transferred(frequency_hz)
+        return self._transferred[frequency_hz]
+
+    def transferred(self, frequency_hz: float, name: str | None = None) -> "SensorModel":
+        """The model at another carrier, its phases scaled from the nearest one that it holds.
+
+        Parameters
+        ----------
+        frequency_hz : float
+            The new carrier, in Hz; at most 10 % from that one.
+        name : str, optional
+            Of the result; the model's own by default.
+
+        Returns
+        -------
+        SensorModel
+            With this carrier only. That of a calibrated sensor states the uncertainty of the
+            transfer in ``transfer_std_deg``. A ``line`` model holds no measurement and is
+            evaluated at the new carrier.
+
+        Raises
+        ------
+        InputError
+            For a carrier further away.
+
+        Examples
+        --------
+        >>> from gnuradio.wiforce.sensor import load_sensor
+        >>> moved = load_sensor("line-900mhz-calibrated").transferred(915e6)
+        >>> moved.frequencies_hz, round(moved.transfer_std_deg, 2)
+        ((915000000.0,), 0.55)
+        """
+        held = np.asarray(self.frequencies_hz, float)
+        nearest = int(np.argmin(np.abs(held - frequency_hz)))
+        from_hz = float(held[nearest])
+        if not abs(frequency_hz - from_hz) <= MAX_TRANSFER * from_hz:
+            raise self.carrier_error(frequency_hz)
+        assumed = [*self.provenance.get("assumed", ()), transfer_assumption(from_hz, frequency_hz)]
+        return replace(
+            self,
+            name=name or self.name,
+            frequencies_hz=(float(frequency_hz),),
+            provenance=self.provenance | {"assumed": assumed},
+            **self._scaled(nearest, float(frequency_hz)),
+        )
 
     def _held(self):
         return " or ".join(f"{f / 1e6:g} MHz" for f in self.frequencies_hz)
@@ -97,12 +188,17 @@ class SensorModel:
         return inside & above & (force <= np.interp(location, places, high))
 
     def model_std_deg(self, force_n, location_mm, frequency_hz=None):
-        """One sigma of what the calibration left open in psi_1, psi_2; shape (..., 2)."""
+        """One sigma of what calibration and transfer left open in psi_1, psi_2; (..., 2)."""
         carrier = self.carrier_index(frequency_hz)
         force, location = np.broadcast_arrays(
             np.asarray(force_n, float), np.asarray(location_mm, float)
         )
-        return self._model_std_deg(np.maximum(force, self.onset_force_n), location, carrier)
+        return self.carrier_std_deg(np.maximum(force, self.onset_force_n), location, carrier)
+
+    def carrier_std_deg(self, force, location, carrier):
+        """As :meth:`model_std_deg`, for forces above the onset and a carrier's index."""
+        calibrated = self._model_std_deg(force, location, carrier)
+        return np.hypot(calibrated, self.transfer_std_deg or 0.0)
 
     def untouched_deg(self, frequency_hz=None):
         """(psi_1, psi_2) of the untouched sensor, in (-180, 180]."""
@@ -220,6 +316,10 @@ class SensorModel:
     def _inverters(self):
         return {}
 
+    @cached_property
+    def _transferred(self):
+        return {}
+
 
 @dataclass(frozen=True)
 class LineModel(SensorModel):
@@ -248,3 +348,8 @@ class LineModel(SensorModel):
 
     def _model_std_deg(self, force, location, carrier):
         return np.zeros((*np.shape(force), 2))
+
+    def _scaled(self, index, frequency_hz):
+        """Fields that change at another carrier."""
+        ratio = frequency_hz / self.frequencies_hz[index]
+        return {"port_offset_deg": tuple(ratio * offset for offset in self.port_offset_deg)}

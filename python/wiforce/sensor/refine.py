@@ -82,6 +82,9 @@ def refine(
         carriers=tuple(carriers),
         force_span_n=(float(spans[:, 0].min()), float(spans[:, 1].max())),
         provenance=provenance,
+        # The taps' prior is far wider than what a transfer between carriers leaves open.
+        transferred_from_hz=None,
+        transfer_std_deg=None,
     )
 
 

@@ -86,6 +86,12 @@ class Waveform:
         return self.subcarriers % FFT_LENGTH
 
     @property
+    def outermost_hz(self) -> tuple[float, float]:
+        """Lowest and highest occupied frequency against the carrier, in Hz."""
+        spacing_hz = self.sample_rate_hz / FFT_LENGTH
+        return float(self.subcarriers[0] * spacing_hz), float(self.subcarriers[-1] * spacing_hz)
+
+    @property
     def channel_noise_gain(self) -> float:
         """sigma_H^2 / sigma^2: noise variance in H over that of a sample, K / (64 repetitions)."""
         return len(self.subcarriers) / (self.repetitions * FFT_LENGTH)

@@ -47,7 +47,7 @@ class SwitchedTag:
     >>> scene = load_scene("demo")
     >>> ramp = Ramp(scene.radio.sample_rate_hz)
     >>> tag = SwitchedTag(scene, 0, RandomSources(1, 0), ramp)
-    >>> reflection = tag.reflection(0, 12_500)  # a period of the clock
+    >>> reflection = tag.reflection(0, 250_000)  # 20 ms of its clock
     >>> round(float(np.mean(np.abs(reflection))), 2)  # on for a quarter of the time at either end
     0.5
     """

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Whether a scene's signal lies in a band that may be transmitted in."""
+
+from collections.abc import Iterator
+
+from ..scene import Scene
+from ..signal.bands import BANDS, bands_holding, occupied_band_hz
+
+
+def outside_band(scene: Scene) -> Iterator[str]:
+    """A warning when the signal leaves the band that the scene states.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Yields
+    ------
+    str
+        A sentence; nothing when the signal lies inside, or no band is stated.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.scene import load_scene
+    >>> scene = load_scene({"environment": {"band": "us-902-928"},
+    ...                     "sensors": [{"name": "arm", "model": "line-900mhz"}]})
+    >>> print(*outside_band(scene))
+    band: the signal occupies 893.945 to 906.055 MHz, which leaves environment.band us-902-928 \
+(902 to 928 MHz): change radio.center_frequency_hz or radio.sample_rate_hz
+    """
+    name = scene.environment.band
+    if name is None:
+        return
+    low_hz, high_hz = occupied_band_hz(scene.radio.center_frequency_hz, scene.waveform())
+    band = BANDS[name]
+    if not band.holds(low_hz, high_hz):
+        yield (
+            f"band: the signal occupies {low_hz / 1e6:.6g} to {high_hz / 1e6:.6g} MHz, which "
+            f"leaves environment.band {name} "
+            f"({band.low_hz / 1e6:g} to {band.high_hz / 1e6:g} MHz): "
+            "change radio.center_frequency_hz or radio.sample_rate_hz"
+        )
+
+
+def licence_note(scene: Scene) -> str | None:
+    """A remark when no band is stated and the signal lies in none that is free of licences.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    str or None
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.scene import load_scene
+    >>> scene = {"sensors": [{"name": "arm", "model": "line-900mhz"}]}
+    >>> licence_note(load_scene(scene))[:47]
+    'the signal occupies 893.945 to 906.055 MHz, whi'
+    """
+    low_hz, high_hz = occupied_band_hz(scene.radio.center_frequency_hz, scene.waveform())
+    if scene.environment.band is not None or bands_holding(low_hz, high_hz):
+        return None
+    return (
+        f"the signal occupies {low_hz / 1e6:.6g} to {high_hz / 1e6:.6g} MHz, which is inside none "
+        f"of the licence-free bands {', '.join(BANDS)}: transmit over cables, or with a licence"
+    )
