@@ -75,6 +75,27 @@ def _quiet(match: Array, best: int) -> Array | None:
     return quiet if len(quiet) >= _LEAST_QUIET else None
 
 
+def has_quiet_samples(waveform: Waveform) -> bool:
+    """Whether the guard is long enough to tell a preamble from noise in the mean frame.
+
+    Parameters
+    ----------
+    waveform : Waveform
+
+    Returns
+    -------
+    bool
+        False where :func:`find_frame_offset` gives the best offset, whatever it is.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
+    >>> has_quiet_samples(sounding_waveform()), has_quiet_samples(sounding_waveform("wifi", 400))
+    (True, False)
+    """
+    return waveform.frame_length - 2 * _QUIET_DISTANCE - 1 >= _LEAST_QUIET
+
+
 def keeps_alignment(offset: int, waveform: Waveform) -> bool:
     """Whether frames cut from sample 0 contain their averaged repetitions.
 
@@ -124,3 +145,24 @@ def frame_offset_in(samples: Array, waveform: Waveform) -> int:
     """
     offset = find_frame_offset(samples, waveform)
     return 0 if offset is None or keeps_alignment(offset, waveform) else offset
+
+
+def describe_frames(waveform: Waveform) -> str:
+    """Name the frames that are searched, for messages that say that there are none.
+
+    Parameters
+    ----------
+    waveform : Waveform
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
+    >>> describe_frames(sounding_waveform())
+    "waveform 'repeated', 720 samples per frame at 12.5 Msps"
+    """
+    rate = f"{waveform.sample_rate_hz / 1e6:g} Msps"
+    return f"waveform {waveform.name!r}, {waveform.frame_length} samples per frame at {rate}"

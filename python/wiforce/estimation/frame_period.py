@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Frame period: after how many samples the preambles of a stream repeat."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..signal.waveform import FFT_LENGTH, PREAMBLE_LENGTH, Waveform
+from .groups import Array
+
+# Samples in which the period is searched: 90 frames of the default length, 15 ms of processing.
+# Longer frames need more, since a period shows in at least four of them.
+SEARCHED_SAMPLES = 1 << 16
+_LEAST_FRAMES = 4
+# A period must show at so many of its multiples. This tells it from echoes and from the repetitions
+# within a preamble, which show at single lags: 4 of 5 symbols still coincide when a preamble is
+# shifted by one, but none when the shift has grown to the length of the preamble.
+_MULTIPLES = 8
+# A lag counts as periodic above so many standard deviations of the lags without signal. Of 3e4 lags
+# of Gaussian noise the largest lies at 4.2. Below this value nothing is said: noise on the preambles
+# themselves then changes the coherence of a true period too much to rank it.
+_CLEAR = 20.0
+_NOISE = 5.0
+# Two lags are periods alike when their coherence agrees to this factor, and to the noise. Shifts by
+# one symbol keep 0.8 of it, and less at their multiples.
+_SAME = 0.85
+_LEAST_SAME = 0.7
+
+
+@dataclass(frozen=True)
+class FramePeriod:
+    """What the samples of a stream say of the length of its frames.
+
+    Attributes
+    ----------
+    samples : int or None
+        Samples after which the preambles repeat; None where that does not stand out of the noise.
+    agrees : bool
+        True where the expected length of a frame is a period, and no part of it is.
+    likeness : float
+        Mean over all frames of the normalised correlation with the sounding symbol, at the place
+        within the frame where it is highest; 1 for the symbol without noise and echoes, about
+        0.1 for other signals.
+
+    Examples
+    --------
+    >>> FramePeriod(1440, False).samples
+    1440
+    """
+
+    samples: int | None
+    agrees: bool
+    likeness: float = 0.0
+
+
+def samples_needed(frame_length: int) -> int:
+    """Samples in which :func:`find_frame_period` can confirm a frame length.
+
+    Parameters
+    ----------
+    frame_length : int
+
+    Returns
+    -------
+    int
+
+    Examples
+    --------
+    >>> samples_needed(720), samples_needed(100_000)
+    (65536, 400000)
+    """
+    return max(SEARCHED_SAMPLES, _LEAST_FRAMES * frame_length)
+
+
+def find_frame_period(samples: Array, waveform: Waveform, symbol: Array | None = None) -> FramePeriod:
+    """Find after how many samples the preambles of a stream repeat.
+
+    Parameters
+    ----------
+    samples : ndarray of complex, shape (n,)
+        Some dozen frames, from any sample on; samples lost in a gap are zeros.
+    waveform : Waveform
+        As it is expected.
+    symbol : ndarray of complex, shape (m,), optional
+        Samples of a symbol to search for instead of the waveform's.
+
+    Returns
+    -------
+    FramePeriod
+
+    Notes
+    -----
+    Each sample is given the normalised correlation of the samples from there with the sounding
+    symbol, q = |<s, y>|^2 / (|s|^2 |y|^2). It depends on neither level nor carrier offset, and it
+    ignores DC and most of what is no preamble. A period is a lag at which, and at whose multiples,
+    the autocovariance of q is high. The shortest such lag of at least a preamble is the length of a
+    frame.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
+    >>> stream = np.tile(sounding_waveform(frame_length=1440).frame(), 40)
+    >>> find_frame_period(stream, sounding_waveform(frame_length=720))
+    FramePeriod(samples=1440, agrees=False, likeness=1.0)
+    """
+    if symbol is None:
+        symbol = symbol_of(waveform)
+    if len(samples) < PREAMBLE_LENGTH + 2 * FFT_LENGTH:
+        return FramePeriod(None, False)
+    likeness = _likeness(samples, symbol)
+    period, agrees = _period_in(_coherence_of_lags(likeness), waveform.frame_length)
+    if period is None:
+        return FramePeriod(None, False)
+    frames = likeness[: len(likeness) // period * period].reshape(-1, period)
+    return FramePeriod(period, agrees, round(float(frames.mean(axis=0).max()), 6))
+
+
+def symbol_of(waveform: Waveform) -> Array:
+    """Samples of the symbol whose repetitions are averaged.
+
+    Parameters
+    ----------
+    waveform : Waveform
+
+    Returns
+    -------
+    ndarray of complex, shape (64,)
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
+    >>> symbol_of(sounding_waveform()).shape
+    (64,)
+    """
+    return waveform.preamble[waveform.first_averaged :][:FFT_LENGTH]
+
+
+def _period_in(coherence: Array, expected: int) -> tuple[int | None, bool]:
+    """The period that shows in the coherence of all lags, and whether it is the expected one."""
+    if not coherence[0] > 0:
+        return None, False
+    strength, spread = _strength_of_periods(coherence)
+    best = float(strength.max())
+    if best < max(_CLEAR * spread, 1e-6 * coherence[0]):
+        return None, False
+    same = max(_SAME * best - _NOISE * spread, _LEAST_SAME * best)
+    if expected < len(strength) and strength[expected] >= same:
+        for part in range(expected // PREAMBLE_LENGTH, 1, -1):
+            # Within a true frame nothing repeats at these lags: their coherence is zero.
+            shorter = expected // part
+            if expected % part == 0 and strength[shorter] >= _LEAST_SAME * strength[expected]:
+                return shorter, False
+        return expected, True
+    first = int(np.argmax(strength >= same))
+    # The flank of a wide peak may be as high: the period is the highest lag nearby.
+    return first + int(np.argmax(strength[first : first + FFT_LENGTH // 8])), False
+
+
+def _likeness(samples: Array, symbol: Array) -> Array:
+    """Normalised correlation of the samples with a symbol, from each of them on; 0 to 1."""
+    finite = np.where(np.isfinite(samples), samples, 0).astype(np.complex64)
+    length, size = len(symbol), _fast_length(len(finite))
+    spectrum = np.fft.fft(finite, size) * np.fft.fft(symbol, size).conj()
+    match = np.abs(np.fft.ifft(spectrum)[: len(finite) - length + 1]) ** 2
+    power = np.cumsum(np.r_[0.0, finite.real.astype(float) ** 2 + finite.imag.astype(float) ** 2])
+    energy = power[length:] - power[:-length]
+    # Rounding leaves a little of what came before in samples of silence.
+    heard = energy > 1e-12 * power[-1] / len(finite) * length
+    own = float(np.sum(np.abs(symbol) ** 2))
+    return np.where(heard, match / np.where(heard, energy * own, 1.0), 0.0)
+
+
+def _coherence_of_lags(values: Array) -> Array:
+    """Autocovariance of real values at every lag for which enough of them overlap."""
+    count = len(values)
+    size = _fast_length(2 * count)
+    centred = values - values.mean()
+    lags = count * (_LEAST_FRAMES - 1) // _LEAST_FRAMES + 1
+    products = np.fft.irfft(np.abs(np.fft.rfft(centred, size)) ** 2, size)[:lags]
+    return products / (count - np.arange(lags))
+
+
+def _strength_of_periods(coherence: Array) -> tuple[Array, float]:
+    """Least coherence at the multiples of every lag, and the spread of lags without signal."""
+    lags = np.arange(len(coherence) // 2 + 1)
+    strength = coherence[: len(lags)].copy()
+    strength[:PREAMBLE_LENGTH] = 0
+    for multiple in range(2, _MULTIPLES + 1):
+        inside = lags[: (len(coherence) - 1) // multiple + 1]
+        strength[inside] = np.minimum(strength[inside], coherence[inside * multiple])
+    beyond = coherence[PREAMBLE_LENGTH:]
+    return strength, 1.4826 * float(np.median(np.abs(beyond - np.median(beyond))))
+
+
+def _fast_length(least: int) -> int:
+    """A power of two: transforms of other lengths may take long."""
+    return 1 << (int(least) - 1).bit_length()
