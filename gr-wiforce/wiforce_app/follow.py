@@ -6,11 +6,12 @@ import signal
 import threading
 import time
 
+import click
 from gnuradio import gr, wiforce
 from gnuradio.wiforce.blocks.capture_stream import capture_stream
 from gnuradio.wiforce.estimation.frame import SEARCHED_FRAMES
+from gnuradio.wiforce.estimation.recorded_frames import find_frames, first_frame, no_frames
 from gnuradio.wiforce.io.capture import open_capture
-from gnuradio.wiforce.recording import first_frame
 
 # Its log would mix with readings on standard output; failures are raised all the same.
 gr.logging().set_default_level(gr.log_levels.off)
@@ -34,10 +35,12 @@ class GrowingCapture:
     """
 
     def __init__(self, capture, datatype, plan, frame_offset, tracked):
-        recording = _with_frames(capture, datatype, plan.waveform)
+        recording = _once_long_enough(capture, datatype, plan.waveform)
         recording.check_against(plan.scene)
         if frame_offset is None:
-            frame_offset = first_frame(recording, plan.waveform)
+            frame_offset = _wait_for_frames(recording, capture, datatype, plan.waveform)
+        else:
+            find_frames(recording, plan.waveform)
         self.frame_offset = frame_offset
         self._path = recording.path
         self._readings = queue.SimpleQueue()
@@ -88,12 +91,27 @@ class GrowingCapture:
         return {self._path: self._reader.fold.frames_moved()}
 
 
-def _with_frames(capture, datatype, waveform):
-    """The recording as soon as it holds the frames in which their offset is searched."""
+def _once_long_enough(capture, datatype, waveform):
+    """The recording as soon as it holds as many frames as their offset is searched in."""
     recording = open_capture(capture, datatype)
-    while recording.segments[0].length < SEARCHED_FRAMES * waveform.frame_length:
-        if len(recording.segments) > 1:
-            break
+    while recording.span < SEARCHED_FRAMES * waveform.frame_length:
         time.sleep(_WAIT_S)
         recording = open_capture(capture, datatype)
     return recording
+
+
+def _wait_for_frames(recording, capture, datatype, waveform):
+    """Samples before the first frame, as soon as the recording holds frames."""
+    place = find_frames(recording, waveform)
+    if place is None:
+        click.echo(f"gr-wiforce: warning: {no_frames(recording, waveform)}; waiting", err=True)
+    try:
+        while place is None:
+            searched = recording.span
+            while recording.span < searched + SEARCHED_FRAMES * waveform.frame_length:
+                time.sleep(_WAIT_S)
+                recording = open_capture(capture, datatype)
+            place = find_frames(recording, waveform, searched)
+    except KeyboardInterrupt:
+        raise no_frames(recording, waveform) from None
+    return first_frame(recording, waveform, place)

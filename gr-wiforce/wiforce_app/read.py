@@ -45,8 +45,6 @@ def read(capture, scene_path, output, plot_path, datatype, frame_offset, tracked
     """Read force and location from a CAPTURE (SigMF pair, or raw samples with --datatype)."""
     recording = open_capture(capture, datatype)
     scene, differences = scene_of(recording, scene_path)
-    for difference in differences:
-        warn(recording.path, difference)
     settings = plan(scene)
     if plot_path is not None:
         from .plots import check_picture
@@ -59,6 +57,8 @@ def read(capture, scene_path, output, plot_path, datatype, frame_offset, tracked
     else:
         reader = RecordingReader(recording, settings, frame_offset, tracked)
         warn_of_leftover(recording, reader)
+    for difference in differences:
+        warn(recording.path, difference)
     if frame_offset is None and reader.frame_offset:
         first = f"the first frame begins at sample {reader.frame_offset}"
         click.echo(f"gr-wiforce: {recording.path}: {first}", err=True)

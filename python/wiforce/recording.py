@@ -87,9 +87,9 @@ def read(
 
     recording = capture if isinstance(capture, Capture) else open_capture(capture, datatype)
     found, differences = scene_of(recording, scene)
+    reader = RecordingReader(recording, plan_of(found), frame_offset, tracked)
     for difference in differences:
         warnings.warn(f"{recording.path}: {difference}", stacklevel=2)
-    reader = RecordingReader(recording, plan_of(found), frame_offset, tracked)
     rows = [
         (*(getattr(reading, name) for name in COLUMNS[:-1]), " ".join(reading.flags))
         for batch in reader

@@ -27,6 +27,12 @@ _NOISE = 5.0
 # one symbol keep 0.8 of it, and less at their multiples.
 _SAME = 0.85
 _LEAST_SAME = 0.7
+# Half a sample off, 0.4 of the likeness remain, and 0.2 of the coherence.
+_FRACTION_SAME = 0.15
+# Share of a frame's preamble that repeats in the next; 0 where every second frame is missing.
+_PRESENT = 0.3
+# Variance of the likeness: that of noise is 2e-4; that of a pure tone is rounding.
+_LEAST_VARIANCE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -35,8 +41,9 @@ class FramePeriod:
 
     Attributes
     ----------
-    samples : int or None
+    samples : float or None
         Samples after which the preambles repeat; None where that does not stand out of the noise.
+        Not an integer when transmitter and receiver ran at different sample rates.
     agrees : bool
         True where the expected length of a frame is a period, and no part of it is.
     likeness : float
@@ -50,7 +57,7 @@ class FramePeriod:
     1440
     """
 
-    samples: int | None
+    samples: float | None
     agrees: bool
     likeness: float = 0.0
 
@@ -113,8 +120,7 @@ def find_frame_period(samples: Array, waveform: Waveform, symbol: Array | None =
     period, agrees = _period_in(_coherence_of_lags(likeness), waveform.frame_length)
     if period is None:
         return FramePeriod(None, False)
-    frames = likeness[: len(likeness) // period * period].reshape(-1, period)
-    return FramePeriod(period, agrees, round(float(frames.mean(axis=0).max()), 6))
+    return FramePeriod(period, agrees, round(float(_mean_frame(likeness, period).max()), 6))
 
 
 def symbol_of(waveform: Waveform) -> Array:
@@ -137,9 +143,9 @@ def symbol_of(waveform: Waveform) -> Array:
     return waveform.preamble[waveform.first_averaged :][:FFT_LENGTH]
 
 
-def _period_in(coherence: Array, expected: int) -> tuple[int | None, bool]:
+def _period_in(coherence: Array, expected: int) -> tuple[float | None, bool]:
     """The period that shows in the coherence of all lags, and whether it is the expected one."""
-    if not coherence[0] > 0:
+    if coherence[0] < _LEAST_VARIANCE:
         return None, False
     strength, spread = _strength_of_periods(coherence)
     best = float(strength.max())
@@ -155,7 +161,17 @@ def _period_in(coherence: Array, expected: int) -> tuple[int | None, bool]:
         return expected, True
     first = int(np.argmax(strength >= same))
     # The flank of a wide peak may be as high: the period is the highest lag nearby.
-    return first + int(np.argmax(strength[first : first + FFT_LENGTH // 8])), False
+    period = first + int(np.argmax(strength[first : first + FFT_LENGTH // 8]))
+    return _fraction_of(period, coherence, best), False
+
+
+def _fraction_of(period: int, coherence: Array, best: float) -> float:
+    """The part of a period after which frames repeat that do not take whole samples."""
+    for parts in range(period // PREAMBLE_LENGTH, 1, -1):
+        lags = np.rint(np.arange(1, parts) * period / parts).astype(int)
+        if coherence[lags].min() >= _FRACTION_SAME * best:
+            return period / parts
+    return period
 
 
 def _likeness(samples: Array, symbol: Array) -> Array:
@@ -182,6 +198,13 @@ def _coherence_of_lags(values: Array) -> Array:
     return products / (count - np.arange(lags))
 
 
+def _mean_frame(values: Array, period: float) -> Array:
+    """Mean over the frames of a stream, at each sample of a frame."""
+    starts = np.rint(np.arange(int(len(values) / period)) * period).astype(int)
+    length = int(period)
+    return np.mean([values[start : start + length] for start in starts], axis=0)
+
+
 def _strength_of_periods(coherence: Array) -> tuple[Array, float]:
     """Least coherence at the multiples of every lag, and the spread of lags without signal."""
     lags = np.arange(len(coherence) // 2 + 1)
@@ -197,3 +220,43 @@ def _strength_of_periods(coherence: Array) -> tuple[Array, float]:
 def _fast_length(least: int) -> int:
     """A power of two: transforms of other lengths may take long."""
     return 1 << (int(least) - 1).bit_length()
+
+
+def repeats_every_frame(samples: Array, waveform: Waveform) -> bool:
+    """Whether each expected frame holds a preamble where the one before has it.
+
+    Parameters
+    ----------
+    samples : ndarray of complex, shape (n,)
+        Some dozen frames, from any sample on.
+    waveform : Waveform
+        As it is expected.
+
+    Returns
+    -------
+    bool
+        True also where another signal, a tone or a second reader, is received along with them.
+
+    Notes
+    -----
+    The preambles of neighbouring frames are multiplied after correlation, which carrier offsets do
+    not harm. What gives the same product at all samples of a frame is no preamble.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
+    >>> stream = np.tile(sounding_waveform(frame_length=1440).frame(), 40)
+    >>> [repeats_every_frame(stream, sounding_waveform(frame_length=n)) for n in (720, 1440)]
+    [False, True]
+    """
+    length = waveform.frame_length
+    finite = np.where(np.isfinite(samples), samples, 0)
+    size = _fast_length(len(finite))
+    spectrum = np.fft.fft(finite, size) * np.fft.fft(waveform.preamble, size).conj()
+    match = np.fft.ifft(spectrum)[: len(finite) // length * length].reshape(-1, length)
+    if len(match) < _LEAST_FRAMES:
+        return False
+    product = np.abs(np.mean(match[1:] * match[:-1].conj(), axis=0))
+    power = np.mean(np.abs(match) ** 2, axis=0)
+    best = int(np.argmax(product))
+    return bool(product[best] - np.median(product) >= _PRESENT * power[best])

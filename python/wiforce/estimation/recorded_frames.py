@@ -17,7 +17,13 @@ from .frame import (
     frame_offset_in,
     has_quiet_samples,
 )
-from .frame_period import FramePeriod, find_frame_period, samples_needed, symbol_of
+from .frame_period import (
+    SEARCHED_SAMPLES,
+    find_frame_period,
+    repeats_every_frame,
+    samples_needed,
+    symbol_of,
+)
 from .groups import Array
 
 # Where frames are searched when there are none at the start: at doubling distances from it, and so
@@ -28,6 +34,8 @@ _LONG_SEARCH = 1 << 20
 # Static paths that leave less likeness than this between preamble and symbol have not been seen: of
 # all shipped scenes 0.6 is the least. Another rate or waveform leaves 0.03 to 0.3.
 _DOUBTFUL = 0.4
+# Frames that leave less do not tell their length: other periodic signals leave up to 0.1.
+_FAINT = 0.15
 # Sample rates of the receiver over the transmitter's that are tried.
 _RATIOS = (2, 4, 8, 0.5, 0.25, 1.25, 1.6, 2.5, 5, 10, 0.8, 0.625, 0.4)
 
@@ -71,14 +79,12 @@ sounding.frame_length is 720
     needed = samples_needed(waveform.frame_length)
     for place in _places(start, recording.span, needed):
         samples = recording.read_span(place, needed)
-        found = find_frame_period(samples, waveform)
-        if found.samples is not None:
-            _check(recording, waveform, place, samples, found)
+        if _agrees(recording, waveform, place, samples):
             return place
+    # Before weak frames are searched in more samples: strong ones of another kind may explain why.
     samples = recording.read_span(start, max(_LONG_SEARCH, SEARCHED_FRAMES * waveform.frame_length))
-    found = find_frame_period(samples[: max(_LONG_SEARCH, needed)], waveform)
-    if found.samples is not None:
-        _check(recording, waveform, start, samples, found)
+    _check_kind(recording, waveform, samples[:needed])
+    if _agrees(recording, waveform, start, samples[: max(_LONG_SEARCH, needed)]):
         return start
     return start if _stands_out(samples, waveform) else None
 
@@ -113,7 +119,11 @@ radio.sample_rate_hz and sounding.frame_length
     """
     place = find_frames(recording, waveform)
     if place is None:
-        raise no_frames(recording, waveform)
+        needed = samples_needed(waveform.frame_length)
+        for part in _places(0, recording.span, needed):
+            if np.isfinite(recording.read_span(part, needed)).any():
+                raise no_frames(recording, waveform)
+        raise InputError(recording.path, "holds no whole frame of finite samples")
     return place
 
 
@@ -192,31 +202,44 @@ def _stands_out(samples: Array, waveform: Waveform) -> bool:
     return first is not None and first == second
 
 
-def _check(
-    recording: Capture, waveform: Waveform, place: int, samples: Array, found: FramePeriod
-) -> None:
-    """Refuse preambles of another kind, and frames of another length."""
+def _agrees(recording: Capture, waveform: Waveform, place: int, samples: Array) -> bool:
+    """Whether the samples hold the expected frames; False where no frames can be seen.
+
+    Preambles of another kind, and frames of another length, are refused.
+    """
+    found, expected = find_frame_period(samples, waveform), waveform.frame_length
+    if found.samples is None or not found.agrees and found.likeness < _FAINT:
+        return False
     if found.likeness < _DOUBTFUL:
-        _check_kind(recording, waveform, samples, found.likeness)
-    if found.agrees or found.samples is None:
-        return
-    expected = waveform.frame_length
-    if not _commensurate(found.samples, expected):
-        # A second reader may be the stronger one; then the mean of many frames shows ours.
+        _check_kind(recording, waveform, samples[:SEARCHED_SAMPLES], found.likeness)
+    if found.agrees:
+        return True
+    # Another signal may repeat as well, a tone or the frames of a second reader. Both together
+    # repeat after a multiple of our frame, which a longer frame alone does not fill.
+    if found.samples % expected == 0 and repeats_every_frame(samples, waveform):
+        return True
+    # The second reader may also be the stronger one: the mean of many frames shows ours.
+    if has_quiet_samples(waveform) and not _commensurate(found.samples, expected):
         samples = recording.read_span(place, SEARCHED_FRAMES * expected)
-        if has_quiet_samples(waveform) and _stands_out(samples, waveform):
-            return
-    rule = f"frames repeat every {found.samples} samples, but sounding.frame_length is {expected}"
+        if _stands_out(samples, waveform):
+            return True
+    rule = (
+        f"frames repeat every {found.samples:.6g} samples, but sounding.frame_length is {expected}"
+    )
+    if found.samples != round(found.samples):
+        rule += "; receiver and transmitter ran at different sample rates"
     raise InputError(recording.path, rule)
 
 
-def _commensurate(period: int, expected: int, most: int = 16) -> bool:
+def _commensurate(period: float, expected: int, most: int = 16) -> bool:
     """Whether a few frames of one length take as long as a few of the other."""
-    common = np.lcm(period, expected)
-    return bool(max(common // period, common // expected) <= most)
+    counts = np.arange(1, most + 1) * period / expected
+    return bool(np.any((counts == np.rint(counts)) & (counts <= most)))
 
 
-def _check_kind(recording: Capture, waveform: Waveform, samples: Array, likeness: float) -> None:
+def _check_kind(
+    recording: Capture, waveform: Waveform, samples: Array, likeness: float = 0.0
+) -> None:
     """Refuse preambles that another waveform or another sample rate explains far better."""
     clear = max(_DOUBTFUL, 2 * likeness)
     for name in ("repeated", "wifi"):
@@ -224,14 +247,17 @@ def _check_kind(recording: Capture, waveform: Waveform, samples: Array, likeness
         if name != waveform.name and find_frame_period(samples, other).likeness > clear:
             rule = f"the preambles are those of {name!r}, but sounding.waveform is"
             raise InputError(recording.path, f"{rule} {waveform.name!r}")
+    symbol = symbol_of(waveform)
+    if find_frame_period(samples, waveform, symbol.conj()).likeness > clear:
+        raise InputError(recording.path, "I and Q are swapped, or the spectrum is inverted")
     for ratio in _RATIOS:
-        symbol = _resampled(symbol_of(waveform), ratio)
-        found = find_frame_period(samples, waveform, symbol)
-        if found.likeness > clear:
+        found = find_frame_period(samples, waveform, _resampled(symbol, ratio))
+        if found.samples is not None and found.likeness > clear:
             rule = (
-                f"symbols have {len(symbol)} samples instead of {FFT_LENGTH} and frames "
-                f"{found.samples}: the receiver's sample rate was {ratio:g} times that of the "
-                f"transmitter (radio.sample_rate_hz is {waveform.sample_rate_hz:g})"
+                f"symbols have {FFT_LENGTH * ratio:g} samples instead of {FFT_LENGTH}, and frames "
+                f"repeat every {found.samples:.6g} samples: the receiver's sample rate was "
+                f"{ratio:g} times that of the transmitter "
+                f"(radio.sample_rate_hz is {waveform.sample_rate_hz:.12g})"
             )
             raise InputError(recording.path, rule)
 
