@@ -102,10 +102,10 @@ def _once_long_enough(capture, datatype, waveform):
 
 def _wait_for_frames(recording, capture, datatype, waveform):
     """Samples before the first frame, as soon as the recording holds frames."""
-    place = find_frames(recording, waveform)
-    if place is None:
-        click.echo(f"gr-wiforce: warning: {no_frames(recording, waveform)}; waiting", err=True)
     try:
+        place = find_frames(recording, waveform)
+        if place is None:
+            click.echo(f"gr-wiforce: warning: {no_frames(recording, waveform)}; waiting", err=True)
         while place is None:
             searched = recording.span
             while recording.span < searched + SEARCHED_FRAMES * waveform.frame_length:

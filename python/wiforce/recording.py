@@ -214,7 +214,7 @@ class RecordingReader:
             while len(groups := coming.result()):
                 coming = pool.submit(self.source.read)
                 yield self.receiver.process(groups)
-        yield self.receiver.finish()
+        yield self.receiver.finish(self.groups)
 
 
 def _frame_settings(recording: Capture, plan: Plan, frame_offset: int) -> dict[str, Any]:

@@ -55,7 +55,9 @@ def find_frame_offset(samples: Array, waveform: Waveform) -> int | None:
     finite = np.isfinite(frames).all(axis=1)
     if not finite.any():
         return None
-    mean = frames[finite].mean(axis=0)
+    # Samples of another type read as floats may have any size.
+    with np.errstate(over="ignore", invalid="ignore"):
+        mean = frames[finite].mean(axis=0)
     match = np.abs(np.fft.ifft(np.fft.fft(mean) * np.fft.fft(waveform.frame()).conj()))
     best = int(np.argmax(match))
     if not match[best] > 0:

@@ -31,6 +31,8 @@ _LEAST_SAME = 0.7
 _FRACTION_SAME = 0.15
 # Share of a frame's preamble that repeats in the next; 0 where every second frame is missing.
 _PRESENT = 0.3
+# Its least power over that of the strongest other signal.
+_LOUD = 0.03
 # Variance of the likeness: that of noise is 2e-4; that of a pure tone is rounding.
 _LEAST_VARIANCE = 1e-6
 
@@ -81,7 +83,9 @@ def samples_needed(frame_length: int) -> int:
     return max(SEARCHED_SAMPLES, _LEAST_FRAMES * frame_length)
 
 
-def find_frame_period(samples: Array, waveform: Waveform, symbol: Array | None = None) -> FramePeriod:
+def find_frame_period(
+    samples: Array, waveform: Waveform, symbol: Array | None = None
+) -> FramePeriod:
     """Find after how many samples the preambles of a stream repeat.
 
     Parameters
@@ -177,9 +181,7 @@ def _fraction_of(period: int, coherence: Array, best: float) -> float:
 def _likeness(samples: Array, symbol: Array) -> Array:
     """Normalised correlation of the samples with a symbol, from each of them on; 0 to 1."""
     finite = np.where(np.isfinite(samples), samples, 0).astype(np.complex64)
-    length, size = len(symbol), _fast_length(len(finite))
-    spectrum = np.fft.fft(finite, size) * np.fft.fft(symbol, size).conj()
-    match = np.abs(np.fft.ifft(spectrum)[: len(finite) - length + 1]) ** 2
+    length, match = len(symbol), np.abs(_correlation(finite, symbol)) ** 2
     power = np.cumsum(np.r_[0.0, finite.real.astype(float) ** 2 + finite.imag.astype(float) ** 2])
     energy = power[length:] - power[:-length]
     # Rounding leaves a little of what came before in samples of silence.
@@ -239,7 +241,7 @@ def repeats_every_frame(samples: Array, waveform: Waveform) -> bool:
 
     Notes
     -----
-    The preambles of neighbouring frames are multiplied after correlation, which carrier offsets do
+    The symbols of neighbouring frames are multiplied after correlation, which carrier offsets do
     not harm. What gives the same product at all samples of a frame is no preamble.
 
     Examples
@@ -251,12 +253,52 @@ def repeats_every_frame(samples: Array, waveform: Waveform) -> bool:
     """
     length = waveform.frame_length
     finite = np.where(np.isfinite(samples), samples, 0)
-    size = _fast_length(len(finite))
-    spectrum = np.fft.fft(finite, size) * np.fft.fft(waveform.preamble, size).conj()
-    match = np.fft.ifft(spectrum)[: len(finite) // length * length].reshape(-1, length)
+    match = _correlation(finite, symbol_of(waveform))
+    match = match[: len(match) // length * length].reshape(-1, length)
     if len(match) < _LEAST_FRAMES:
         return False
     product = np.abs(np.mean(match[1:] * match[:-1].conj(), axis=0))
     power = np.mean(np.abs(match) ** 2, axis=0)
     best = int(np.argmax(product))
-    return bool(product[best] - np.median(product) >= _PRESENT * power[best])
+    least = max(_PRESENT * power[best], _LOUD * power.max())
+    return bool(product[best] - np.median(product) >= least)
+
+
+def likeness_of_mean(samples: Array, waveform: Waveform) -> float:
+    """Normalised correlation of the mean frame with the preamble, at the best cyclic shift.
+
+    Parameters
+    ----------
+    samples : ndarray of complex, shape (n,)
+        As many frames as possible.
+    waveform : Waveform
+        As it is expected.
+
+    Returns
+    -------
+    float
+        0 to 1; about 0.02 for noise. 0 without a whole frame of finite samples.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
+    >>> waveform = sounding_waveform()
+    >>> round(likeness_of_mean(np.tile(waveform.frame(), 20), waveform), 3)
+    1.0
+    """
+    length = waveform.frame_length
+    frames = samples[: len(samples) // length * length].reshape(-1, length)
+    frames = frames[np.isfinite(frames).all(axis=1)]
+    if not len(frames):
+        return 0.0
+    with np.errstate(over="ignore", invalid="ignore"):
+        mean = frames.mean(axis=0)
+    cyclic = np.concatenate([mean, mean[: PREAMBLE_LENGTH - 1]])
+    return float(_likeness(cyclic, waveform.preamble).max())
+
+
+def _correlation(samples: Array, symbol: Array) -> Array:
+    """Correlation of the samples with a symbol, from each of them on."""
+    size = _fast_length(len(samples))
+    spectrum = np.fft.fft(samples, size) * np.fft.fft(symbol, size).conj()
+    return np.fft.ifft(spectrum)[: len(samples) - len(symbol) + 1]

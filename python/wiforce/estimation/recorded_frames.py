@@ -20,6 +20,7 @@ from .frame import (
 from .frame_period import (
     SEARCHED_SAMPLES,
     find_frame_period,
+    likeness_of_mean,
     repeats_every_frame,
     samples_needed,
     symbol_of,
@@ -36,6 +37,8 @@ _LONG_SEARCH = 1 << 20
 _DOUBTFUL = 0.4
 # Frames that leave less do not tell their length: other periodic signals leave up to 0.1.
 _FAINT = 0.15
+# Likeness of the mean frame to the preamble that noise exceeds once in 1e11 recordings.
+_LIKE_PREAMBLE = 0.1
 # Sample rates of the receiver over the transmitter's that are tried.
 _RATIOS = (2, 4, 8, 0.5, 0.25, 1.25, 1.6, 2.5, 5, 10, 0.8, 0.625, 0.4)
 
@@ -194,10 +197,9 @@ def _places(start: int, span: int, needed: int) -> Iterator[int]:
 
 def _stands_out(samples: Array, waveform: Waveform) -> bool:
     """Whether the mean of many frames holds a preamble, in both halves at the same place."""
-    if find_frame_offset(samples, waveform) is None:
+    half = len(samples) // waveform.frame_length // 2 * waveform.frame_length
+    if not half or likeness_of_mean(samples, waveform) < _LIKE_PREAMBLE:
         return False
-    # Without a guard an offset is found in noise as well, but hardly the same one twice.
-    half = len(samples) // 2
     first, second = (find_frame_offset(part, waveform) for part in (samples[:half], samples[half:]))
     return first is not None and first == second
 
@@ -212,7 +214,7 @@ def _agrees(recording: Capture, waveform: Waveform, place: int, samples: Array) 
         return False
     if found.likeness < _DOUBTFUL:
         _check_kind(recording, waveform, samples[:SEARCHED_SAMPLES], found.likeness)
-    if found.agrees:
+    if found.agrees or found.samples == expected:
         return True
     # Another signal may repeat as well, a tone or the frames of a second reader. Both together
     # repeat after a multiple of our frame, which a longer frame alone does not fill.
