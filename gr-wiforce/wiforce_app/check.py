@@ -6,7 +6,6 @@ from dataclasses import asdict, dataclass, field
 
 import click
 import numpy as np
-from gnuradio.wiforce.estimation.frame import MARGIN
 from gnuradio.wiforce.estimation.frame import MARGIN, describe_frames
 from gnuradio.wiforce.estimation.levels import measure_levels
 from gnuradio.wiforce.io.samples import samples_of

@@ -19,14 +19,16 @@ _LEAST_FRAMES = 4
 # shifted by one, but none when the shift has grown to the length of the preamble.
 _MULTIPLES = 8
 # A lag counts as periodic above so many standard deviations of the lags without signal. Of 3e4 lags
-# of Gaussian noise the largest lies at 4.2. Below this value nothing is said: noise on the preambles
-# themselves then changes the coherence of a true period too much to rank it.
+# of Gaussian noise the largest lies at 4.2. Below this value nothing is said, since noise on the
+# preambles themselves then changes the coherence of a true period too much to rank it.
 _CLEAR = 20.0
 _NOISE = 5.0
 # Two lags are periods alike when their coherence agrees to this factor, and to the noise. Shifts by
 # one symbol keep 0.8 of it, and less at their multiples.
 _SAME = 0.85
 _LEAST_SAME = 0.7
+# Share of the highest coherence that a period has at least; other lags have up to 0.4.
+_LEAST_SHARE = 0.45
 # Half a sample off, 0.4 of the likeness remain, and 0.2 of the coherence.
 _FRACTION_SAME = 0.15
 # Share of a frame's preamble that repeats in the next; 0 where every second frame is missing.
@@ -155,18 +157,26 @@ def _period_in(coherence: Array, expected: int) -> tuple[float | None, bool]:
     best = float(strength.max())
     if best < max(_CLEAR * spread, 1e-6 * coherence[0]):
         return None, False
-    same = max(_SAME * best - _NOISE * spread, _LEAST_SAME * best)
-    if expected < len(strength) and strength[expected] >= same:
+    # A tag without static paths switches the preambles themselves: its own period is a lag of still
+    # higher coherence, but a longer one.
+    nearby = float(strength[: 2 * expected + 1].max())
+    least = max(_same(nearby, spread), _LEAST_SHARE * best)
+    if expected < len(strength) and strength[expected] >= least:
         for part in range(expected // PREAMBLE_LENGTH, 1, -1):
             # Within a true frame nothing repeats at these lags: their coherence is zero.
             shorter = expected // part
             if expected % part == 0 and strength[shorter] >= _LEAST_SAME * strength[expected]:
                 return shorter, False
         return expected, True
-    first = int(np.argmax(strength >= same))
+    first = int(np.argmax(strength >= _same(best, spread)))
     # The flank of a wide peak may be as high: the period is the highest lag nearby.
     period = first + int(np.argmax(strength[first : first + FFT_LENGTH // 8]))
     return _fraction_of(period, coherence, best), False
+
+
+def _same(strength: float, spread: float) -> float:
+    """Least strength of a lag that is a period as well as one of this strength."""
+    return max(_SAME * strength - _NOISE * spread, _LEAST_SAME * strength)
 
 
 def _fraction_of(period: int, coherence: Array, best: float) -> float:
