@@ -45,13 +45,12 @@ class GrowingCapture:
         self._path = recording.path
         self._readings = queue.SimpleQueue()
         self._source = capture_stream(capture, datatype, plan.waveform.sample_rate_hz)
+        _on_interrupt(self._source.ended.set)
         self._reader = wiforce.reader(
             plan, self._source.item_type, frame_offset, tracked, on_reading=self._readings.put
         )
 
     def __iter__(self):
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: self._source.ended.set())
         flowgraph = gr.top_block("gr-wiforce read", catch_exceptions=False)
         flowgraph.connect(self._source, self._reader)
         runner = threading.Thread(target=self._run, args=(flowgraph,))
@@ -102,16 +101,22 @@ def _once_long_enough(capture, datatype, waveform):
 
 def _wait_for_frames(recording, capture, datatype, waveform):
     """Samples before the first frame, as soon as the recording holds frames."""
-    try:
-        place = find_frames(recording, waveform)
-        if place is None:
-            click.echo(f"gr-wiforce: warning: {no_frames(recording, waveform)}; waiting", err=True)
-        while place is None:
-            searched = recording.span
-            while recording.span < searched + SEARCHED_FRAMES * waveform.frame_length:
-                time.sleep(_WAIT_S)
-                recording = open_capture(capture, datatype)
-            place = find_frames(recording, waveform, searched)
-    except KeyboardInterrupt:
-        raise no_frames(recording, waveform) from None
+    interrupted = threading.Event()
+    _on_interrupt(interrupted.set)
+    place = find_frames(recording, waveform)
+    if place is None:
+        click.echo(f"gr-wiforce: warning: {no_frames(recording, waveform)}; waiting", err=True)
+    while place is None:
+        searched = recording.span
+        while recording.span < searched + SEARCHED_FRAMES * waveform.frame_length:
+            if interrupted.wait(_WAIT_S):
+                raise no_frames(recording, waveform)
+            recording = open_capture(capture, datatype)
+        place = find_frames(recording, waveform, searched)
     return first_frame(recording, waveform, place)
+
+
+def _on_interrupt(call):
+    """Call a function when the process is asked to end, instead of ending it."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: call())
