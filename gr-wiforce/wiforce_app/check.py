@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field
 
 import click
 import numpy as np
-from gnuradio.wiforce.estimation.frame import MARGIN
+from gnuradio.wiforce.estimation.frame import MARGIN, describe_frames
 from gnuradio.wiforce.estimation.levels import measure_levels
 from gnuradio.wiforce.io.samples import samples_of
 from gnuradio.wiforce.planning.bands import licence_note, outside_band
@@ -131,7 +131,8 @@ def advice_on(findings: Findings, scene: Scene) -> list[str]:
     if findings.levels is None:
         return [
             *outside_band(scene),
-            "no sounding frames received: check antennas and cables, raise --tx-gain or --rx-gain",
+            f"no sounding frames found ({describe_frames(scene.waveform())}): check antennas and "
+            "cables, raise --tx-gain or --rx-gain",
         ]
     return [
         *outside_band(scene),

@@ -6,11 +6,12 @@ import signal
 import threading
 import time
 
+import click
 from gnuradio import gr, wiforce
 from gnuradio.wiforce.blocks.capture_stream import capture_stream
 from gnuradio.wiforce.estimation.frame import SEARCHED_FRAMES
+from gnuradio.wiforce.estimation.recorded_frames import find_frames, first_frame, no_frames
 from gnuradio.wiforce.io.capture import open_capture
-from gnuradio.wiforce.recording import first_frame
 
 # Its log would mix with readings on standard output; failures are raised all the same.
 gr.logging().set_default_level(gr.log_levels.off)
@@ -34,21 +35,22 @@ class GrowingCapture:
     """
 
     def __init__(self, capture, datatype, plan, frame_offset, tracked):
-        recording = _with_frames(capture, datatype, plan.waveform)
+        recording = _once_long_enough(capture, datatype, plan.waveform)
         recording.check_against(plan.scene)
         if frame_offset is None:
-            frame_offset = first_frame(recording, plan.waveform)
+            frame_offset = _wait_for_frames(recording, capture, datatype, plan.waveform)
+        else:
+            find_frames(recording, plan.waveform)
         self.frame_offset = frame_offset
         self._path = recording.path
         self._readings = queue.SimpleQueue()
         self._source = capture_stream(capture, datatype, plan.waveform.sample_rate_hz)
+        _on_interrupt(self._source.ended.set)
         self._reader = wiforce.reader(
             plan, self._source.item_type, frame_offset, tracked, on_reading=self._readings.put
         )
 
     def __iter__(self):
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: self._source.ended.set())
         flowgraph = gr.top_block("gr-wiforce read", catch_exceptions=False)
         flowgraph.connect(self._source, self._reader)
         runner = threading.Thread(target=self._run, args=(flowgraph,))
@@ -88,12 +90,33 @@ class GrowingCapture:
         return {self._path: self._reader.fold.frames_moved()}
 
 
-def _with_frames(capture, datatype, waveform):
-    """The recording as soon as it holds the frames in which their offset is searched."""
+def _once_long_enough(capture, datatype, waveform):
+    """The recording as soon as it holds as many frames as their offset is searched in."""
     recording = open_capture(capture, datatype)
-    while recording.segments[0].length < SEARCHED_FRAMES * waveform.frame_length:
-        if len(recording.segments) > 1:
-            break
+    while recording.span < SEARCHED_FRAMES * waveform.frame_length:
         time.sleep(_WAIT_S)
         recording = open_capture(capture, datatype)
     return recording
+
+
+def _wait_for_frames(recording, capture, datatype, waveform):
+    """Samples before the first frame, as soon as the recording holds frames."""
+    interrupted = threading.Event()
+    _on_interrupt(interrupted.set)
+    place = find_frames(recording, waveform)
+    if place is None:
+        click.echo(f"gr-wiforce: warning: {no_frames(recording, waveform)}; waiting", err=True)
+    while place is None:
+        searched = recording.span
+        while recording.span < searched + SEARCHED_FRAMES * waveform.frame_length:
+            if interrupted.wait(_WAIT_S):
+                raise no_frames(recording, waveform)
+            recording = open_capture(capture, datatype)
+        place = find_frames(recording, waveform, searched)
+    return first_frame(recording, waveform, place)
+
+
+def _on_interrupt(call):
+    """Call a function when the process is asked to end, instead of ending it."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: call())

@@ -59,7 +59,7 @@ class LiveSession:
         tracked: bool = False,
         recording: str | Path | None = None,
     ):
-        waveform = scene.waveform()
+        self.waveform = waveform = scene.waveform()
         sounding = {
             "waveform": waveform.name,
             "frame_length": waveform.frame_length,

@@ -6,7 +6,7 @@ from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.writers import open_writer
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.recording import RecordingReader
-from gnuradio.wiforce.scene import load_capture_scene, load_scene
+from gnuradio.wiforce.scene import scene_of
 
 from .options import readings_output, tracked_presses
 from .progress import progress
@@ -36,14 +36,15 @@ from .stream_events import describe_events
 @click.option(
     "--frame-offset",
     type=click.IntRange(0),
-    help="Samples before the first frame. Default: detected.",
+    help="Samples before the first frame. Default: detected; where no frames are detected, nothing "
+    "is read.",
 )
 @tracked_presses
 @click.option("--follow", is_flag=True, help="Keep reading while the capture grows, until ^C.")
 def read(capture, scene_path, output, plot_path, datatype, frame_offset, tracked, follow):
     """Read force and location from a CAPTURE (SigMF pair, or raw samples with --datatype)."""
     recording = open_capture(capture, datatype)
-    scene = load_capture_scene(recording) if scene_path is None else load_scene(scene_path)
+    scene, differences = scene_of(recording, scene_path)
     settings = plan(scene)
     if plot_path is not None:
         from .plots import check_picture
@@ -56,6 +57,8 @@ def read(capture, scene_path, output, plot_path, datatype, frame_offset, tracked
     else:
         reader = RecordingReader(recording, settings, frame_offset, tracked)
         warn_of_leftover(recording, reader)
+    for difference in differences:
+        warn(recording.path, difference)
     if frame_offset is None and reader.frame_offset:
         first = f"the first frame begins at sample {reader.frame_offset}"
         click.echo(f"gr-wiforce: {recording.path}: {first}", err=True)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import click
+from gnuradio.wiforce.estimation.frame import describe_frames
 from gnuradio.wiforce.io.readings import Reading
 
 from .live_session import DeviceLost, LiveSession
@@ -139,7 +140,10 @@ class Watch:
             self._saturated = False
         if session.alignment.searches >= _SEARCHES and not self._no_frames_reported:
             self._no_frames_reported = True
-            self._warn_of("no sounding frames received; check antennas, --tx-gain and --rx-gain")
+            frames = describe_frames(session.waveform)
+            self._warn_of(
+                f"no sounding frames found ({frames}); check antennas, --tx-gain and --rx-gain"
+            )
         failure = session.recorder.failure if session.recorder is not None else None
         if failure is not None and not self._recording_reported:
             self._recording_reported = True

@@ -109,12 +109,23 @@ class Receiver:
         with self._blas.limit(limits=1, user_api="blas"):
             return self._read(self.reference.process(self.separation.process(groups)))
 
-    def finish(self) -> list[Reading]:
-        """Give the readings of all groups that are still held back."""
+    def finish(self, groups: int = 0) -> list[Reading]:
+        """Give the readings of all groups that are still held back.
+
+        Parameters
+        ----------
+        groups : int, optional
+            Number of groups that the run spans; those after the last one that was received are
+            counted as dropped.
+
+        Returns
+        -------
+        list of Reading
+        """
         with self._blas.limit(limits=1, user_api="blas"):
             readings = self._read(self.reference.process(self.separation.flush()))
             readings += self._read(self.reference.flush())
-            return readings + self.readout.flush()
+            return readings + self.readout.flush(groups)
 
     def tare(self) -> None:
         """Take a new untouched reference from the groups that follow."""

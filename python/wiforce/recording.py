@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -14,8 +15,8 @@ import numpy as np
 from .errors import InputError
 from .estimation.antennas import folded_ratio
 from .estimation.folded_groups import FoldedGroups
-from .estimation.frame import SEARCHED_FRAMES, frame_offset_in
 from .estimation.groups import Groups, is_clipped
+from .estimation.recorded_frames import find_frames, first_frame, require_frames
 from .estimation.survey import LONGEST_S, Survey, survey_channel
 from .io.capture import Capture, open_capture, second_antenna
 from .io.readings import COLUMNS, NUMBERS, GroupCounts, Reading
@@ -23,8 +24,7 @@ from .planning.plan import Plan
 from .planning.plan import plan as plan_of
 from .planning.room import adapted
 from .receiver import Receiver
-from .scene import Scene, load_capture_scene, load_scene
-from .signal.waveform import Waveform
+from .scene import Scene, scene_of
 from .wiforce_kernels import folded_reader, tone_reader
 
 if TYPE_CHECKING:
@@ -49,7 +49,8 @@ def read(
     capture : str, Path or Capture
         SigMF pair, by either file's name or their common stem; raw samples with ``datatype``.
     scene : str, Path, dict or Scene, optional
-        Scene file or the name of a shipped scene; the capture's own when not given.
+        Scene file or the name of a shipped scene; the capture's own when not given. Keys in which
+        it differs from the capture's own, if that holds one, are reported as warnings.
     tracked : bool
         Follow each press over time instead of inverting each group by itself.
     datatype : str, optional
@@ -69,7 +70,7 @@ def read(
     ------
     InputError
         (A ValueError) naming file or key, rule and value, when a file is missing, broken, or
-        contradicts the scene.
+        contradicts the scene, as when no frames are found or when they have another length.
 
     Examples
     --------
@@ -87,8 +88,10 @@ def read(
     import pandas
 
     recording = capture if isinstance(capture, Capture) else open_capture(capture, datatype)
-    found = load_capture_scene(recording) if scene is None else load_scene(scene)
+    found, differences = scene_of(recording, scene)
     reader = RecordingReader(recording, plan_of(found), frame_offset, tracked)
+    for difference in differences:
+        warnings.warn(f"{recording.path}: {difference}", stacklevel=2)
     rows = [
         (*(getattr(reading, name) for name in COLUMNS[:-1]), " ".join(reading.flags))
         for batch in reader
@@ -132,8 +135,8 @@ class RecordingReader:
     Raises
     ------
     InputError
-        When the capture contradicts the scene, is shorter than the reference and one group, or for
-        a bad ``frame_offset``.
+        When the capture contradicts the scene, holds no frames or frames of another length, is
+        shorter than the reference and one group, or for a bad ``frame_offset``.
 
     Examples
     --------
@@ -159,7 +162,11 @@ class RecordingReader:
         recording.check_against(scene)
         self._recording, self._plan = recording, plan
         if frame_offset is None:
-            frame_offset = first_frame(recording, plan.waveform)
+            place = require_frames(recording, plan.waveform)
+            frame_offset = first_frame(recording, plan.waveform, place)
+        else:
+            # Who states where frames begin may know of some that are too weak to be found.
+            find_frames(recording, plan.waveform)
         self.frame_offset = frame_offset
         self._check_length()
         self.survey = None
@@ -216,29 +223,7 @@ class RecordingReader:
             while len(groups := coming.result()):
                 coming = pool.submit(self.source.read)
                 yield self.receiver.process(groups)
-        yield self.receiver.finish()
-
-
-def first_frame(recording: Capture, waveform: Waveform) -> int:
-    """Samples of a recording before its first frame, searched at its start.
-
-    Parameters
-    ----------
-    recording : Capture
-    waveform : Waveform
-
-    Returns
-    -------
-    int
-        0 where frames taken from sample 0 hold their preambles, and where none stands out.
-
-    Examples
-    --------
-    >>> first_frame(open_capture("press"), plan("demo").waveform)  # doctest: +SKIP
-    0
-    """
-    samples = recording.read(SEARCHED_FRAMES * waveform.frame_length)
-    return frame_offset_in(samples[: recording.segments[0].length], waveform)
+        yield self.receiver.finish(self.groups)
 
 
 def survey_recording(recording: Capture, plan: Plan, frame_offset: int) -> Survey | None:
@@ -266,9 +251,9 @@ def survey_recording(recording: Capture, plan: Plan, frame_offset: int) -> Surve
     # A power of two is quicker to transform.
     count = 1 << max(0, int(np.log2(max(1.0, longest))))
     found = folded_reader(**_frame_settings(recording, plan, frame_offset)).read(count)
-    runs = np.split(found["folded"], np.flatnonzero(np.diff(found["snapshot"]) > 1) + 1)
-    folded = max(runs, key=len)
-    folded = folded[np.isfinite(folded).all(axis=1)]
+    whole = np.isfinite(found["folded"]).all(axis=1)
+    snapshots, folded = found["snapshot"][whole], found["folded"][whole]
+    folded = max(np.split(folded, np.flatnonzero(np.diff(snapshots) > 1) + 1), key=len)
     channel = np.fft.fft(folded, axis=1)[:, waveform.bins] * waveform.equalizer()[waveform.bins]
     return survey_channel(channel, waveform, plan.clocks)
 

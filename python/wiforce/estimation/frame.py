@@ -55,7 +55,9 @@ def find_frame_offset(samples: Array, waveform: Waveform) -> int | None:
     finite = np.isfinite(frames).all(axis=1)
     if not finite.any():
         return None
-    mean = frames[finite].mean(axis=0)
+    # Samples of another type read as floats may have any size.
+    with np.errstate(over="ignore", invalid="ignore"):
+        mean = frames[finite].mean(axis=0)
     match = np.abs(np.fft.ifft(np.fft.fft(mean) * np.fft.fft(waveform.frame()).conj()))
     best = int(np.argmax(match))
     if not match[best] > 0:
@@ -73,6 +75,27 @@ def _quiet(match: Array, best: int) -> Array | None:
     distance = np.minimum((np.arange(length) - best) % length, (best - np.arange(length)) % length)
     quiet = match[distance > _QUIET_DISTANCE]
     return quiet if len(quiet) >= _LEAST_QUIET else None
+
+
+def has_quiet_samples(waveform: Waveform) -> bool:
+    """Whether the guard is long enough to tell a preamble from noise in the mean frame.
+
+    Parameters
+    ----------
+    waveform : Waveform
+
+    Returns
+    -------
+    bool
+        False where :func:`find_frame_offset` gives the best offset, whatever it is.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
+    >>> has_quiet_samples(sounding_waveform()), has_quiet_samples(sounding_waveform("wifi", 400))
+    (True, False)
+    """
+    return waveform.frame_length - 2 * _QUIET_DISTANCE - 1 >= _LEAST_QUIET
 
 
 def keeps_alignment(offset: int, waveform: Waveform) -> bool:
@@ -124,3 +147,24 @@ def frame_offset_in(samples: Array, waveform: Waveform) -> int:
     """
     offset = find_frame_offset(samples, waveform)
     return 0 if offset is None or keeps_alignment(offset, waveform) else offset
+
+
+def describe_frames(waveform: Waveform) -> str:
+    """Name the frames that are searched, for messages that say that there are none.
+
+    Parameters
+    ----------
+    waveform : Waveform
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
+    >>> describe_frames(sounding_waveform())
+    "waveform 'repeated', 720 samples per frame at 12.5 Msps"
+    """
+    rate = f"{waveform.sample_rate_hz / 1e6:g} Msps"
+    return f"waveform {waveform.name!r}, {waveform.frame_length} samples per frame at {rate}"

@@ -96,9 +96,22 @@ class Readout:
             self.on_groups(groups)
         return self._rows(self._transitions.process(groups))
 
-    def flush(self) -> list[Reading]:
-        """Give the last group's readings."""
-        return self._rows(self._transitions.flush())
+    def flush(self, groups: int = 0) -> list[Reading]:
+        """Give the last group's readings, and those of the groups that were not received after it.
+
+        Parameters
+        ----------
+        groups : int, optional
+            Number of groups that the run spans.
+
+        Returns
+        -------
+        list of Reading
+        """
+        readings = self._rows(self._transitions.flush())
+        readings += self._fill(groups)
+        self._next = max(self._next, groups)
+        return readings
 
     def _rows(self, groups: Groups) -> list[Reading]:
         """Readings of groups, and of the groups before them that were not received."""

@@ -100,9 +100,45 @@ class Capture:
         ndarray of complex64, shape (n,)
             Full scale is 1 per component.
         """
+        return self._read_file(0, count)
+
+    def read_span(self, start: int, count: int) -> np.ndarray:
+        """Read samples by their time, whether some were lost or not.
+
+        Parameters
+        ----------
+        start : int
+            First sample, counted on the device from the first one of the file, 0 or more.
+        count : int
+            Number of samples; fewer are returned where the recording ends before.
+
+        Returns
+        -------
+        ndarray of complex64, shape (n,)
+            Zeros in gaps. Full scale is 1 per component.
+
+        Examples
+        --------
+        >>> np.arange(1, 7, dtype=np.complex64).tofile("gap.cf32")
+        >>> segments = Segment(0, 50, 2), Segment(2, 53, 4)
+        >>> capture = Capture(Path("gap.cf32"), "cf32_le", None, None, segments)
+        >>> capture.read_span(1, 4).real
+        array([2., 0., 3., 4.], dtype=float32)
+        """
+        samples = np.zeros(max(0, min(count, self.span - start)), np.complex64)
+        for segment in self.segments:
+            offset = segment.global_index - self.segments[0].global_index - start
+            first, last = max(0, -offset), min(segment.length, len(samples) - offset)
+            if first < last:
+                part = self._read_file(segment.file_sample + first, last - first)
+                samples[offset + first : offset + first + len(part)] = part
+        return samples
+
+    def _read_file(self, start: int, count: int) -> np.ndarray:
+        offset = start * DATATYPES[self.datatype].sample_bytes
         if self.datatype == "cf32_le":
-            return np.fromfile(self.path, "<c8", count)
-        codes = np.fromfile(self.path, "<i2", 2 * count)
+            return np.fromfile(self.path, "<c8", count, offset=offset)
+        codes = np.fromfile(self.path, "<i2", 2 * count, offset=offset)
         return samples_of(codes[: len(codes) // 2 * 2])
 
     def check_against(self, scene: "Scene") -> None:

@@ -189,7 +189,7 @@ def plan(scene: Any, snapshots: int | None = None, estimator: str | None = None)
     ------
     InputError
         When the untouched reference holds no whole group, the weights cannot be designed, or two
-        clocks are too much alike; the message names the scene's key.
+        clocks are too much alike; the message names the scene's file and key.
 
     Examples
     --------
@@ -205,7 +205,7 @@ def plan(scene: Any, snapshots: int | None = None, estimator: str | None = None)
     reference_groups = int(scene.reference_s / period + 1e-9)
     if reference_groups < 1:
         rule = f"must hold at least one phase group of {period:.4g} s"
-        raise InputError("reference_s", rule, scene.reference_s)
+        raise InputError(_key_of(scene, "reference_s"), rule, scene.reference_s)
     against = estimator_named(scene.phase_group.estimator).against
     clocks = tuple(TagClock(s.clock_hz, s.clock_tolerance_ppm) for s in scene.sensors)
     settings = Plan(
@@ -244,11 +244,17 @@ def _clutter_band_hz(scene: Scene, clocks: tuple[TagClock, ...]) -> float:
 
 def _scene_keys(scene: Scene) -> dict[str, str]:
     """Key of the scene file behind each parameter of the weights' design."""
-    clocks = {f"clocks_hz[{i}]": f"sensors[{i}].clock_hz" for i in range(len(scene.sensors))}
-    return clocks | {
+    keys = {f"clocks_hz[{i}]": f"sensors[{i}].clock_hz" for i in range(len(scene.sensors))}
+    keys |= {
         "group_length": "phase_group.snapshots",
         "clutter_hz": "environment.moving_clutter_hz",
     }
+    return {name: _key_of(scene, key) for name, key in keys.items()}
+
+
+def _key_of(scene: Scene, key: str) -> str:
+    """Name of a key for messages, with the scene's file where there is one."""
+    return key if scene.path is None else f"{scene.path}: {key}"
 
 
 def _with_fewest_harmonics(settings: Plan) -> Plan:

@@ -4,6 +4,7 @@
 from .load import load_capture_scene, load_scene, shipped_scenes
 from .schema import Scene, scene_json_schema
 from .simulated import Press
+from .stored import scene_of
 
 __all__ = [
     "Press",
@@ -11,5 +12,6 @@ __all__ = [
     "load_capture_scene",
     "load_scene",
     "scene_json_schema",
+    "scene_of",
     "shipped_scenes",
 ]

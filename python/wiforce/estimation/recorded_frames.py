@@ -1,0 +1,273 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Frames of a recording: whether its samples hold the frames that are expected, and where."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ..errors import InputError
+from ..io.capture import Capture
+from ..signal.waveform import FFT_LENGTH, Waveform, sounding_waveform
+from .frame import (
+    SEARCHED_FRAMES,
+    describe_frames,
+    find_frame_offset,
+    frame_offset_in,
+    has_quiet_samples,
+)
+from .frame_period import (
+    SEARCHED_SAMPLES,
+    find_frame_period,
+    likeness_of_mean,
+    repeats_every_frame,
+    samples_needed,
+    symbol_of,
+)
+from .groups import Array
+
+# Where frames are searched when there are none at the start: at doubling distances from it, and so
+# often over the rest.
+_PLACES = 24
+# Samples of a last, longer search: 6 dB more sensitive.
+_LONG_SEARCH = 1 << 20
+# Static paths that leave less likeness than this between preamble and symbol have not been seen: of
+# all shipped scenes 0.6 is the least. Another rate or waveform leaves 0.03 to 0.3.
+_DOUBTFUL = 0.4
+# Frames that leave less do not tell their length: other periodic signals leave up to 0.1.
+_FAINT = 0.15
+# Likeness of the mean frame to the preamble that noise exceeds once in 1e11 recordings.
+_LIKE_PREAMBLE = 0.1
+# Sample rates of the receiver over the transmitter's that are tried.
+_RATIOS = (2, 4, 8, 0.5, 0.25, 1.25, 1.6, 2.5, 5, 10, 0.8, 0.625, 0.4)
+
+
+def find_frames(recording: Capture, waveform: Waveform, start: int = 0) -> int | None:
+    """Find a place of a recording at which the expected frames are received.
+
+    Parameters
+    ----------
+    recording : Capture
+    waveform : Waveform
+        As it is expected.
+    start : int
+        Sample from which on they are searched.
+
+    Returns
+    -------
+    int or None
+        Sample at or after which frames were found: ``start``, unless it is silent there. None
+        where there are none.
+
+    Raises
+    ------
+    InputError
+        When the preambles are those of another waveform or sample rate, or when frames repeat
+        after another number of samples. The message names file, key, and what was found.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.io.capture import open_capture
+    >>> waveform = sounding_waveform(frame_length=1440)
+    >>> np.tile(waveform.frame(), 100).astype(np.complex64).tofile("frames.cf32")
+    >>> recording = open_capture("frames.cf32", "cf32_le")
+    >>> find_frames(recording, waveform)
+    0
+    >>> find_frames(recording, sounding_waveform(frame_length=720))
+    Traceback (most recent call last):
+    gnuradio.wiforce.errors.InputError: frames.cf32: frames repeat every 1440 samples, but \
+sounding.frame_length is 720
+    """
+    needed = samples_needed(waveform.frame_length)
+    for place in _places(start, recording.span, needed):
+        samples = recording.read_span(place, needed)
+        if _agrees(recording, waveform, place, samples):
+            return place
+    # Before weak frames are searched in more samples: strong ones of another kind may explain why.
+    samples = recording.read_span(start, max(_LONG_SEARCH, SEARCHED_FRAMES * waveform.frame_length))
+    _check_kind(recording, waveform, samples[:needed])
+    if _agrees(recording, waveform, start, samples[: max(_LONG_SEARCH, needed)]):
+        return start
+    return start if _stands_out(samples, waveform) else None
+
+
+def require_frames(recording: Capture, waveform: Waveform) -> int:
+    """Find a place at which the expected frames are received, or refuse the recording.
+
+    Parameters
+    ----------
+    recording, waveform
+        As for :func:`find_frames`.
+
+    Returns
+    -------
+    int
+        Sample at or after which frames were found.
+
+    Raises
+    ------
+    InputError
+        As :func:`find_frames`, and when there are no frames.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.io.capture import open_capture
+    >>> np.zeros(100_000, np.complex64).tofile("silence.cf32")
+    >>> require_frames(open_capture("silence.cf32", "cf32_le"), sounding_waveform())
+    Traceback (most recent call last):
+    gnuradio.wiforce.errors.InputError: silence.cf32: no sounding frames found (waveform \
+'repeated', 720 samples per frame at 12.5 Msps); check the datatype (cf32_le), \
+radio.sample_rate_hz and sounding.frame_length
+    """
+    place = find_frames(recording, waveform)
+    if place is None:
+        needed = samples_needed(waveform.frame_length)
+        for part in _places(0, recording.span, needed):
+            if np.isfinite(recording.read_span(part, needed)).any():
+                raise no_frames(recording, waveform)
+        raise InputError(recording.path, "holds no whole frame of finite samples")
+    return place
+
+
+def no_frames(recording: Capture, waveform: Waveform) -> InputError:
+    """The error to raise where no frames are found.
+
+    Parameters
+    ----------
+    recording, waveform
+        As for :func:`find_frames`.
+
+    Returns
+    -------
+    InputError
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> recording = Capture(Path("run.sigmf-data"), "ci16_le", 1e6, 9e8, ())
+    >>> print(no_frames(recording, sounding_waveform("wifi", 320, 1e6)))
+    run.sigmf-data: no sounding frames found (waveform 'wifi', 320 samples per frame at 1 Msps); \
+check the datatype (ci16_le), radio.sample_rate_hz and sounding.frame_length
+    """
+    check = f"check the datatype ({recording.datatype}), radio.sample_rate_hz and "
+    rule = f"no sounding frames found ({describe_frames(waveform)}); {check}sounding.frame_length"
+    return InputError(recording.path, rule)
+
+
+def first_frame(recording: Capture, waveform: Waveform, place: int = 0) -> int:
+    """Samples of a recording before its first frame.
+
+    Parameters
+    ----------
+    recording : Capture
+    waveform : Waveform
+    place : int
+        Sample from which on there are frames (:func:`find_frames`).
+
+    Returns
+    -------
+    int
+        0 where frames taken from sample 0 hold their preambles, and where none stands out.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.io.capture import open_capture
+    >>> waveform = sounding_waveform()
+    >>> np.roll(np.tile(waveform.frame(), 100), 400).astype(np.complex64).tofile("late.cf32")
+    >>> first_frame(open_capture("late.cf32", "cf32_le"), waveform)
+    392
+    """
+    length = waveform.frame_length
+    # On the grid that begins with the first sample, frames are where they are at the start.
+    place -= place % length
+    return frame_offset_in(recording.read_span(place, SEARCHED_FRAMES * length), waveform)
+
+
+def _places(start: int, span: int, needed: int) -> Iterator[int]:
+    """Samples at which frames are searched, the first one first."""
+    last = max(start, span - needed)
+    step = needed
+    place = start
+    while place < last:
+        yield place
+        place, step = place + step, 2 * step
+    yield from np.unique(np.linspace(start, last, _PLACES).astype(int))[1:].tolist() or [last]
+
+
+def _stands_out(samples: Array, waveform: Waveform) -> bool:
+    """Whether the mean of many frames holds a preamble, in both halves at the same place."""
+    half = len(samples) // waveform.frame_length // 2 * waveform.frame_length
+    if not half or likeness_of_mean(samples, waveform) < _LIKE_PREAMBLE:
+        return False
+    first, second = (find_frame_offset(part, waveform) for part in (samples[:half], samples[half:]))
+    return first is not None and first == second
+
+
+def _agrees(recording: Capture, waveform: Waveform, place: int, samples: Array) -> bool:
+    """Whether the samples hold the expected frames; False where no frames can be seen.
+
+    Preambles of another kind, and frames of another length, are refused.
+    """
+    found, expected = find_frame_period(samples, waveform), waveform.frame_length
+    if found.samples is None or not found.agrees and found.likeness < _FAINT:
+        return False
+    if found.likeness < _DOUBTFUL:
+        _check_kind(recording, waveform, samples[:SEARCHED_SAMPLES], found.likeness)
+    if found.agrees or found.samples == expected:
+        return True
+    # Another signal may repeat as well, a tone or the frames of a second reader. Both together
+    # repeat after a multiple of our frame, which a longer frame alone does not fill.
+    if found.samples % expected == 0 and repeats_every_frame(samples, waveform):
+        return True
+    # The second reader may also be the stronger one: the mean of many frames shows ours.
+    if has_quiet_samples(waveform) and not _commensurate(found.samples, expected):
+        samples = recording.read_span(place, SEARCHED_FRAMES * expected)
+        if _stands_out(samples, waveform):
+            return True
+    rule = (
+        f"frames repeat every {found.samples:.6g} samples, but sounding.frame_length is {expected}"
+    )
+    if found.samples != round(found.samples):
+        rule += "; receiver and transmitter ran at different sample rates"
+    raise InputError(recording.path, rule)
+
+
+def _commensurate(period: float, expected: int, most: int = 16) -> bool:
+    """Whether a few frames of one length take as long as a few of the other."""
+    counts = np.arange(1, most + 1) * period / expected
+    return bool(np.any((counts == np.rint(counts)) & (counts <= most)))
+
+
+def _check_kind(
+    recording: Capture, waveform: Waveform, samples: Array, likeness: float = 0.0
+) -> None:
+    """Refuse preambles that another waveform or another sample rate explains far better."""
+    clear = max(_DOUBTFUL, 2 * likeness)
+    for name in ("repeated", "wifi"):
+        other = sounding_waveform(name, waveform.frame_length, waveform.sample_rate_hz)
+        if name != waveform.name and find_frame_period(samples, other).likeness > clear:
+            rule = f"the preambles are those of {name!r}, but sounding.waveform is"
+            raise InputError(recording.path, f"{rule} {waveform.name!r}")
+    symbol = symbol_of(waveform)
+    if find_frame_period(samples, waveform, symbol.conj()).likeness > clear:
+        raise InputError(recording.path, "I and Q are swapped, or the spectrum is inverted")
+    for ratio in _RATIOS:
+        found = find_frame_period(samples, waveform, _resampled(symbol, ratio))
+        if found.samples is not None and found.likeness > clear:
+            rule = (
+                f"symbols have {FFT_LENGTH * ratio:g} samples instead of {FFT_LENGTH}, and frames "
+                f"repeat every {found.samples:.6g} samples: the receiver's sample rate was "
+                f"{ratio:g} times that of the transmitter "
+                f"(radio.sample_rate_hz is {waveform.sample_rate_hz:.12g})"
+            )
+            raise InputError(recording.path, rule)
+
+
+def _resampled(symbol: Array, ratio: float) -> Array:
+    """A symbol as a receiver samples it whose rate is so many times the transmitter's."""
+    length = round(len(symbol) * ratio)
+    half = min(length, len(symbol)) // 2
+    spectrum, wider = np.fft.fft(symbol), np.zeros(length, complex)
+    wider[:half], wider[-half:] = spectrum[:half], spectrum[-half:]
+    return np.fft.ifft(wider)

@@ -1,0 +1,243 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A capture is read with the right scene, and only when its samples agree with it."""
+
+import os
+import signal
+import subprocess
+import time
+import warnings
+
+import numpy as np
+import pytest
+import yaml
+from gnuradio import wiforce
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.capture import Capture, Segment, open_capture
+from gnuradio.wiforce.recording import RecordingReader
+from gnuradio.wiforce.scene import load_scene, scene_of
+
+# Frames of 320 samples at 1.25 Msps: a second of it is small and quickly read.
+SCENE = {
+    "radio": {"sample_rate_hz": 1.25e6},
+    "sounding": {"frame_length": 320},
+    "phase_group": {"snapshots": 125},
+    "sensors": [{"name": "arm", "model": "line-900mhz", "clock_hz": 400}],
+    "reference_s": 0.4,
+    "simulation": {"duration_s": 1.2, "seed": 2, "snr_db": 15, "static_clutter_db": 50},
+}
+READ = ["gr-wiforce", "read"]
+
+
+def changed(section, **values):
+    scene = {key: dict(value) if isinstance(value, dict) else value for key, value in SCENE.items()}
+    scene[section] = scene.get(section, {}) | values
+    return scene
+
+
+@pytest.fixture(scope="module")
+def press(tmp_path_factory):
+    """Stem of a capture."""
+    stem = tmp_path_factory.mktemp("capture") / "press"
+    wiforce.simulate(load_scene(SCENE), stem)
+    return stem
+
+
+def run(*arguments):
+    return subprocess.run([*READ, *map(str, arguments)], capture_output=True, text=True, timeout=60)
+
+
+def refusal(done, output=None):
+    """The one line of a command that was refused, and that has written nothing."""
+    assert done.returncode == 2 and done.stdout == "", done
+    assert done.stderr.count("\n") == 1, done.stderr
+    assert output is None or not output.exists()
+    return done.stderr
+
+
+def written(folder, scene):
+    path = folder / "scene.yaml"
+    path.write_text(yaml.safe_dump(scene))
+    return path
+
+
+def test_scene_of_own_scene_is_the_default_and_differs_in_nothing(press):
+    """Users would have to keep a scene file beside every capture."""
+    own, differences = scene_of(open_capture(press))
+    assert own.sounding.frame_length == 320 and differences == []
+    again, differences = scene_of(open_capture(press), SCENE)
+    assert again.sensors == own.sensors and differences == []
+
+
+def test_read_scene_that_differs_warns_of_each_key(press, tmp_path):
+    """A scene of another experiment would give wrong readings without a word."""
+    scene = changed("phase_group", snapshots=250)
+    off = {"off_reflection": [0.1, 0.0], "clock_tolerance_ppm": 50}
+    scene["sensors"] = [SCENE["sensors"][0] | off]
+    scene["simulation"] = {"duration_s": 2.0}
+    done = run(press, "--scene", written(tmp_path, scene), "-o", tmp_path / "out.csv")
+    assert done.returncode == 0, done.stderr
+    data = press.with_suffix(".sigmf-data")
+    start = f"gr-wiforce: warning: {data}: "
+    assert [line.removeprefix(start) for line in done.stderr.splitlines()[:-1]] == [
+        "phase_group.snapshots is 125 in the capture's own scene, 250 in the scene given",
+        "sensors[arm].clock_tolerance_ppm is 100 in the capture's own scene, 50 in the scene given",
+        "sensors[arm].off_reflection is [0, 0] in the capture's own scene, "
+        "[0.1, 0] in the scene given",
+    ]
+    with pytest.warns(UserWarning, match="phase_group.snapshots is 125") as caught:
+        wiforce.read(press, scene)
+    assert len(caught) == 3
+
+
+def test_scene_of_other_sensors_and_unreadable_scene_are_reported(press):
+    """A capture whose own scene is broken must be readable with a good one."""
+    scene = {**SCENE, "sensors": [{**SCENE["sensors"][0], "name": "leg"}]}
+    capture = open_capture(press)
+    assert scene_of(capture, scene)[1][0] == (
+        "sensors is [arm] in the capture's own scene, [leg] in the scene given"
+    )
+    broken = Capture(capture.path, "ci16_le", None, None, capture.segments, {"sensors": 3})
+    (difference,) = scene_of(broken, scene)[1]
+    assert difference.startswith("the capture's own scene cannot be compared")
+    with pytest.raises(InputError, match="wiforce:scene"):
+        scene_of(broken)
+
+
+@pytest.mark.parametrize("given", [640, 400, 720])
+def test_read_wrong_frame_length_names_the_true_one(press, tmp_path, given):
+    """Frames cut at the wrong places gave confident wrong readings."""
+    output = tmp_path / "out.csv"
+    scene = changed("sounding", frame_length=given)
+    scene["sensors"] = [{**SCENE["sensors"][0], "clock_hz": 200}]
+    line = refusal(run(press, "--scene", written(tmp_path, scene), "-o", output), output)
+    assert f"frames repeat every 320 samples, but sounding.frame_length is {given}" in line
+
+
+def test_read_half_frame_length_is_refused_by_command_and_function(tmp_path):
+    """Half the true length reads a preamble in every second frame only."""
+    scene = changed("sounding", frame_length=640)
+    scene["sensors"] = [{**SCENE["sensors"][0], "clock_hz": 200}]
+    wiforce.simulate(load_scene(scene), tmp_path / "long")
+    rule = "long.sigmf-data: frames repeat every 640 samples, but sounding.frame_length is 320"
+    half = changed("sounding", frame_length=320)
+    half["sensors"] = scene["sensors"]
+    assert rule in refusal(run(tmp_path / "long", "--scene", written(tmp_path, half)))
+    with pytest.raises(InputError, match=rule):
+        wiforce.read(tmp_path / "long", half)
+    # The frames' place may be stated, but not their length.
+    with pytest.raises(InputError, match=rule):
+        wiforce.read(tmp_path / "long", half, frame_offset=0)
+
+
+def test_read_faint_tag_is_read(tmp_path):
+    """A weak or absent tag in front of static paths gives flagged readings, not a refusal."""
+    faint = changed("simulation", snr_db=-45, static_clutter_db=45)
+    wiforce.simulate(load_scene(faint), tmp_path / "faint")
+    readings = wiforce.read(tmp_path / "faint")
+    assert len(readings) == 37 and (readings["flags"] != "").all()
+
+
+@pytest.mark.parametrize("content", ["noise", "silence", "floats"])
+def test_read_without_frames_is_refused_with_a_hint(press, tmp_path, content):
+    """A wrong datatype, rate or file gave an empty table and exit status 0."""
+    rng, count = np.random.default_rng(1), 400_000
+    samples = {
+        "noise": (1000 * rng.standard_normal(2 * count)).astype("<i2"),
+        "silence": np.zeros(2 * count, "<i2"),
+        "floats": open_capture(press).read(count),
+    }[content]
+    samples.tofile(tmp_path / "raw.bin")
+    output, scene = tmp_path / "out.csv", written(tmp_path, SCENE)
+    arguments = tmp_path / "raw.bin", "--datatype", "ci16_le", "--scene", scene, "-o", output
+    line = refusal(run(*arguments), output)
+    assert (
+        "raw.bin: no sounding frames found (waveform 'repeated', 320 samples per frame at "
+        "1.25 Msps); check the datatype (ci16_le), radio.sample_rate_hz and sounding.frame_length"
+    ) in line
+
+
+def test_read_integers_as_floats_are_refused(press):
+    """The commonest mistake with raw files; NumPy's warnings would hide the reason."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(InputError, match=r"check the datatype \(cf32_le\)"):
+            wiforce.read(press.with_suffix(".sigmf-data"), SCENE, datatype="cf32_le")
+
+
+def test_read_leading_silence_finds_the_frames_behind_it(press, tmp_path):
+    """Recorders are often started before the transmitter."""
+    silence = np.zeros(2 * 500_155, "<i2")
+    codes = np.fromfile(press.with_suffix(".sigmf-data"), "<i2")
+    np.concatenate([silence, codes]).tofile(tmp_path / "late.bin")
+    reader = RecordingReader(open_capture(tmp_path / "late.bin", "ci16_le"), wiforce.plan(SCENE))
+    # Without a guard frames begin with any of their symbols.
+    assert (reader.frame_offset + 8 - 500_155) % 64 <= 8
+
+
+def test_read_span_keeps_samples_at_their_time_across_gaps(tmp_path):
+    """Frames would seem to move at every gap."""
+    np.arange(1, 11, dtype=np.complex64).tofile(tmp_path / "gaps.bin")
+    segments = Segment(0, 7, 3), Segment(3, 12, 4), Segment(7, 16, 3)
+    capture = Capture(tmp_path / "gaps.bin", "cf32_le", None, None, segments)
+    whole = [1, 2, 3, 0, 0, 4, 5, 6, 7, 8, 9, 10]
+    assert capture.read_span(0, 100).real.tolist() == whole
+    assert capture.read_span(4, 3).real.tolist() == whole[4:7]
+    assert capture.read_span(12, 3).tolist() == []
+
+
+def test_read_tail_that_is_not_finite_counts_as_dropped(press, tmp_path):
+    """Groups would be missing at the end of the table without being counted."""
+    samples = open_capture(press).read(10**7)
+    samples[20 * 40_000 :] = np.nan
+    samples.tofile(tmp_path / "tail.cf32")
+    scene = written(tmp_path, SCENE)
+    done = run(tmp_path / "tail.cf32", "--datatype", "cf32_le", "--scene", scene)
+    assert "read 37 groups" in done.stderr and "17 dropped" in done.stderr, done.stderr
+    rows = done.stdout.splitlines()[1:]
+    assert len(rows) == 37 and all(row.endswith(",gap") for row in rows[20:])
+
+
+def test_plan_reference_that_is_too_short_names_the_scene_file(tmp_path):
+    """With several scenes in a script nobody would know which one is wrong."""
+    path = written(tmp_path, {**SCENE, "reference_s": 0.01})
+    with pytest.raises(InputError) as caught:
+        wiforce.plan(str(path))
+    assert str(caught.value).startswith(f"{path}: reference_s: must hold at least one phase group")
+    with pytest.raises(InputError, match="^reference_s: must hold"):
+        wiforce.plan({**SCENE, "reference_s": 0.01})
+
+
+def following(path, scene, output):
+    command = [*READ, path, "--datatype", "ci16_le", "--scene", scene, "--follow", "-o", output]
+    return subprocess.Popen([*map(str, command)], stderr=subprocess.PIPE, text=True)
+
+
+def test_follow_waits_for_frames_and_then_reads(press, tmp_path):
+    """A recorder may run long before the transmitter is switched on."""
+    path, output, scene = tmp_path / "grow.bin", tmp_path / "out.csv", written(tmp_path, SCENE)
+    rng = np.random.default_rng(3)
+    path.write_bytes(rng.normal(0, 3, 2 * 700_000).astype("<i2").tobytes())
+    process = following(path, scene, output)
+    first = process.stderr.readline()
+    assert "warning" in first and "no sounding frames found" in first
+    assert first.endswith("; waiting\n") and not output.exists()
+    with open(path, "ab") as stream:
+        stream.write(press.with_suffix(".sigmf-data").read_bytes())
+    end = time.monotonic() + 40
+    while not output.exists() or output.read_text().count("\n") < 40:
+        assert time.monotonic() < end and process.poll() is None
+        time.sleep(0.1)
+    process.send_signal(signal.SIGINT)
+    assert "read " in process.communicate(timeout=30)[1] and process.returncode == 0
+
+
+def test_follow_interrupted_before_frames_says_why_nothing_was_read(tmp_path):
+    """An empty file and exit status 0 would look like a sensor that nobody touched."""
+    path, output, scene = tmp_path / "grow.bin", tmp_path / "out.csv", written(tmp_path, SCENE)
+    path.write_bytes(bytes(4 * 700_000))
+    process = following(path, scene, output)
+    process.stderr.readline()
+    os.kill(process.pid, signal.SIGINT)
+    lines = process.communicate(timeout=30)[1]
+    assert process.returncode == 2 and "no sounding frames found" in lines
+    assert not output.exists()
