@@ -198,10 +198,10 @@ def simulate(case, rng):
         yield scale * received
 
 
-def write_capture(case, path, rng):
+def write_capture(blocks, path):
     """14-bit codes in the upper bits of ci16, and SigMF metadata."""
     with open(f"{path}.sigmf-data", "wb") as stream:
-        for block in simulate(case, rng):
+        for block in blocks:
             codes = np.round(block.reshape(-1).view(float) * 8192)
             (np.clip(codes, -8192, 8191).astype("<i2") * 4).astype("<i2").tofile(stream)
     meta = {
@@ -275,7 +275,7 @@ def write_case(name, folder, seed=7):
         write_vna(tag, folder / f"{tag.name}.csv", rng)
     write_scene(case, folder / "scene.yaml")
     write_truth(case, folder / "truth.csv")
-    write_capture(case, folder / "capture", rng)
+    write_capture(simulate(case, rng), folder / "capture")
     return case
 
 

@@ -1,0 +1,218 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What an effect may change, and the tag whose clock is not ideal.
+
+Levels in dB are relative to |c1[1] G1|^2 of the tag that is read, as the static level of
+``second_simulator``, unless they are said to be relative to the receiver's noise.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from second_simulator import ACTIVE, FRAME, RATE, delayed, phases, pressed, subcarrier_power
+
+FRAME_S = FRAME / RATE
+INSIDE = np.arange(ACTIVE) / FRAME  # position of the active samples within a frame, 0 to 1
+
+
+@dataclass
+class Air:
+    """What every effect can refer to.
+
+    ``line`` is |c1[1]| of the tag that is read, ``noise`` the rms of the receiver's noise per
+    complex sample, ``sent`` the frame as it leaves the antenna, ``frames`` the capture's length.
+    """
+
+    line: float
+    noise: float
+    sent: np.ndarray
+    frames: int
+
+    @property
+    def edges_s(self):
+        """Times of all frame starts and of the end, (frames + 1,)."""
+        return np.arange(self.frames + 1) * FRAME_S
+
+    def path(self, delay_s, level_db):
+        """A frame that arrives later, with its level as power over the subcarriers."""
+        late = delayed(self.sent, delay_s)
+        return late * self.line * 10 ** (level_db / 20) / np.sqrt(subcarrier_power(late))
+
+
+class Effect:
+    """An effect that changes nothing. ``begin`` is called first, with a generator of its own.
+
+    ``first`` is always the index of the first frame of a block; a block is (frames, 720).
+    """
+
+    peak = 0.0  # highest amplitude that it adds, for the receiver's gain
+
+    def alter_scene(self, scene):
+        """Change the description that the reader gets."""
+
+    def alter_tag(self, tag, rng):
+        """Change the tag that is read, an ideal ``SwitchedTag``."""
+
+    def transmit(self, sent, rng):
+        return sent
+
+    def begin(self, air, rng):
+        pass
+
+    def add(self, block, first):
+        """Add what arrives at the antenna, in place."""
+
+    def receive(self, block, first, peak):
+        """The receiver's own doing, after noise; ``peak`` is its largest input."""
+        return block
+
+
+def within_frames(values, first, count):
+    """From values at frame edges to linear ones at the active samples, (count, 344)."""
+    begin = values[first : first + count, None]
+    end = values[first + 1 : first + count + 1, None]
+    return begin + (end - begin) * INSIDE
+
+
+def random_walk(rng, frames, per_sqrt_s, ends=1):
+    """Random walks at the frame edges that start at 0, (frames + 1, ends)."""
+    steps = per_sqrt_s * np.sqrt(FRAME_S) * rng.standard_normal((frames, ends))
+    return np.concatenate([np.zeros((1, ends)), np.cumsum(steps, axis=0)])
+
+
+def integral(values):
+    """Trapezoidal integral over time of values at the frame edges, (frames + 1,)."""
+    return np.concatenate([[0], np.cumsum((values[1:] + values[:-1]) / 2) * FRAME_S])
+
+
+@dataclass
+class Switches:
+    """Two switches on one clock, with the errors of real ones."""
+
+    clock_hz: float
+    offset_ppm: float = 0.0
+    drift_ppm_per_s: float = 0.0
+    start_cycles: float = 0.0
+    wander_ppm: float = 0.0  # random walk of the frequency, per sqrt(second)
+    jitter_s: float = 0.0  # rms error of every period's length
+    duty: tuple = (0.25, 0.25)  # of clocks 1 and 2
+    delay_s: float = 0.0  # of clock 2
+    rise_s: float = 0.0
+    cycles: np.ndarray = field(init=False, default=None)
+
+    def begin(self, air, rng):
+        """Run the clock: cycles at all frame edges."""
+        t = air.edges_s
+        late = t * self.offset_ppm * 1e-6 + self.drift_ppm_per_s * 1e-6 * t * t / 2
+        late += integral(random_walk(rng, air.frames, self.wander_ppm * 1e-6)[:, 0])
+        periods = int(t[-1] * self.clock_hz) + 2
+        walk = np.cumsum(self.jitter_s * rng.standard_normal(periods))
+        late += np.interp(t, np.arange(periods) / self.clock_hz, walk)
+        self.cycles = self.start_cycles + self.clock_hz * (t + late)
+
+    def on(self, first, count):
+        """How far each switch is on at the active samples; edges take a sample or the rise."""
+        cycles = within_frames(self.cycles, first, count)
+        slope = 1 / (self.clock_hz * max(self.rise_s, 1 / RATE))
+        to_first = np.abs(cycles - np.round(cycles))
+        half = 2 * (cycles - self.delay_s * self.clock_hz) - 0.5
+        to_second = np.abs(half - np.round(half)) / 2
+        return [
+            np.clip(0.5 + (width - distance) * slope, 0, 1)
+            for distance, width in (
+                (to_first, self.duty[0] / 2),
+                (to_second, self.duty[1] / 4),
+            )
+        ]
+
+
+class SwitchedTag:
+    """The tag that is read: pressed as its description says, switched by its own clock."""
+
+    def __init__(self, tag, rng):
+        self.tag = tag
+        self.switches = Switches(
+            tag.clock_hz, tag.offset_ppm, tag.drift_ppm_per_s, start_cycles=rng.random()
+        )
+        self.drift_deg_per_sqrt_s = 0.0
+        self.delay_s = 0.15e-6
+
+    def begin(self, air, rng):
+        self.late = 10 ** (self.tag.level_db / 20) * delayed(air.sent, self.delay_s)
+        self.switches.begin(air, rng)
+        self.drift_deg = random_walk(rng, air.frames, self.drift_deg_per_sqrt_s, ends=2)
+
+    def add(self, block, first):
+        count = len(block)
+        t = (first + np.arange(count)) * FRAME_S + 16e-6
+        psi = phases(self.tag, *pressed(self.tag, t)) + self.drift_deg[first : first + count]
+        ends = np.exp(1j * np.deg2rad(psi))
+        s1, s2 = self.switches.on(first, count)
+        block[:, :ACTIVE] += self.late[:ACTIVE] * (s1 * ends[:, :1] + s2 * ends[:, 1:])
+
+
+@dataclass
+class Clock(Effect):
+    """The tag's clock and switches are not ideal; the scene states only the tolerance."""
+
+    offset_ppm: float = 25.0
+    wander_ppm: float = 0.0
+    jitter_s: float = 0.0
+    duty: tuple = (0.25, 0.25)
+    delay_s: float = 0.0
+    rise_s: float = 0.0
+    tolerance_ppm: float = 100.0
+
+    def alter_scene(self, scene):
+        scene["sensors"][0]["clock_tolerance_ppm"] = self.tolerance_ppm
+
+    def alter_tag(self, tag, rng):
+        for key in ("offset_ppm", "wander_ppm", "jitter_s", "duty", "delay_s", "rise_s"):
+            setattr(tag.switches, key, getattr(self, key))
+
+
+@dataclass
+class Drift(Effect):
+    """The phases of both ends walk, touched or not: ``deg`` rms after ``over_s`` seconds."""
+
+    deg: float = 6.0
+    over_s: float = 20.0
+
+    def alter_tag(self, tag, rng):
+        tag.drift_deg_per_sqrt_s = self.deg / np.sqrt(self.over_s)
+
+
+@dataclass
+class HalfFrame(Effect):
+    """The scene states half the frame length that was sent."""
+
+    def alter_scene(self, scene):
+        scene["sounding"] = {"frame_length": FRAME // 2}
+
+
+@dataclass
+class OtherTag(Effect):
+    """A tag that the scene does not list and that nobody touches."""
+
+    clock_hz: float
+    level_db: float
+    offset_ppm: float | None = None  # None: any within 60 ppm
+    delay_s: float = 0.15e-6
+
+    def begin(self, air, rng):
+        offset = rng.uniform(-60, 60) if self.offset_ppm is None else self.offset_ppm
+        self.switches = Switches(
+            self.clock_hz, offset, rng.uniform(-0.3, 0.3), start_cycles=rng.random()
+        )
+        self.switches.begin(air, rng)
+        self.ends = np.exp(2j * np.pi * rng.random(2))
+        self.late = 10 ** (self.level_db / 20) * delayed(air.sent, self.delay_s)
+        self.peak = np.abs(self.late).max()
+
+    def add(self, block, first):
+        s1, s2 = self.switches.on(first, len(block))
+        block[:, :ACTIVE] += self.late[:ACTIVE] * (s1 * self.ends[0] + s2 * self.ends[1])
+
+
+def near_tag(apart_ppm, level_db=-10.0, clock_hz=1000.0, own_ppm=25.0, delay_s=0.15e-6):
+    """A tag of the same kind as ours, a few ppm beside it."""
+    return OtherTag(clock_hz, level_db, own_ppm + apart_ppm, delay_s)

@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Reflections that move or change: people, fans, lamps."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from second_simulator import ACTIVE, CARRIER_HZ, RATE
+
+from rooms.effects import FRAME_S, Effect, integral, random_walk, within_frames
+
+# Phase of a reflection per metre that it moves along the line of sight, there and back.
+RAD_PER_M = 4 * np.pi * CARRIER_HZ / 299792458.0
+
+
+class Scatterers(Effect):
+    """Reflections with their own gains, known at the frame edges: what moves slowly."""
+
+    def set_paths(self, air, delays_s, gains):
+        """Gains (scatterers, frames + 1) of unit total power, and their delays."""
+        self.late = [air.path(delay, self.level_db) for delay in delays_s]
+        self.gains = gains
+        self.peak = sum(np.abs(path).max() for path in self.late) / np.sqrt(len(self.late))
+
+    def add(self, block, first):
+        for path, gain in zip(self.late, self.gains, strict=True):
+            block[:, :ACTIVE] += path[:ACTIVE] * within_frames(gain, first, len(block))
+
+
+def smooth_step(x):
+    x = np.clip(x, 0, 1)
+    return x**3 * (10 - 15 * x + 6 * x * x)
+
+
+@dataclass
+class Walker(Scatterers):
+    """A person who walks, halts and turns round, at up to 1.5 m/s towards the antennas.
+
+    A torso with two arms and two legs, whose speeds swing about that of the torso: Doppler up to
+    9 Hz at 900 MHz for the torso, 27 Hz for the feet.
+    """
+
+    level_db: float
+    # (share of power, how far the speed swings about the torso's, phase of the stride)
+    BODY = (
+        (0.6, 0.1, 0.0),
+        (0.1, 0.9, 0.5),
+        (0.1, 0.9, 0.0),
+        (0.1, 2.0, 0.0),
+        (0.1, 2.0, 0.5),
+    )
+
+    def speed(self, t, rng):
+        """Speeds between 0 and 1.5 m/s with smooth changes every half second or so."""
+        speed, now, level = np.zeros_like(t), -rng.uniform(0, 0.6), 0.0
+        while now < t[-1]:
+            target = rng.choice([0, 1, 1, 1, -1]) * rng.uniform(0.5, 1.5)
+            speed += (target - level) * smooth_step((t - now) / rng.uniform(0.25, 0.5))
+            now, level = now + rng.uniform(0.4, 1.0), target
+        return np.clip(speed, -1.5, 1.5)
+
+    def begin(self, air, rng):
+        t = air.edges_s
+        speed = self.speed(t, rng)
+        while np.sqrt(np.mean(speed**2)) < 0.5:
+            speed = self.speed(t, rng)
+        stride = 2 * np.pi * integral(0.7 * np.abs(speed)) + 2 * np.pi * rng.random()
+        gains = []
+        for share, swing, phase in self.BODY:
+            away = integral(speed * (1 + swing * np.sin(stride + 2 * np.pi * phase)))
+            start = 2 * np.pi * rng.random()
+            gains.append(np.sqrt(share) * np.exp(1j * (RAD_PER_M * away + start)))
+        self.set_paths(air, rng.uniform(0.2e-6, 0.3e-6) + rng.uniform(0, 6e-9, 5), gains)
+
+
+@dataclass
+class Fan(Scatterers):
+    """Three blades of points along their radius, seen from the side; ``doppler_hz`` at the tips.
+
+    The spectrum consists of harmonics of the rotation, strongest at those of the blade rate. What
+    stands still is left out: the level is that of what changes.
+    """
+
+    level_db: float
+    doppler_hz: float = 200.0
+
+    def begin(self, air, rng):
+        tip_m = rng.uniform(0.18, 0.28)
+        rotation_hz = (
+            self.doppler_hz / (RAD_PER_M * tip_m) * (1 + random_walk(rng, air.frames, 1e-3))
+        )
+        turn = 2 * np.pi * (integral(rotation_hz[:, 0]) + rng.random())
+        gain = np.zeros(len(turn), complex)
+        for blade in range(3):
+            angle = turn + 2 * np.pi * blade / 3
+            # No blade is exactly like another, and each flashes when it stands across.
+            flash = (1 + 0.1 * rng.standard_normal()) * (0.3 + 0.7 * np.cos(angle) ** 2)
+            for share in (0.4, 0.7, 1.0):
+                gain += flash * np.exp(1j * RAD_PER_M * share * tip_m * np.sin(angle))
+        gain -= gain.mean()
+        gain *= np.exp(2j * np.pi * rng.random()) / np.sqrt(np.mean(np.abs(gain) ** 2))
+        self.set_paths(air, [rng.uniform(0.2e-6, 0.4e-6)], [gain])
+        self.peak *= 2
+
+
+@dataclass
+class Lamps(Effect):
+    """Lamps that reflect more or less at twice the mains' frequency and all harmonics.
+
+    ``level_db`` is that of the line at 1 kHz; the amplitudes of harmonics fall as 1/h.
+    """
+
+    level_db: float
+    mains_hz: float = 50.0
+    wander_hz: float = 0.06  # random walk of the mains' frequency, per sqrt(second)
+    harmonics: int = 120
+    NODES = 9  # of linear interpolation within the active samples of a frame
+
+    def begin(self, air, rng):
+        frequency = 2 * (self.mains_hz + rng.uniform(-0.02, 0.02))
+        frequency = frequency + 2 * random_walk(rng, air.frames, self.wander_hz)[:, 0]
+        self.turns = integral(frequency) + rng.random()
+        self.tables, self.late = [], []
+        at = np.arange(8193) / 8192
+        at_1k = round(1000 / (2 * self.mains_hz))
+        for _ in range(3):  # lamps of one room, on different paths
+            table = np.zeros(len(at))
+            for h in range(1, self.harmonics + 1):
+                table += 2 * at_1k / h * np.cos(2 * np.pi * (h * at + rng.random()))
+            path = air.path(rng.uniform(0.1e-6, 0.3e-6), self.level_db)
+            self.late.append(path * np.exp(2j * np.pi * rng.random()) / np.sqrt(3))
+            self.tables.append(table)
+        self.peak = sum(
+            np.abs(path).max() * np.abs(table).max()
+            for path, table in zip(self.late, self.tables, strict=True)
+        )
+
+    def add(self, block, first):
+        count, steps = len(block), self.NODES - 1
+        begin = self.turns[first : first + count, None]
+        rate = self.turns[first + 1 : first + count + 1, None] - begin
+        turns = begin + rate * np.arange(self.NODES) * (ACTIVE / steps / RATE / FRAME_S)
+        turns = (turns % 1) * 8192
+        whole = turns.astype(int)
+        share = turns - whole
+        along = np.arange(ACTIVE // steps) / (ACTIVE // steps)
+        for path, table in zip(self.late, self.tables, strict=True):
+            value = table[whole] * (1 - share) + table[whole + 1] * share
+            gain = value[:, :-1, None] + np.diff(value)[:, :, None] * along
+            block[:, :ACTIVE] += path[:ACTIVE] * gain.reshape(count, ACTIVE)
