@@ -11,6 +11,7 @@ import numpy as np
 from second_simulator import ACTIVE, FRAME, RATE, delayed, phases, pressed, subcarrier_power
 
 FRAME_S = FRAME / RATE
+TAG_DELAY_S = 0.15e-6  # of the tag that is read
 INSIDE = np.arange(ACTIVE) / FRAME  # position of the active samples within a frame, 0 to 1
 
 
@@ -32,9 +33,12 @@ class Air:
         """Times of all frame starts and of the end, (frames + 1,)."""
         return np.arange(self.frames + 1) * FRAME_S
 
-    def path(self, delay_s, level_db):
-        """A frame that arrives later, with its level as power over the subcarriers."""
-        late = delayed(self.sent, delay_s)
+    def path(self, later_s, level_db):
+        """A frame so much later than by way of the tag; its level is power over the subcarriers.
+
+        What is in the tag's room is rarely more than some 50 ns (15 m) later or earlier.
+        """
+        late = delayed(self.sent, TAG_DELAY_S + later_s)
         return late * self.line * 10 ** (level_db / 20) / np.sqrt(subcarrier_power(late))
 
 
@@ -134,10 +138,9 @@ class SwitchedTag:
             tag.clock_hz, tag.offset_ppm, tag.drift_ppm_per_s, start_cycles=rng.random()
         )
         self.drift_deg_per_sqrt_s = 0.0
-        self.delay_s = 0.15e-6
 
     def begin(self, air, rng):
-        self.late = 10 ** (self.tag.level_db / 20) * delayed(air.sent, self.delay_s)
+        self.late = 10 ** (self.tag.level_db / 20) * delayed(air.sent, TAG_DELAY_S)
         self.switches.begin(air, rng)
         self.drift_deg = random_walk(rng, air.frames, self.drift_deg_per_sqrt_s, ends=2)
 
@@ -196,7 +199,7 @@ class OtherTag(Effect):
     clock_hz: float
     level_db: float
     offset_ppm: float | None = None  # None: any within 60 ppm
-    delay_s: float = 0.15e-6
+    later_s: float | None = None  # than ours; None: any within -15 to 40 ns
 
     def begin(self, air, rng):
         offset = rng.uniform(-60, 60) if self.offset_ppm is None else self.offset_ppm
@@ -205,7 +208,8 @@ class OtherTag(Effect):
         )
         self.switches.begin(air, rng)
         self.ends = np.exp(2j * np.pi * rng.random(2))
-        self.late = 10 ** (self.level_db / 20) * delayed(air.sent, self.delay_s)
+        later = rng.uniform(-15e-9, 40e-9) if self.later_s is None else self.later_s
+        self.late = 10 ** (self.level_db / 20) * delayed(air.sent, TAG_DELAY_S + later)
         self.peak = np.abs(self.late).max()
 
     def add(self, block, first):
@@ -213,6 +217,6 @@ class OtherTag(Effect):
         block[:, :ACTIVE] += self.late[:ACTIVE] * (s1 * self.ends[0] + s2 * self.ends[1])
 
 
-def near_tag(apart_ppm, level_db=-10.0, clock_hz=1000.0, own_ppm=25.0, delay_s=0.15e-6):
+def near_tag(apart_ppm, level_db=-10.0, clock_hz=1000.0, own_ppm=25.0, later_s=None):
     """A tag of the same kind as ours, a few ppm beside it."""
-    return OtherTag(clock_hz, level_db, own_ppm + apart_ppm, delay_s)
+    return OtherTag(clock_hz, level_db, own_ppm + apart_ppm, later_s)

@@ -15,9 +15,10 @@ RAD_PER_M = 4 * np.pi * CARRIER_HZ / 299792458.0
 class Scatterers(Effect):
     """Reflections with their own gains, known at the frame edges: what moves slowly."""
 
-    def set_paths(self, air, delays_s, gains):
-        """Gains (scatterers, frames + 1) of unit total power, and their delays."""
-        self.late = [air.path(delay, self.level_db) for delay in delays_s]
+    def set_paths(self, air, later_s, gains):
+        """Gains (scatterers, frames + 1) of unit total power, and how much later each
+        arrives than by way of the tag."""
+        self.late = [air.path(later, self.level_db) for later in later_s]
         self.gains = gains
         self.peak = sum(np.abs(path).max() for path in self.late) / np.sqrt(len(self.late))
 
@@ -69,7 +70,7 @@ class Walker(Scatterers):
             away = integral(speed * (1 + swing * np.sin(stride + 2 * np.pi * phase)))
             start = 2 * np.pi * rng.random()
             gains.append(np.sqrt(share) * np.exp(1j * (RAD_PER_M * away + start)))
-        self.set_paths(air, rng.uniform(0.2e-6, 0.3e-6) + rng.uniform(0, 6e-9, 5), gains)
+        self.set_paths(air, rng.uniform(-10e-9, 40e-9) + rng.uniform(0, 3e-9, 5), gains)
 
 
 @dataclass
@@ -98,7 +99,7 @@ class Fan(Scatterers):
                 gain += flash * np.exp(1j * RAD_PER_M * share * tip_m * np.sin(angle))
         gain -= gain.mean()
         gain *= np.exp(2j * np.pi * rng.random()) / np.sqrt(np.mean(np.abs(gain) ** 2))
-        self.set_paths(air, [rng.uniform(0.2e-6, 0.4e-6)], [gain])
+        self.set_paths(air, [rng.uniform(-10e-9, 60e-9)], [gain])
         self.peak *= 2
 
 
@@ -126,7 +127,7 @@ class Lamps(Effect):
             table = np.zeros(len(at))
             for h in range(1, self.harmonics + 1):
                 table += 2 * at_1k / h * np.cos(2 * np.pi * (h * at + rng.random()))
-            path = air.path(rng.uniform(0.1e-6, 0.3e-6), self.level_db)
+            path = air.path(rng.uniform(-20e-9, 80e-9), self.level_db)
             self.late.append(path * np.exp(2j * np.pi * rng.random()) / np.sqrt(3))
             self.tables.append(table)
         self.peak = sum(

@@ -55,14 +55,14 @@ def _rooms():
         for level in (-10, 10, 30):
             # Lines of these two coincide with those that ours is read on.
             readable = clock not in (2000, 500)
-            room = Room((e.OtherTag(clock, level, delay_s=0.2e-6),), readable)
+            room = Room((e.OtherTag(clock, level),), readable)
             rooms[f"tag-{clock}{level:+d}"] = room
     for clock in (2000, 500):
-        rooms[f"tag-{clock}-10-same-delay"] = Room((e.OtherTag(clock, -10),), False)
+        rooms[f"tag-{clock}-10-same-delay"] = Room((e.OtherTag(clock, -10, later_s=0.0),), False)
     for apart in (5, 20, 60):
-        rooms[f"near-tag-{apart}ppm"] = Room((e.near_tag(apart, delay_s=0.2e-6),), False)
-        rooms[f"near-tag-{apart}ppm-same-delay"] = Room((e.near_tag(apart),), False)
-    rooms["near-tag-20ppm+10"] = Room((e.near_tag(20, 10, delay_s=0.2e-6),), False)
+        rooms[f"near-tag-{apart}ppm"] = Room((e.near_tag(apart),), False)
+        rooms[f"near-tag-{apart}ppm-same-delay"] = Room((e.near_tag(apart, later_s=0.0),), False)
+    rooms["near-tag-20ppm+10"] = Room((e.near_tag(20, 10),), False)
     sent, received = radio.TransmitterImage, radio.ReceiverImage
     rooms |= {
         "image-30": Room((received(-30),), phase_deg=0.1, force_n=0.1),
@@ -132,8 +132,8 @@ def mixture(seed):
     makers = [
         lambda: reflections.Walker(level(-10, 30)),
         lambda: reflections.Fan(level(-10, 30), level(60, 200)),
-        lambda: e.OtherTag(clock(), level(-10, 30), None, level(0.1, 0.3) * 1e-6),
-        lambda: e.near_tag(level(5, 60), level(-20, -5), delay_s=level(0.1, 0.3) * 1e-6),
+        lambda: e.OtherTag(clock(), level(-10, 30), None),
+        lambda: e.near_tag(level(5, 60), level(-20, -5)),
         lambda: radio.ReceiverImage(level(-40, -23)),
         lambda: radio.TransmitterImage(level(-40, -23)),
         lambda: radio.Compression(level(0.5, 4) / 100),
@@ -184,12 +184,12 @@ class Capture:
         self.peak += 3.5 * noise + sum(effect.peak for effect in self.effects)
 
     def static(self, rng):
-        """Six paths within half a microsecond, as in the second simulator."""
+        """The direct path, earlier than by way of the tag, and five reflections."""
+        later = [rng.uniform(-30e-9, 0), *rng.uniform(-20e-9, 150e-9, 5)]
         levels = (1, 0.3, 0.2, 0.2, 0.1, 0.1)
-        paths = zip(rng.uniform(5e-8, 5e-7, 6), levels, strict=True)
         still = sum(
-            level * np.exp(2j * np.pi * rng.random()) * simple.delayed(self.air.sent, delay)
-            for delay, level in paths
+            level * np.exp(2j * np.pi * rng.random()) * self.air.path(delay, 0)
+            for delay, level in zip(later, levels, strict=True)
         )
         power = simple.subcarrier_power(still)
         return still * self.air.line * 10 ** (STATIC_DB / 20) / np.sqrt(power)
