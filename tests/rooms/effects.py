@@ -193,6 +193,16 @@ class HalfFrame(Effect):
 
 
 @dataclass
+class Declared(Effect):
+    """The scene states how fast things move, for comparison with rooms that are not described."""
+
+    moving_hz: float
+
+    def alter_scene(self, scene):
+        scene["environment"] = {"moving_clutter_hz": self.moving_hz}
+
+
+@dataclass
 class OtherTag(Effect):
     """A tag that the scene does not list and that nobody touches."""
 

@@ -77,8 +77,8 @@ class Walker(Scatterers):
 class Fan(Scatterers):
     """Three blades of points along their radius, seen from the side; ``doppler_hz`` at the tips.
 
-    The spectrum consists of harmonics of the rotation, strongest at those of the blade rate. What
-    stands still is left out: the level is that of what changes.
+    The spectrum consists of harmonics of the rotation, strongest at those of the blade rate, and
+    ends at ``doppler_hz``. What stands still is left out: the level is that of what changes.
     """
 
     level_db: float
@@ -86,20 +86,23 @@ class Fan(Scatterers):
 
     def begin(self, air, rng):
         tip_m = rng.uniform(0.18, 0.28)
-        rotation_hz = (
-            self.doppler_hz / (RAD_PER_M * tip_m) * (1 + random_walk(rng, air.frames, 1e-3))
-        )
-        turn = 2 * np.pi * (integral(rotation_hz[:, 0]) + rng.random())
-        gain = np.zeros(len(turn), complex)
+        rotation_hz = self.doppler_hz / (RAD_PER_M * tip_m)
+        unsteady = 1 + random_walk(rng, air.frames, 1e-3)[:, 0]
+        turn = 2 * np.pi * (integral(rotation_hz * unsteady) + rng.random())
+        angles = 2 * np.pi * np.arange(512) / 512
+        pattern = np.zeros(512, complex)
         for blade in range(3):
-            angle = turn + 2 * np.pi * blade / 3
+            angle = angles + 2 * np.pi * blade / 3
             # No blade is exactly like another, and each flashes when it stands across.
             flash = (1 + 0.1 * rng.standard_normal()) * (0.3 + 0.7 * np.cos(angle) ** 2)
             for share in (0.4, 0.7, 1.0):
-                gain += flash * np.exp(1j * RAD_PER_M * share * tip_m * np.sin(angle))
-        gain -= gain.mean()
-        gain *= np.exp(2j * np.pi * rng.random()) / np.sqrt(np.mean(np.abs(gain) ** 2))
-        self.set_paths(air, [rng.uniform(-10e-9, 60e-9)], [gain])
+                pattern += flash * np.exp(1j * RAD_PER_M * share * tip_m * np.sin(angle))
+        harmonics = np.fft.fft(pattern)
+        highest = int(self.doppler_hz / rotation_hz)
+        orders = [n for n in range(-highest, highest + 1) if n]
+        power = sum(np.abs(harmonics[n]) ** 2 for n in orders)
+        gain = sum(harmonics[n] * np.exp(1j * n * turn) for n in orders)
+        self.set_paths(air, [rng.uniform(-10e-9, 60e-9)], [gain / np.sqrt(power)])
         self.peak *= 2
 
 

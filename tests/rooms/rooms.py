@@ -28,13 +28,15 @@ class Room:
     """A room, and what is expected of a reader in it.
 
     ``readable``: at least 70 % of steady touches are read without a flag. ``phase_deg`` and
-    ``force_n``: limits of phase rms and of the median force error, where they are known.
+    ``force_n``: limits of phase rms and of the median force error, where they are known; 80 % are
+    then to be read. ``refusable``: to refuse the capture is right.
     """
 
     effects: tuple = ()
     readable: bool = True
     phase_deg: float | None = None
     force_n: float | None = None
+    refusable: bool = False
     clock_hz: float = 1000.0
     presses: tuple = PRESSES
     duration_s: float = 2.6
@@ -50,11 +52,13 @@ def _rooms():
     for level in (-10, 0, 10, 20, 30):
         rooms[f"walker{level:+d}"] = Room((reflections.Walker(level),))
         rooms[f"fan{level:+d}"] = Room((reflections.Fan(level),))
+    for name, moves in (("walker+30", 30.0), ("fan+30", 200.0)):
+        rooms[f"{name}-declared"] = Room((*rooms[name].effects, e.Declared(moves)))
     rooms["three-walkers+20"] = Room((reflections.Walker(20),) * 3)
     for clock in (2000, 500, 1300, 1790, 1400):
         for level in (-10, 10, 30):
-            # Lines of these two coincide with those that ours is read on.
-            readable = clock not in (2000, 500)
+            # Lines of the others coincide with some of ours, all or the seventh.
+            readable = clock in (1300, 1790)
             room = Room((e.OtherTag(clock, level),), readable)
             rooms[f"tag-{clock}{level:+d}"] = room
     for clock in (2000, 500):
@@ -111,7 +115,7 @@ def _rooms():
         ),
         "drift": Room((e.Drift(),), presses=LONG_PRESSES, duration_s=7.6),
         "taps": Room(phase_deg=0.08, force_n=0.07, presses=TAPS, group=125),
-        "half-frame": Room((e.HalfFrame(),), False),
+        "half-frame": Room((e.HalfFrame(),), False, refusable=True),
     }
     return rooms
 
