@@ -4,7 +4,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from second_simulator import ACTIVE, CARRIER_HZ, RATE
+from second_simulator import ACTIVE, CARRIER_HZ, RATE, subcarrier_power
 
 from rooms.effects import FRAME_S, Effect, integral, random_walk, within_frames
 
@@ -110,7 +110,8 @@ class Fan(Scatterers):
 class Lamps(Effect):
     """Lamps that reflect more or less at twice the mains' frequency and all harmonics.
 
-    ``level_db`` is that of the line at 1 kHz; the amplitudes of harmonics fall as 1/h.
+    ``level_db`` is that of the line at 1 kHz (of the next harmonic, where the mains are at 60 Hz);
+    the amplitudes of harmonics fall as 1/h.
     """
 
     level_db: float
@@ -123,16 +124,23 @@ class Lamps(Effect):
         frequency = 2 * (self.mains_hz + rng.uniform(-0.02, 0.02))
         frequency = frequency + 2 * random_walk(rng, air.frames, self.wander_hz)[:, 0]
         self.turns = integral(frequency) + rng.random()
-        self.tables, self.late = [], []
         at = np.arange(8193) / 8192
+        order = np.arange(1, self.harmonics + 1)[:, None]
         at_1k = round(1000 / (2 * self.mains_hz))
-        for _ in range(3):  # lamps of one room, on different paths
-            table = np.zeros(len(at))
-            for h in range(1, self.harmonics + 1):
-                table += 2 * at_1k / h * np.cos(2 * np.pi * (h * at + rng.random()))
-            path = air.path(rng.uniform(-20e-9, 80e-9), self.level_db)
-            self.late.append(path * np.exp(2j * np.pi * rng.random()) / np.sqrt(3))
-            self.tables.append(table)
+        size = 2 * at_1k / order / np.sqrt(3)
+        # Lamps of one room, on different paths.
+        self.late = [
+            air.path(rng.uniform(-20e-9, 80e-9), self.level_db) * np.exp(2j * np.pi * rng.random())
+            for _ in range(3)
+        ]
+        phases = rng.random((3, self.harmonics, 1))
+        # Their lines add with random phases; at 1 kHz the sum has the stated level.
+        turns = np.exp(2j * np.pi * phases[:, at_1k - 1])
+        line = np.sum(turns * self.late, axis=0) / np.sqrt(3)
+        size[at_1k - 1] *= air.line * 10 ** (self.level_db / 20) / np.sqrt(subcarrier_power(line))
+        self.tables = [
+            np.sum(size * np.cos(2 * np.pi * (order * at + phase)), axis=0) for phase in phases
+        ]
         self.peak = sum(
             np.abs(path).max() * np.abs(table).max()
             for path, table in zip(self.late, self.tables, strict=True)

@@ -48,7 +48,7 @@ class Room:
 
 
 def _rooms():
-    rooms = {"clean": Room(phase_deg=0.045, force_n=0.07)}
+    rooms = {"clean": Room(phase_deg=0.055, force_n=0.1)}
     for level in (-10, 0, 10, 20, 30):
         rooms[f"walker{level:+d}"] = Room((reflections.Walker(level),))
         rooms[f"fan{level:+d}"] = Room((reflections.Fan(level),))
