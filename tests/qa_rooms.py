@@ -209,6 +209,34 @@ def test_images_have_their_levels():
     assert image_db(sent) == pytest.approx(-23, abs=0.01)
 
 
+def test_second_reader_has_its_level_and_slips():
+    """Frames in step with ours would be static paths."""
+    reader = begun(radio.SecondReader(20, clock_ppm=4.0))
+    sent = np.concatenate(list(added(reader)))
+    preamble = np.sort(np.abs(sent[0]) ** 2)[-320:].mean()
+    assert 10 * np.log10(preamble / NOISE**2) == pytest.approx(20, abs=0.3)
+
+    def position(samples):
+        """Centre of the preamble, in samples of a circular frame."""
+        turns = np.exp(2j * np.pi * np.arange(FRAME) / FRAME)
+        return np.angle(np.sum(np.abs(samples) ** 2 * turns)) * FRAME / (2 * np.pi)
+
+    slipped = (position(sent[-1]) - position(sent[0])) % FRAME
+    assert slipped == pytest.approx(4e-6 * FRAMES * FRAME, abs=0.2)
+
+
+def test_hand_path_comes_and_goes_with_the_press():
+    """A second path of the tag that is always there would be part of the reference."""
+    capture = Capture(Room((reflections.HandPath(-20),), duration_s=0.9), 1)
+    (hand,) = capture.effects
+    power = np.abs(hand.gain) ** 2
+    t = air_times(capture.frames)
+    assert power[t < 0.39].max() == 0 and power[t > 0.71].min() > 0.99
+    assert np.max(np.abs(hand.late)) == pytest.approx(
+        0.1 * np.max(np.abs(capture.tag.late)), rel=0.1
+    )
+
+
 def test_receiver_effects_have_their_sizes():
     """Ripple, compression and DC are shares of what is received."""
     block = np.full((GROUP, FRAME), 0.5j)

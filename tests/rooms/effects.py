@@ -150,7 +150,8 @@ class SwitchedTag:
         psi = phases(self.tag, *pressed(self.tag, t)) + self.drift_deg[first : first + count]
         ends = np.exp(1j * np.deg2rad(psi))
         s1, s2 = self.switches.on(first, count)
-        block[:, :ACTIVE] += self.late[:ACTIVE] * (s1 * ends[:, :1] + s2 * ends[:, 1:])
+        self.reflection = s1 * ends[:, :1] + s2 * ends[:, 1:]  # of this block
+        block[:, :ACTIVE] += self.late[:ACTIVE] * self.reflection
 
 
 @dataclass

@@ -4,7 +4,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from second_simulator import FRAME, RATE
+from second_simulator import FRAME, RATE, frame
 
 from rooms.effects import FRAME_S, Effect
 
@@ -56,6 +56,42 @@ class Bursts(Transmissions):
 
     def waveform(self, count, rng):
         return normal(rng, count)
+
+
+@dataclass
+class OverloadingBursts(Bursts):
+    """Bursts that nobody left room for in the receiver's range: the converter clips them."""
+
+    def begin(self, air, rng):
+        super().begin(air, rng)
+        self.peak = 0.0
+
+
+@dataclass
+class SecondReader(Effect):
+    """Another reader that sends the same frames, by its own sample clock and carrier.
+
+    The level is that of the power of its preamble above the receiver's noise.
+    """
+
+    level_db: float
+    clock_ppm: float = 4.0
+    carrier_offset_hz: float = 1800.0
+
+    def begin(self, air, rng):
+        self.spectrum = np.fft.fft(frame())
+        self.spectrum *= air.noise * 10 ** (self.level_db / 20)
+        self.start_s, self.turn = rng.uniform(0, FRAME_S), rng.random()
+        self.peak = 3 * air.noise * 10 ** (self.level_db / 20)
+
+    def add(self, block, first):
+        t = (first + np.arange(len(block))) * FRAME_S
+        later = self.start_s + self.clock_ppm * 1e-6 * t
+        turns = np.fft.fftfreq(FRAME, 1 / RATE) * later[:, None]
+        frames = np.fft.ifft(self.spectrum * np.exp(-2j * np.pi * turns))
+        inside = np.arange(FRAME) / RATE
+        carrier = self.carrier_offset_hz * (t[:, None] + inside) + self.turn
+        block += frames * np.exp(2j * np.pi * carrier)
 
 
 @dataclass

@@ -159,3 +159,37 @@ class Lamps(Effect):
             value = table[whole] * (1 - share) + table[whole + 1] * share
             gain = value[:, :-1, None] + np.diff(value)[:, :, None] * along
             block[:, :ACTIVE] += path[:ACTIVE] * gain.reshape(count, ACTIVE)
+
+
+@dataclass
+class HandPath(Effect):
+    """A second path of our tag's signal, by way of the hand that presses.
+
+    It appears and goes with the hand, 0.3 s before and after a press, and changes as the hand
+    moves: some cm on its way, a few mm while it presses. The level is that of its power relative
+    to the tag's own path.
+    """
+
+    level_db: float
+
+    def alter_tag(self, tag, rng):
+        self.tag = tag
+
+    def begin(self, air, rng):
+        t = air.edges_s
+        near, away_m = np.zeros_like(t), np.full_like(t, 0.2)
+        for start, rise, hold, *_ in self.tag.tag.presses:
+            end = start + 2 * rise + hold
+            here = smooth_step((t - start + 0.3) / 0.3) * smooth_step((end + 0.3 - t) / 0.3)
+            near = np.maximum(near, here)
+            away_m = np.where(here > 0, 0.2 * (1 - here), away_m)
+        tremor_m = 2e-3 * np.sin(2 * np.pi * (rng.uniform(1, 4) * t + rng.random()))
+        turn = RAD_PER_M * (away_m + tremor_m) + 2 * np.pi * rng.random()
+        self.gain = near * np.exp(1j * turn)
+        own_db = 20 * np.log10(np.sqrt(subcarrier_power(self.tag.late)) / air.line)
+        self.late = air.path(rng.uniform(1e-9, 5e-9), own_db + self.level_db)
+        self.peak = np.abs(self.late).max()
+
+    def add(self, block, first):
+        gain = within_frames(self.gain, first, len(block))
+        block[:, :ACTIVE] += self.late[:ACTIVE] * gain * self.tag.reflection

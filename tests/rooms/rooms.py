@@ -98,6 +98,11 @@ def _rooms():
         "bursts-20": Room((radio.Bursts(0.2, 25),), phase_deg=0.06, force_n=0.08),
         "bursts-45": Room((radio.Bursts(0.45, 35),), phase_deg=0.1, force_n=0.1),
         "hopper": Room((radio.Hopper(0.5, 30),), phase_deg=0.06, force_n=0.08),
+        "overloading-bursts": Room((radio.OverloadingBursts(0.02, 65),), False),
+        "second-reader+10": Room((radio.SecondReader(10),), False),
+        "second-reader+30": Room((radio.SecondReader(30),), False),
+        "hand-30": Room((reflections.HandPath(-30),), False),
+        "hand-20": Room((reflections.HandPath(-20),), False),
         "duty": Room(
             (e.Clock(duty=(0.2485, 0.2510), delay_s=1e-6, rise_s=0.5e-6),),
             phase_deg=0.05,
