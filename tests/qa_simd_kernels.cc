@@ -45,7 +45,8 @@ BOOST_DATA_TEST_CASE(fold_fc32_is_the_scaled_sum,
     const std::size_t frames = 7, stride = WIDTH * repetitions + 42;
     const auto in = noise(frames * stride, 1);
     std::vector<float> folded(frames * WIDTH);
-    simd->fold_fc32(in.data(), stride, frames, repetitions, 0.25f, folded.data());
+    std::vector<float> levels(2 * frames);
+    simd->fold_fc32(in.data(), stride, frames, repetitions, 0.25f, folded.data(), levels.data());
     for (std::size_t f = 0; f < frames; f++)
         for (int n = 0; n < WIDTH; n++) {
             double sum = 0;
@@ -68,7 +69,8 @@ BOOST_DATA_TEST_CASE(fold_sc16_is_exact,
         v = uniform(random);
     std::fill_n(in.begin(), WIDTH * repetitions, -32768);
     std::vector<float> folded(frames * WIDTH);
-    simd->fold_sc16(in.data(), stride, frames, repetitions, 0.5f, folded.data());
+    std::vector<float> levels(2 * frames);
+    simd->fold_sc16(in.data(), stride, frames, repetitions, 0.5f, folded.data(), levels.data());
     for (std::size_t f = 0; f < frames; f++)
         for (int n = 0; n < WIDTH; n++) {
             int sum = 0;

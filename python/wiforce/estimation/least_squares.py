@@ -127,7 +127,7 @@ class ToneModel:
         ):
             weights, whitened = self._complete, white[row]
             solvable = bool(usable[row])
-            if missing:
+            if missing or groups.interference[row]:
                 partial = self._partial(groups, row) if solvable else None
                 solvable = partial is not None
                 if partial is not None:
