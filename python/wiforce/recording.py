@@ -62,8 +62,9 @@ def read(
     pandas.DataFrame
         A row per phase group and sensor with the columns of a readings file: ``time_s``,
         ``sensor``, ``touch``, ``force_n``, ``force_std_n``, ``location_mm``, ``location_std_mm``,
-        ``phase1_deg``, ``phase2_deg``, ``snr_db``, ``flags`` (words with spaces between). Numbers
-        are not rounded; unknown values are NaN.
+        ``phase1_deg``, ``phase2_deg``, ``snr_db``, ``flags`` (words with spaces between),
+        ``interference`` (share of the group that was left out because of it). Numbers are not
+        rounded; unknown values are NaN.
 
     Raises
     ------
@@ -90,7 +91,10 @@ def read(
     found = load_capture_scene(recording) if scene is None else load_scene(scene)
     reader = RecordingReader(recording, plan_of(found), frame_offset, tracked)
     rows = [
-        (*(getattr(reading, name) for name in COLUMNS[:-1]), " ".join(reading.flags))
+        [
+            " ".join(reading.flags) if name == "flags" else getattr(reading, name)
+            for name in COLUMNS
+        ]
         for batch in reader
         for reading in batch
     ]
