@@ -26,10 +26,14 @@ constexpr float LARGEST_LIMIT = 2.2f;
 // path), so does the limit: a normal distribution of the logarithm has 11 times the
 // distance between LOW and HIGH between LEVEL and six standard deviations.
 constexpr float SPREAD_POWER = 11.0f;
-// Interference over the whole frame has a ratio of smallest to largest of about .1. Edges
-// of two tags in one snapshot leave a single difference, five times the smallest of three,
-// but raise the largest more.
-constexpr float LEAST_RATIO = 0.04f;
+// Noise, and interference over the whole frame, has a ratio of smallest to largest of .11
+// +- .02. Edges of two tags in one snapshot leave a single difference, five times the
+// smallest of three, but raise the largest more; so does a tag that changes within
+// microseconds when a press makes or breaks contact.
+constexpr float LEAST_RATIO = 0.065f;
+// Ratio of their levels below which noise is below the converter's steps: a few samples
+// change by a step, the smallest difference is zero or anything, and the largest counts.
+constexpr float COARSE_RATIO = 0.05f;
 // Differences between snapshots that are compared for the level of the tags, how far
 // apart at most, and the quantile that counts. Tags are in different states in six pairs
 // of ten, two tags both in the states farthest apart in three of a hundred. A snapshot
@@ -46,15 +50,24 @@ float quantile(std::vector<float>& values, std::size_t sorted_below, double part
     return *at;
 }
 
-// Highest noise that is no interference.
-float limit_of(std::vector<float>& values, float limit)
+struct statistics {
+    float level;
+    float spread; // high over low, 1 or more
+};
+
+statistics statistics_of(std::vector<float>& values)
 {
     const std::size_t below = HIGH * (values.size() - 1) + 1;
     const float high = quantile(values, values.size(), HIGH);
     const float level = quantile(values, below, LEVEL);
     const float low = quantile(values, below, LOW);
-    const float spread = std::pow(high / low, SPREAD_POWER);
-    return level * std::max(limit, spread);
+    return { level, low > 0 ? high / low : 1.0f };
+}
+
+// Highest noise that is no interference.
+float limit_of(const statistics& of, float limit)
+{
+    return of.level * std::max(limit, std::pow(of.spread, SPREAD_POWER));
 }
 
 float remember(std::deque<float>& limits, float limit, std::size_t window)
@@ -68,7 +81,7 @@ float remember(std::deque<float>& limits, float limit, std::size_t window)
 
 bool is_known(const snapshot_noise& noise)
 {
-    return noise.smallest > 0 && std::isfinite(noise.largest);
+    return noise.largest > 0 && std::isfinite(noise.largest);
 }
 
 } // namespace
@@ -96,18 +109,25 @@ const std::vector<std::uint8_t>& interference_screen::examine(const phase_group&
 
 void interference_screen::learn(const phase_group& group)
 {
-    d_values.clear();
-    for (int n = 0; n < d_length; n++)
-        if (group.mask()[n] && is_known(group.noise_of(n)))
-            d_values.push_back(group.noise_of(n).smallest);
+    const auto of = [&](float snapshot_noise::*member) {
+        d_values.clear();
+        for (int n = 0; n < d_length; n++)
+            if (group.mask()[n] && is_known(group.noise_of(n)))
+                d_values.push_back(group.noise_of(n).*member);
+        return d_values.empty() ? statistics{ 0, 1 } : statistics_of(d_values);
+    };
+    const statistics largest = of(&snapshot_noise::largest);
     if (d_values.empty())
         return;
-    d_smallest_limit = remember(d_smallest_limits, limit_of(d_values, SMALLEST_LIMIT), d_window);
-    d_values.clear();
-    for (int n = 0; n < d_length; n++)
-        if (group.mask()[n] && is_known(group.noise_of(n)))
-            d_values.push_back(group.noise_of(n).largest);
-    d_largest_limit = remember(d_largest_limits, limit_of(d_values, LARGEST_LIMIT), d_window);
+    const statistics smallest = of(&snapshot_noise::smallest);
+    d_largest_limit =
+        remember(d_largest_limits, limit_of(largest, LARGEST_LIMIT), d_window);
+    d_smallest_limit = remember(
+        d_smallest_limits,
+        smallest.level < COARSE_RATIO * largest.level
+            ? limit_of(largest, LARGEST_LIMIT)
+            : limit_of(smallest, SMALLEST_LIMIT),
+        d_window);
 }
 
 void interference_screen::mark(int n)

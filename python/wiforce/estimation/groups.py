@@ -170,6 +170,14 @@ class Groups:
     def __len__(self) -> int:
         return len(self.index)
 
+    @property
+    def incomplete(self) -> Array:
+        """Whether tones are those of a part of the snapshots; ndarray of bool, shape (G,)."""
+        lacking = (self.missing > 0) | (self.interference > 0)
+        if self.snapshot_weights is not None:
+            lacking |= ~np.all(self.snapshot_weights > 0, axis=1)
+        return lacking
+
     def __iter__(self) -> Iterator[Groups]:
         return (self[row] for row in range(len(self)))
 
