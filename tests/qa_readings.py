@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.readings import COLUMNS, Flag, Reading
+from gnuradio.wiforce.io.readings import COLUMNS, Flag, GroupCounts, Reading
 from gnuradio.wiforce.io.writers import open_writer
 
 TOUCHED = Reading(0.018, "arm", 1, 4.123456, 0.05, 45.0, 0.1, 91.5, -12.25, 9.876, ("gap", "weak"))
@@ -102,3 +102,13 @@ def test_writer_pipe_is_opened_at_once(tmp_path):
 def test_open_writer_unusable_path_is_named(tmp_path, name):
     with pytest.raises(InputError, match="out"):
         open_writer(tmp_path / name)
+
+
+def test_group_counts_name_groups_with_interference():
+    """What `read` prints at the end tells that other transmitters are in the room."""
+    counts = GroupCounts()
+    counts.note([Reading(0.018, "arm", interference=0.0)])
+    assert str(counts) == "1 groups: 1 clear, 0 flagged, 0 dropped"
+    counts.note([Reading(0.054, "arm", interference=0.25)])
+    assert str(counts).endswith("0 dropped; interference in 1 groups (50%)")
+    assert Reading(0.054, "arm", interference=0.25).row()["interference"] == 0.25

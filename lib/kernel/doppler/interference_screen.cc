@@ -34,6 +34,9 @@ constexpr float LEAST_RATIO = 0.065f;
 // Ratio of their levels below which noise is below the converter's steps: a few samples
 // change by a step, the smallest difference is zero or anything, and the largest counts.
 constexpr float COARSE_RATIO = 0.05f;
+// Ratio of their levels above which the repetitions differ by a carrier offset between
+// separate clocks, equally in all differences, and an edge does not raise the smallest.
+constexpr float OFFSET_RATIO = 0.2f;
 // Differences between snapshots that are compared for the level of the tags, how far
 // apart at most, and the quantile that counts. Tags are in different states in six pairs
 // of ten, two tags both in the states farthest apart in three of a hundred. A snapshot
@@ -68,6 +71,14 @@ statistics statistics_of(std::vector<float>& values)
 float limit_of(const statistics& of, float limit)
 {
     return of.level * std::max(limit, std::pow(of.spread, SPREAD_POWER));
+}
+
+float smallest_limit(const statistics& smallest, const statistics& largest)
+{
+    const float ratio = largest.level > 0 ? smallest.level / largest.level : 0;
+    if (ratio < COARSE_RATIO)
+        return limit_of(largest, LARGEST_LIMIT);
+    return limit_of(smallest, ratio > OFFSET_RATIO ? LARGEST_LIMIT : SMALLEST_LIMIT);
 }
 
 float remember(std::deque<float>& limits, float limit, std::size_t window)
@@ -122,12 +133,8 @@ void interference_screen::learn(const phase_group& group)
     const statistics smallest = of(&snapshot_noise::smallest);
     d_largest_limit =
         remember(d_largest_limits, limit_of(largest, LARGEST_LIMIT), d_window);
-    d_smallest_limit = remember(
-        d_smallest_limits,
-        smallest.level < COARSE_RATIO * largest.level
-            ? limit_of(largest, LARGEST_LIMIT)
-            : limit_of(smallest, SMALLEST_LIMIT),
-        d_window);
+    d_smallest_limit =
+        remember(d_smallest_limits, smallest_limit(smallest, largest), d_window);
 }
 
 void interference_screen::mark(int n)
