@@ -22,10 +22,10 @@ constexpr double LEVEL = 0.20, LOW = 0.10, HIGH = 0.25;
 constexpr float SMALLEST_LIMIT = 5.0f;
 // The same of the largest difference, with a standard deviation of 8 %.
 constexpr float LARGEST_LIMIT = 2.2f;
-// Where noise spreads more (phase noise of separate oscillators under a strong static
-// path), so does the limit: a normal distribution of the logarithm has 11 times the
-// distance between LOW and HIGH between LEVEL and six standard deviations.
-constexpr float SPREAD_POWER = 11.0f;
+// Where the differences spread more (phase noise of separate oscillators under a strong
+// static path), so does the limit: of a normal distribution, nine standard deviations are
+// 16 times the distance from LOW to HIGH above LEVEL.
+constexpr float SPREADS = 16.0f;
 // Noise, and interference over the whole frame, has a ratio of smallest to largest of .11
 // +- .02. Edges of two tags in one snapshot leave a single difference, five times the
 // smallest of three, but raise the largest more; so does a tag that changes within
@@ -33,7 +33,7 @@ constexpr float SPREAD_POWER = 11.0f;
 constexpr float LEAST_RATIO = 0.065f;
 // Ratio of their levels below which noise is below the converter's steps: a few samples
 // change by a step, the smallest difference is zero or anything, and the largest counts.
-constexpr float COARSE_RATIO = 0.05f;
+constexpr float COARSE_RATIO = 0.08f;
 // Ratio of their levels above which the repetitions differ by a carrier offset between
 // separate clocks, equally in all differences, and an edge does not raise the smallest.
 constexpr float OFFSET_RATIO = 0.2f;
@@ -55,7 +55,7 @@ float quantile(std::vector<float>& values, std::size_t sorted_below, double part
 
 struct statistics {
     float level;
-    float spread; // high over low, 1 or more
+    float spread; // of the amplitude between LOW and HIGH, over that of the level
 };
 
 statistics statistics_of(std::vector<float>& values)
@@ -64,13 +64,15 @@ statistics statistics_of(std::vector<float>& values)
     const float high = quantile(values, values.size(), HIGH);
     const float level = quantile(values, below, LEVEL);
     const float low = quantile(values, below, LOW);
-    return { level, low > 0 ? high / low : 1.0f };
+    const float spread = std::sqrt(high) - std::sqrt(low);
+    return { level, level > 0 ? spread / std::sqrt(level) : 0.0f };
 }
 
 // Highest noise that is no interference.
 float limit_of(const statistics& of, float limit)
 {
-    return of.level * std::max(limit, std::pow(of.spread, SPREAD_POWER));
+    const float amplitude = 1 + SPREADS * of.spread;
+    return of.level * std::max(limit, amplitude * amplitude);
 }
 
 float smallest_limit(const statistics& smallest, const statistics& largest)
@@ -125,7 +127,7 @@ void interference_screen::learn(const phase_group& group)
         for (int n = 0; n < d_length; n++)
             if (group.mask()[n] && is_known(group.noise_of(n)))
                 d_values.push_back(group.noise_of(n).*member);
-        return d_values.empty() ? statistics{ 0, 1 } : statistics_of(d_values);
+        return d_values.empty() ? statistics{ 0, 0 } : statistics_of(d_values);
     };
     const statistics largest = of(&snapshot_noise::largest);
     if (d_values.empty())
