@@ -11,8 +11,9 @@
 
 namespace gr::wiforce {
 
-// Value of the tag `noise`: two floats for the tagged folded vector and each of those that
-// follow, the members of snapshot_noise. A tag per vector would cost more than the fold.
+// Value of the tag `noise`: two floats for the tagged folded vector and each of those
+// that follow, the members of snapshot_noise. A tag per vector would cost more than the
+// fold.
 inline pmt::pmt_t noise_value(const kernel::snapshot_noise* noise, int count)
 {
     return pmt::init_f32vector(2 * count, reinterpret_cast<const float*>(noise));

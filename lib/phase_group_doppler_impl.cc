@@ -101,13 +101,13 @@ int phase_group_doppler_impl::general_work(int noutput_items,
             untagged = std::min(untagged, tag->offset - here);
         const auto* snapshots =
             in + static_cast<std::size_t>(consumed) * kernel::FFT_LENGTH;
-        const int count =
-            d_collector.add(d_snapshot,
-                            untagged,
-                            [&](int n, kernel::fc32* slots, kernel::snapshot_noise* noise) {
-                                std::copy_n(snapshots, n * kernel::FFT_LENGTH, slots);
-                                d_noise.write(here, n, noise);
-                            });
+        const int count = d_collector.add(
+            d_snapshot,
+            untagged,
+            [&](int n, kernel::fc32* slots, kernel::snapshot_noise* noise) {
+                std::copy_n(snapshots, n * kernel::FFT_LENGTH, slots);
+                d_noise.write(here, n, noise);
+            });
         d_collector.note_saturated(tagged_among(count, here, saturated_key));
         if (tagged_among(count, here, retuned_key) > 0)
             mark_group_retuned();

@@ -276,12 +276,12 @@ int tone_fold<Sample>::take(const Sample* averaged, int frames, std::uint64_t sn
         if (this->d_produced == this->d_room)
             return 0;
     }
-    const int count = collector.add(
-        snapshot,
-        std::min(frames, collector.BATCH),
-        [&](int n, kernel::fc32* folded, kernel::snapshot_noise* noise) {
-            this->d_folder.fold(averaged, n, folded, noise);
-        });
+    const int count =
+        collector.add(snapshot,
+                      std::min(frames, collector.BATCH),
+                      [&](int n, kernel::fc32* folded, kernel::snapshot_noise* noise) {
+                          this->d_folder.fold(averaged, n, folded, noise);
+                      });
     this->d_folder.saturated(averaged, count, this->d_saturated);
     collector.note_saturated(this->d_saturated.size());
     if (collector.is_full())

@@ -81,8 +81,10 @@ int recording_source_impl::work(int noutput_items,
         const int count = std::min<std::uint64_t>(ready, noutput_items - produced);
         d_noise.resize(count);
         d_frames.fold(count, out + produced * kernel::FFT_LENGTH, d_noise.data());
-        add_item_tag(
-            0, nitems_written(0) + produced, noise_key, noise_value(d_noise.data(), count));
+        add_item_tag(0,
+                     nitems_written(0) + produced,
+                     noise_key,
+                     noise_value(d_noise.data(), count));
         if (d_expected != first)
             tag(produced, snapshot_key, first);
         for (const int frame : d_frames.saturated())

@@ -29,7 +29,7 @@ private:
 
     kernel::recorded_frames d_frames;
     std::vector<kernel::snapshot_noise> d_noise; // of the frames last folded
-    std::optional<std::uint64_t> d_expected; // index of the next frame without a gap
+    std::optional<std::uint64_t> d_expected;     // index of the next frame without a gap
 };
 
 } // namespace gr::wiforce

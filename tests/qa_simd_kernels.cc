@@ -46,7 +46,8 @@ noise_of(const std::vector<T>& in, std::size_t first, int repetitions, double un
         std::vector<double> squares;
         for (int r = 1; r < repetitions; r++) {
             const double after = in[first + r * WIDTH + n];
-            squares.push_back(std::pow(unit * (after - in[first + (r - 1) * WIDTH + n]), 2));
+            squares.push_back(
+                std::pow(unit * (after - in[first + (r - 1) * WIDTH + n]), 2));
         }
         smallest += *std::min_element(squares.begin(), squares.end()) / WIDTH;
         largest += *std::max_element(squares.begin(), squares.end()) / WIDTH;
@@ -65,7 +66,8 @@ BOOST_DATA_TEST_CASE(fold_fc32_is_the_scaled_sum,
     const auto in = noise(frames * stride, 1);
     std::vector<float> folded(frames * WIDTH);
     std::vector<float> levels(2 * frames);
-    simd->fold_fc32(in.data(), stride, frames, repetitions, 0.25f, folded.data(), levels.data());
+    simd->fold_fc32(
+        in.data(), stride, frames, repetitions, 0.25f, folded.data(), levels.data());
     for (std::size_t f = 0; f < frames; f++)
         for (int n = 0; n < WIDTH; n++) {
             double sum = 0;
@@ -115,7 +117,8 @@ BOOST_DATA_TEST_CASE(fold_sc16_is_exact,
     std::fill_n(in.begin(), WIDTH * repetitions, -32768);
     std::vector<float> folded(frames * WIDTH);
     std::vector<float> levels(2 * frames);
-    simd->fold_sc16(in.data(), stride, frames, repetitions, 0.5f, folded.data(), levels.data());
+    simd->fold_sc16(
+        in.data(), stride, frames, repetitions, 0.5f, folded.data(), levels.data());
     for (std::size_t f = 0; f < frames; f++)
         for (int n = 0; n < WIDTH; n++) {
             int sum = 0;

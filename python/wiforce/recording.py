@@ -91,10 +91,7 @@ def read(
     found = load_capture_scene(recording) if scene is None else load_scene(scene)
     reader = RecordingReader(recording, plan_of(found), frame_offset, tracked)
     rows = [
-        [
-            " ".join(reading.flags) if name == "flags" else getattr(reading, name)
-            for name in COLUMNS
-        ]
+        [" ".join(reading.flags) if name == "flags" else getattr(reading, name) for name in COLUMNS]
         for batch in reader
         for reading in batch
     ]

@@ -20,10 +20,12 @@ bool group_collector::must_end_before(std::uint64_t snapshot) const
 bool group_collector::end()
 {
     d_group.finish();
-    const auto& marks = d_screen.examine(d_group);
-    if (d_screen.rejected() > 0) {
-        d_group.reject(marks);
-        d_transform->clear(); // it had worked ahead on what is rejected
+    if (d_transform->rejects_interference()) {
+        const auto& marks = d_screen.examine(d_group);
+        if (d_screen.rejected() > 0) {
+            d_group.reject(marks);
+            d_transform->clear(); // it had worked ahead on what is rejected
+        }
     }
     return d_group.present() + d_group.rejected() > 0;
 }

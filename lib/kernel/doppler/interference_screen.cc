@@ -17,8 +17,9 @@ constexpr double GROUP_QUANTILE = 0.25;
 // Quantiles over the snapshots of a group: the level, and two whose ratio is the spread.
 constexpr double LEVEL = 0.20, LOW = 0.10, HIGH = 0.25;
 // Smallest difference above the level at which a snapshot is rejected. An edge of a
-// tag leaves the smaller of two differences, about twice the smallest of three. Noise has a standard deviation of 15 to 20 % (of 128 smallest values), so that
-// this is some seven of them, and a burst 10 dB above the noise exceeds it by seven more.
+// tag leaves the smaller of two differences, about twice the smallest of three. Noise has
+// a standard deviation of 15 to 20 % (of 128 smallest values), so that this is some seven
+// of them, and a burst 10 dB above the noise exceeds it by seven more.
 constexpr float SMALLEST_LIMIT = 5.0f;
 // The same of the largest difference, with a standard deviation of 8 %.
 constexpr float LARGEST_LIMIT = 2.2f;

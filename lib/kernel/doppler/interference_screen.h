@@ -43,7 +43,8 @@ private:
 
     const int d_length;
     const std::size_t d_window; // groups
-    // Highest noise without interference, by the groups of the window, and for this group.
+    // Highest noise without interference, by the groups of the window, and for this
+    // group.
     std::deque<float> d_smallest_limits, d_largest_limits;
     float d_smallest_limit = 0;
     float d_largest_limit = 0;

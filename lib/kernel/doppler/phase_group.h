@@ -33,7 +33,8 @@ public:
 
     // Declares the remaining slots missing.
     void finish();
-    // Makes the present snapshots that are marked absent; `rejected` holds length() marks.
+    // Makes the present snapshots that are marked absent; `rejected` holds length()
+    // marks.
     void reject(const std::vector<std::uint8_t>& rejected);
 
     int length() const { return d_length; }

@@ -78,9 +78,7 @@ def folded_ratio(first: Array, second: Array, waveform: Waveform) -> Array:
     return np.fft.ifft(spectrum, axis=1)
 
 
-def ratio_noise(
-    antennas: tuple[Array, Array], noise: tuple[Array, Array], ratio: Array
-) -> Array:
+def ratio_noise(antennas: tuple[Array, Array], noise: tuple[Array, Array], ratio: Array) -> Array:
     """Noise of the ratio of two antennas, as the kernels give it for one antenna.
 
     Parameters

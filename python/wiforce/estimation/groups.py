@@ -66,8 +66,8 @@ class Groups:
     retuned : ndarray of bool, shape (G,)
         Whether the receiver's rate or carrier was changed before the group.
     snapshot_weights : ndarray, shape (G, N), optional
-        Weight of each snapshot in the tones, 0 where it is absent or rejected. Only needed where a group of
-        the batch is incomplete; a row of zeros says that its tones cannot be used.
+        Weight of each snapshot in the tones, 0 where it is absent or rejected. Only needed where a
+        group of the batch is incomplete; a row of zeros says that its tones cannot be used.
     interference : ndarray of float, shape (G,), optional
         Share of the snapshots that were rejected because another transmitter interfered with them.
 
