@@ -58,7 +58,7 @@ class antenna_ratio(gr.sync_block):
         ratio = folded_ratio(first, second, self._waveform)
         output_items[0][:] = ratio
         count, start = len(first), self.nitems_written(0)
-        noise = tuple(self._noise_of(port, count) for port in (0, 1))
+        noise = self._noise_of(0, count), self._noise_of(1, count)
         for tag in self.get_tags_in_window(0, 0, count):
             if not pmt.equal(tag.key, _NOISE):
                 offset = start + tag.offset - self.nitems_read(0)
