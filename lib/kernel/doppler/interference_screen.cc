@@ -8,11 +8,13 @@ namespace gr::wiforce::kernel {
 
 namespace {
 
-// Snapshots over which the level of the noise is learned: .24 s of the default frames,
-// after which a receiver whose noise has risen for good is read again.
+// Snapshots over which the level of the noise is learned: seven groups of the default
+// length, .24 s. A receiver whose noise rises for good loses five groups of that length;
+// with three groups in the window it would lose two, but read a stretch of loud
+// interference of .15 s (and take it for a motion of the tag).
 constexpr int WINDOW = 4096;
-// Quantile over the groups of the window that is their level. Groups that are hit as a
-// whole are then rejected as long as they are fewer than three quarters.
+// Quantile over the groups of the window that is their level. Short groups that are hit
+// as a whole are then rejected as long as they are fewer than three quarters.
 constexpr double GROUP_QUANTILE = 0.25;
 // Quantiles over the snapshots of a group: the level, and two whose ratio is the spread.
 constexpr double LEVEL = 0.20, LOW = 0.10, HIGH = 0.25;
