@@ -36,12 +36,16 @@ protected:
         const bool emitted = d_collector.end();
         if (emitted) {
             const int missing = d_collector.group().missing();
+            const int rejected = d_collector.group().rejected();
             const int saturated = d_collector.saturated();
-            if (missing > 0) {
+            if (missing + rejected > 0) {
                 this->message_port_pub(d_incomplete_port, incomplete_pdu());
                 d_incomplete_groups += 1;
-                tag(produced, names::MISSING, missing);
             }
+            if (missing > 0)
+                tag(produced, names::MISSING, missing);
+            if (rejected > 0)
+                tag(produced, names::REJECTED, rejected);
             if (saturated > 0)
                 tag(produced, names::SATURATED, saturated);
             if (d_retuned)

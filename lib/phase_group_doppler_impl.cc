@@ -16,6 +16,7 @@ constexpr int INPUT_BUFFER_SNAPSHOTS = 256; // 128 kB
 const pmt::pmt_t saturated_key = pmt::mp(names::SATURATED);
 const pmt::pmt_t retuned_key = pmt::mp(names::RETUNED);
 const pmt::pmt_t snapshot_key = pmt::mp(names::SNAPSHOT);
+const pmt::pmt_t noise_key = pmt::mp(names::NOISE);
 } // namespace
 
 phase_group_doppler::sptr
@@ -60,6 +61,16 @@ int phase_group_doppler_impl::tagged_among(int count,
     return tags.size();
 }
 
+void phase_group_doppler_impl::collect_noise(int available)
+{
+    const std::uint64_t end = nitems_read(0) + available;
+    std::vector<gr::tag_t> tags;
+    get_tags_in_range(tags, 0, std::max(d_noise_read_to, nitems_read(0)), end, noise_key);
+    std::sort(tags.begin(), tags.end(), gr::tag_t::offset_compare);
+    d_noise.add(tags);
+    d_noise_read_to = end;
+}
+
 int phase_group_doppler_impl::general_work(int noutput_items,
                                            gr_vector_int& ninput_items,
                                            gr_vector_const_void_star& input_items,
@@ -73,6 +84,7 @@ int phase_group_doppler_impl::general_work(int noutput_items,
     get_tags_in_window(tags, 0, 0, available, snapshot_key);
     std::sort(tags.begin(), tags.end(), gr::tag_t::offset_compare);
     auto tag = tags.begin();
+    collect_noise(available);
 
     int consumed = 0;
     int produced = 0;
@@ -89,9 +101,12 @@ int phase_group_doppler_impl::general_work(int noutput_items,
             untagged = std::min(untagged, tag->offset - here);
         const auto* snapshots =
             in + static_cast<std::size_t>(consumed) * kernel::FFT_LENGTH;
-        const int count =
-            d_collector.add(d_snapshot, untagged, [&](int n, kernel::fc32* slots) {
+        const int count = d_collector.add(
+            d_snapshot,
+            untagged,
+            [&](int n, kernel::fc32* slots, kernel::snapshot_noise* noise) {
                 std::copy_n(snapshots, n * kernel::FFT_LENGTH, slots);
+                d_noise.write(here, n, noise);
             });
         d_collector.note_saturated(tagged_among(count, here, saturated_key));
         if (tagged_among(count, here, retuned_key) > 0)

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "group_block.h"
+#include "noise_tags.h"
 #include <gnuradio/wiforce/phase_group_doppler.h>
 
 namespace gr::wiforce {
@@ -26,7 +27,11 @@ private:
     // Input items that carry a tag.
     int tagged_among(int count, std::uint64_t first, const pmt::pmt_t& key);
 
+    void collect_noise(int available);
+
     std::uint64_t d_snapshot = 0; // of the next input item
+    noise_tags d_noise;
+    std::uint64_t d_noise_read_to = 0; // input offset up to which its tags were read
 };
 
 } // namespace gr::wiforce

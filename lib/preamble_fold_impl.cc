@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "preamble_fold_impl.h"
 
+#include "noise_tags.h"
+
 #include "kernel/doppler/tone_accumulator.h"
 #include "kernel/require.h"
 #include <gnuradio/io_signature.h>
@@ -19,6 +21,7 @@ constexpr std::size_t VECTOR_BYTES = kernel::FFT_LENGTH * sizeof(kernel::fc32);
 const pmt::pmt_t snapshot_key = pmt::mp(names::SNAPSHOT);
 const pmt::pmt_t saturated_key = pmt::mp(names::SATURATED);
 const pmt::pmt_t retuned_key = pmt::mp(names::RETUNED);
+const pmt::pmt_t noise_key = pmt::mp(names::NOISE);
 
 void check(double sample_rate, const std::string& item_type)
 {
@@ -230,8 +233,15 @@ int vector_fold<Sample>::take(const Sample* averaged, int frames, std::uint64_t 
                            retuned_key,
                            pmt::from_uint64(1));
     d_retuned = false;
-    this->d_folder.fold(
-        averaged, count, this->d_out + this->d_produced * kernel::FFT_LENGTH);
+    d_noise.resize(count);
+    this->d_folder.fold(averaged,
+                        count,
+                        this->d_out + this->d_produced * kernel::FFT_LENGTH,
+                        d_noise.data());
+    this->add_item_tag(0,
+                       this->nitems_written(0) + this->d_produced,
+                       noise_key,
+                       noise_value(d_noise.data(), count));
     this->d_folder.saturated(averaged, count, this->d_saturated);
     for (const int frame : this->d_saturated)
         this->add_item_tag(0,
@@ -266,10 +276,12 @@ int tone_fold<Sample>::take(const Sample* averaged, int frames, std::uint64_t sn
         if (this->d_produced == this->d_room)
             return 0;
     }
-    const int count = collector.add(
-        snapshot, std::min(frames, collector.BATCH), [&](int n, kernel::fc32* folded) {
-            this->d_folder.fold(averaged, n, folded);
-        });
+    const int count =
+        collector.add(snapshot,
+                      std::min(frames, collector.BATCH),
+                      [&](int n, kernel::fc32* folded, kernel::snapshot_noise* noise) {
+                          this->d_folder.fold(averaged, n, folded, noise);
+                      });
     this->d_folder.saturated(averaged, count, this->d_saturated);
     collector.note_saturated(this->d_saturated.size());
     if (collector.is_full())

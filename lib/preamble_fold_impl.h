@@ -83,6 +83,7 @@ protected:
 private:
     std::optional<std::uint64_t> d_expected;
     bool d_retuned = false;
+    std::vector<kernel::snapshot_noise> d_noise; // of the frames last folded
 };
 
 // The tones of a phase group; its snapshots never leave the thread.

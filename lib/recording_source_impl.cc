@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "recording_source_impl.h"
 
+#include "noise_tags.h"
 #include <gnuradio/io_signature.h>
 #include <gnuradio/wiforce/names.h>
 
@@ -12,6 +13,7 @@ namespace {
 
 const pmt::pmt_t saturated_key = pmt::mp(names::SATURATED);
 const pmt::pmt_t snapshot_key = pmt::mp(names::SNAPSHOT);
+const pmt::pmt_t noise_key = pmt::mp(names::NOISE);
 
 } // namespace
 
@@ -77,7 +79,12 @@ int recording_source_impl::work(int noutput_items,
             break;
         const std::uint64_t first = d_frames.frame();
         const int count = std::min<std::uint64_t>(ready, noutput_items - produced);
-        d_frames.fold(count, out + produced * kernel::FFT_LENGTH);
+        d_noise.resize(count);
+        d_frames.fold(count, out + produced * kernel::FFT_LENGTH, d_noise.data());
+        add_item_tag(0,
+                     nitems_written(0) + produced,
+                     noise_key,
+                     noise_value(d_noise.data(), count));
         if (d_expected != first)
             tag(produced, snapshot_key, first);
         for (const int frame : d_frames.saturated())

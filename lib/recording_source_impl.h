@@ -28,7 +28,8 @@ private:
     void tag(int item, const pmt::pmt_t& key, std::uint64_t value);
 
     kernel::recorded_frames d_frames;
-    std::optional<std::uint64_t> d_expected; // index of the next frame without a gap
+    std::vector<kernel::snapshot_noise> d_noise; // of the frames last folded
+    std::optional<std::uint64_t> d_expected;     // index of the next frame without a gap
 };
 
 } // namespace gr::wiforce

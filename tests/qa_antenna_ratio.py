@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Two receive antennas: their ratio is read where one antenna on a clock of its own is not."""
 
+import shutil
+
 import numpy as np
 import pytest
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.antennas import channel_ratio
-from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.io.capture import open_capture, second_antenna
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.signal.waveform import sounding_waveform
@@ -92,6 +94,51 @@ def test_antenna_ratio_partial_last_group_is_not_read(captures):
 def test_single_antenna_with_free_clock_reads_nothing(captures):
     alone = load_scene({**SCENE, "environment": {"reader_clock": "free"}})
     assert all(r.force_n is None or r.flags for r in readings(captures, alone))
+
+
+def test_quiet_captures_of_two_antennas_lose_no_snapshot(captures):
+    """The carrier offset makes repetitions differ far more than noise does, in every frame."""
+    assert all(r.interference == 0 for r in readings(captures, captures[1]))
+
+
+@pytest.fixture(scope="module")
+def interfered(captures, tmp_path_factory):
+    """The captures with bursts at the second antenna, 6 dB below the static path."""
+    name, _ = captures
+    copied = tmp_path_factory.mktemp("bursts") / "press"
+    for path in name.parent.glob("press*"):
+        shutil.copy(path, copied.parent)
+    path = second_antenna(copied) + ".sigmf-data"
+    codes, rng = np.fromfile(path, "<i2").reshape(-1, 2).astype(float), np.random.default_rng(4)
+    rms = np.sqrt(np.mean(codes[64:320] ** 2))
+    for start in range(0, len(codes), 30_000):
+        codes[start : start + 6000] += rng.normal(0, 0.5 * rms, (6000, 2))
+    np.clip(np.rint(codes), -32768, 32767).astype("<i2").tofile(path)
+    return copied
+
+
+def test_bursts_at_one_of_two_antennas_are_rejected(captures, interfered):
+    clean, found = readings(captures, captures[1]), readings((interfered,), captures[1])
+    assert [r.interference for r in found if not 0.16 < r.interference < 0.3] == []
+    for name in ("phase1_deg", "phase2_deg"):
+        got, want = ([getattr(r, name) for r in each] for each in (found, clean))
+        assert np.abs(wrap_deg(np.subtract(got, want))).max() < 0.5
+
+
+def test_antenna_ratio_stream_with_bursts_is_read_as_the_recording(captures, interfered):
+    _, scene = captures
+    found, flowgraph, ratio = [], gr.top_block(), wiforce.antenna_ratio()
+    reader = wiforce.reader(scene, input_type="folded", on_reading=found.append)
+    for port, name in enumerate((interfered, second_antenna(interfered))):
+        flowgraph.connect(wiforce.capture_source(name, scene), (ratio, port))
+    flowgraph.connect(ratio, reader)
+    flowgraph.run()
+    wanted = []
+    read_capture(open_capture(interfered), scene, wanted.append)
+    assert len(found) == len(wanted)
+    for got, want in zip(found, wanted, strict=True):
+        assert got.interference == want.interference and got.flags == want.flags
+        assert got.phase1_deg == pytest.approx(want.phase1_deg, abs=1e-3)
 
 
 def test_reader_samples_of_one_antenna_are_refused_for_two():

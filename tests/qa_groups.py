@@ -66,6 +66,16 @@ def test_groups_concatenated_complete_groups_weigh_every_snapshot(order):
     assert np.array_equal(joined.snapshot_weights[incomplete], mask)
 
 
+def test_groups_are_incomplete_without_snapshots_for_any_reason():
+    """Tones of a part of the snapshots must not be whitened as those of all."""
+    weights = np.ones((4, 5))
+    weights[3, 2] = 0
+    rows = {"missing": np.array([1, 0, 0, 0]), "interference": np.array([0, 0.2, 0, 0])}
+    groups = batch(0, 4, snapshot_weights=weights, **rows)
+    assert groups.incomplete.tolist() == [True, True, False, True]
+    assert not batch(0, 2).incomplete.any()
+
+
 def test_groups_concatenated_empty_batches_are_left_out():
     """They come from stages that hold groups back, before anything is known."""
     empty, known = Groups(np.zeros(0, int)), batch(0, 2, ratios=np.ones((2, 2), complex))

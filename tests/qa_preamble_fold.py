@@ -213,7 +213,9 @@ def test_other_tags_stay_behind():
     flowgraph = gr.top_block()
     flowgraph.connect(source, fold, sink)
     flowgraph.run()
-    assert [(t.offset, str(t.key)) for t in sink.tags()] == [(0, "snapshot")]
+    own = {"snapshot", "noise"}
+    assert [(t.offset, str(t.key)) for t in sink.tags() if str(t.key) not in own] == []
+    assert (0, "snapshot") in [(t.offset, str(t.key)) for t in sink.tags()]
 
 
 @pytest.mark.parametrize("value", NO_TIMES.values(), ids=NO_TIMES)

@@ -58,7 +58,8 @@ BOOST_DATA_TEST_CASE(floats_fold_to_their_mean, data::make(layouts))
     const preamble_folder folder(
         sample.frame_length, sample.first_averaged, sample.repetitions);
     std::vector<fc32> folded(64 * frames);
-    folder.fold(&x[sample.first_averaged], frames, folded.data());
+    std::vector<snapshot_noise> noise(frames);
+    folder.fold(&x[sample.first_averaged], frames, folded.data(), noise.data());
 
     // Sums of a few values near 1: some ulp of float.
     for (int f = 0; f < frames; f++)
@@ -80,7 +81,8 @@ BOOST_DATA_TEST_CASE(sc16_folds_exactly_even_at_full_scale, data::make(layouts))
     const preamble_folder folder(
         sample.frame_length, sample.first_averaged, sample.repetitions);
     std::vector<fc32> folded(64 * frames);
-    folder.fold(&x[sample.first_averaged], frames, folded.data());
+    std::vector<snapshot_noise> noise(frames);
+    folder.fold(&x[sample.first_averaged], frames, folded.data(), noise.data());
 
     const bool power_of_two = (sample.repetitions & (sample.repetitions - 1)) == 0;
     for (int f = 0; f < frames; f++)

@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.readings import COLUMNS, Flag, Reading
+from gnuradio.wiforce.io.readings import COLUMNS, Flag, GroupCounts, Reading
 from gnuradio.wiforce.io.writers import open_writer
 
 TOUCHED = Reading(0.018, "arm", 1, 4.123456, 0.05, 45.0, 0.1, 91.5, -12.25, 9.876, ("gap", "weak"))
@@ -18,7 +18,7 @@ UNKNOWN = Reading(0.054, "arm", None, None, None, None, None, None, None, None, 
 def test_columns_equal_documented_order():
     assert ",".join(COLUMNS) == (
         "time_s,sensor,touch,force_n,force_std_n,location_mm,location_std_mm,"
-        "phase1_deg,phase2_deg,snr_db,flags"
+        "phase1_deg,phase2_deg,snr_db,flags,interference"
     )
 
 
@@ -71,7 +71,7 @@ def test_writer_existing_file_is_kept_until_first_reading(earlier):
     with open_writer(earlier) as writer:
         assert earlier.read_text() == "precious\n"
         writer.write(UNKNOWN)
-        assert earlier.read_text() == f"{','.join(COLUMNS)}\n0.054,arm,,,,,,,,,gap\n"
+        assert earlier.read_text() == f"{','.join(COLUMNS)}\n0.054,arm,,,,,,,,,gap,\n"
 
 
 def test_writer_closed_without_reading_leaves_header_only(earlier):
@@ -102,3 +102,13 @@ def test_writer_pipe_is_opened_at_once(tmp_path):
 def test_open_writer_unusable_path_is_named(tmp_path, name):
     with pytest.raises(InputError, match="out"):
         open_writer(tmp_path / name)
+
+
+def test_group_counts_name_groups_with_interference():
+    """What `read` prints at the end tells that other transmitters are in the room."""
+    counts = GroupCounts()
+    counts.note([Reading(0.018, "arm", interference=0.0)])
+    assert str(counts) == "1 groups: 1 clear, 0 flagged, 0 dropped"
+    counts.note([Reading(0.054, "arm", interference=0.25)])
+    assert str(counts).endswith("0 dropped; interference in 1 groups (50%)")
+    assert Reading(0.054, "arm", interference=0.25).row()["interference"] == 0.25

@@ -118,6 +118,29 @@ def test_for_present_gaps_gives_least_squares_over_the_rest():
     assert np.max(np.abs(white @ white.conj().T - np.eye(len(white)))) < 1e-9
 
 
+@pytest.mark.parametrize("clutter_hz", [0.0, 60.0])
+@pytest.mark.parametrize("pattern", ["snapshots", "bursts", "gap"])
+def test_for_present_equals_pseudo_inverse_and_rejects_strong_static_path(pattern, clutter_hz):
+    """With bursts of Wi-Fi nearby, every group is solved in this way, under any static path."""
+    rng = np.random.default_rng(6)
+    table = design_weights([1000.0, 1400.0], 625, T, clutter_hz)
+    mask = {
+        "snapshots": rng.random(625) > 0.6,
+        "bursts": np.repeat(rng.random(25) > 0.5, 25),
+        "gap": np.abs(np.arange(625) - 312) > 150,
+    }[pattern]
+    partial = table.for_present(mask)
+    exact = np.linalg.pinv(table.basis[mask], rcond=1e-12)[: len(table.tones)]
+    gain, least = (np.sum(np.abs(w) ** 2) for w in (partial.weights, exact))
+    assert gain == pytest.approx(least, rel=1e-9)
+    assert np.max(np.abs(partial.weights - exact)) < 1e-8 * np.max(np.abs(exact))
+    static = np.full(mask.sum(), 10 ** (80 / 20))
+    # The clutter basis itself holds a constant to -160 dB.
+    assert np.max(np.abs(partial.weights @ static)) < (1e-5 if clutter_hz else 1e-10)
+    snapshots = complex_noise(rng, int(mask.sum()), 64)
+    np.testing.assert_allclose(partial.apply(snapshots), partial.weights @ snapshots, atol=1e-12)
+
+
 @pytest.mark.parametrize("present", [0, 10, 25])
 def test_for_present_too_few_snapshots_returns_none(present):
     table = design_weights([1000.0], 625, T, 60.0)

@@ -6,6 +6,7 @@
 #include <boost/test/data/test_case.hpp>
 #include <boost/test/unit_test.hpp>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <random>
@@ -35,6 +36,25 @@ std::vector<float> noise(std::size_t count, unsigned seed)
     return x;
 }
 
+// What the kernels give as snapshot_noise, for components in units of full scale.
+template <class T>
+std::pair<double, double>
+noise_of(const std::vector<T>& in, std::size_t first, int repetitions, double unit)
+{
+    double smallest = 0, largest = 0;
+    for (int n = 0; repetitions > 1 && n < WIDTH; n++) {
+        std::vector<double> squares;
+        for (int r = 1; r < repetitions; r++) {
+            const double after = in[first + r * WIDTH + n];
+            squares.push_back(
+                std::pow(unit * (after - in[first + (r - 1) * WIDTH + n]), 2));
+        }
+        smallest += *std::min_element(squares.begin(), squares.end()) / WIDTH;
+        largest += *std::max_element(squares.begin(), squares.end()) / WIDTH;
+    }
+    return { smallest, largest };
+}
+
 } // namespace
 
 BOOST_DATA_TEST_CASE(fold_fc32_is_the_scaled_sum,
@@ -45,7 +65,9 @@ BOOST_DATA_TEST_CASE(fold_fc32_is_the_scaled_sum,
     const std::size_t frames = 7, stride = WIDTH * repetitions + 42;
     const auto in = noise(frames * stride, 1);
     std::vector<float> folded(frames * WIDTH);
-    simd->fold_fc32(in.data(), stride, frames, repetitions, 0.25f, folded.data());
+    std::vector<float> levels(2 * frames);
+    simd->fold_fc32(
+        in.data(), stride, frames, repetitions, 0.25f, folded.data(), levels.data());
     for (std::size_t f = 0; f < frames; f++)
         for (int n = 0; n < WIDTH; n++) {
             double sum = 0;
@@ -53,6 +75,32 @@ BOOST_DATA_TEST_CASE(fold_fc32_is_the_scaled_sum,
                 sum += in[f * stride + r * WIDTH + n];
             BOOST_TEST(std::abs(folded[f * WIDTH + n] - 0.25 * sum) < 1e-6);
         }
+}
+
+BOOST_DATA_TEST_CASE(fold_fc32_finds_noise_under_a_strong_path,
+                     variants* data::make({ 1, 2, 3, 4, 5 }),
+                     simd,
+                     repetitions)
+{
+    const std::size_t frames = 3, stride = WIDTH * repetitions + 42;
+    auto in = noise(frames * stride, 8);
+    const auto path = noise(WIDTH, 9);
+    for (std::size_t i = 0; i < in.size(); i++) // 60 dB above the noise
+        in[i] += 1000 * path[i % stride % WIDTH];
+    std::vector<float> folded(frames * WIDTH);
+    std::vector<float> levels(2 * frames);
+    simd->fold_fc32(in.data(),
+                    stride,
+                    frames,
+                    repetitions,
+                    0.5f / repetitions,
+                    folded.data(),
+                    levels.data());
+    for (std::size_t f = 0; f < frames; f++) {
+        const auto [smallest, largest] = noise_of(in, f * stride, repetitions, 0.5);
+        BOOST_TEST(std::abs(levels[2 * f] - smallest) <= 1e-5 * smallest);
+        BOOST_TEST(std::abs(levels[2 * f + 1] - largest) <= 1e-5 * largest);
+    }
 }
 
 BOOST_DATA_TEST_CASE(fold_sc16_is_exact,
@@ -68,7 +116,9 @@ BOOST_DATA_TEST_CASE(fold_sc16_is_exact,
         v = uniform(random);
     std::fill_n(in.begin(), WIDTH * repetitions, -32768);
     std::vector<float> folded(frames * WIDTH);
-    simd->fold_sc16(in.data(), stride, frames, repetitions, 0.5f, folded.data());
+    std::vector<float> levels(2 * frames);
+    simd->fold_sc16(
+        in.data(), stride, frames, repetitions, 0.5f, folded.data(), levels.data());
     for (std::size_t f = 0; f < frames; f++)
         for (int n = 0; n < WIDTH; n++) {
             int sum = 0;
@@ -76,6 +126,12 @@ BOOST_DATA_TEST_CASE(fold_sc16_is_exact,
                 sum += in[f * stride + r * WIDTH + n];
             BOOST_TEST(folded[f * WIDTH + n] == 0.5f * sum);
         }
+    for (std::size_t f = 0; f < frames; f++) {
+        const auto [smallest, largest] =
+            noise_of(in, f * stride, repetitions, 0.5 * repetitions);
+        BOOST_TEST(std::abs(levels[2 * f] - smallest) <= 1e-5 * smallest);
+        BOOST_TEST(std::abs(levels[2 * f + 1] - largest) <= 1e-5 * largest);
+    }
 }
 
 BOOST_DATA_TEST_CASE(accumulate_adds_weighted_differences,

@@ -222,6 +222,32 @@ BOOST_AUTO_TEST_CASE(a_group_gives_zeros_and_a_mask_for_what_is_absent)
     BOOST_TEST(std::equal(present.begin(), present.end(), h.begin()));
 }
 
+BOOST_DATA_TEST_CASE(rejected_snapshots_are_left_out_of_the_tones,
+                     data::make({ 0, 40 }),
+                     first)
+{
+    // Also where the first snapshot, the reference of the sums, is rejected.
+    auto h = snapshots(1);
+    const auto want = reference(tables[2], h, { first, 60 });
+    h[first * FFT_LENGTH + 3] = h[60 * FFT_LENGTH + 7] = fc32(1e4f, 1e4f);
+    phase_group group(LENGTH);
+    tone_accumulator accumulator(tables[2].flat(), LENGTH);
+    add(group, 0, h.data(), LENGTH);
+    accumulator.advance(group);
+    group.finish();
+    std::vector<std::uint8_t> marks(LENGTH);
+    marks[first] = marks[60] = 1;
+    group.reject(marks);
+    accumulator.clear();
+    std::vector<fc32> result(tables[2].rows.size() * FFT_LENGTH);
+    accumulator.finish(group, result.data());
+    BOOST_TEST(largest_error(result, want) < 2e-5);
+    BOOST_TEST(group.rejected() == 2);
+    BOOST_TEST(group.missing() == 0);
+    BOOST_TEST(!group.is_complete());
+    BOOST_TEST(group.present_snapshots().size() == (LENGTH - 2) * FFT_LENGTH);
+}
+
 BOOST_AUTO_TEST_CASE(bad_tables_are_refused)
 {
     BOOST_CHECK_THROW(tone_accumulator({}, 5), std::invalid_argument);

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .errors import InputError
-from .estimation.antennas import folded_ratio
+from .estimation.antennas import folded_ratio, ratio_noise
 from .estimation.folded_groups import FoldedGroups
 from .estimation.groups import Groups, is_clipped
 from .estimation.recorded_frames import find_frames, first_frame, require_frames
@@ -25,7 +25,7 @@ from .planning.plan import plan as plan_of
 from .planning.room import adapted
 from .receiver import Receiver
 from .scene import Scene, scene_of
-from .wiforce_kernels import folded_reader, tone_reader
+from .wiforce_kernels import folded_reader, interference_screen, tone_reader
 
 if TYPE_CHECKING:
     import pandas
@@ -63,8 +63,9 @@ def read(
     pandas.DataFrame
         A row per phase group and sensor with the columns of a readings file: ``time_s``,
         ``sensor``, ``touch``, ``force_n``, ``force_std_n``, ``location_mm``, ``location_std_mm``,
-        ``phase1_deg``, ``phase2_deg``, ``snr_db``, ``flags`` (words with spaces between). Numbers
-        are not rounded; unknown values are NaN.
+        ``phase1_deg``, ``phase2_deg``, ``snr_db``, ``flags`` (words with spaces between),
+        ``interference`` (share of the group that was left out because of it). Numbers are not
+        rounded; unknown values are NaN.
 
     Raises
     ------
@@ -93,7 +94,7 @@ def read(
     for difference in differences:
         warnings.warn(f"{recording.path}: {difference}", stacklevel=2)
     rows = [
-        (*(getattr(reading, name) for name in COLUMNS[:-1]), " ".join(reading.flags))
+        [" ".join(reading.flags) if name == "flags" else getattr(reading, name) for name in COLUMNS]
         for batch in reader
         for reading in batch
     ]
@@ -291,12 +292,14 @@ class _Tones:
             found["tones"],
             found["missing"],
             is_clipped(found["saturated"], self._length),
+            interference=found["rejected"] / self._length,
         )
         if found["incomplete"]:
             weights = np.ones((len(groups), self._length), bool)
             for row, present, folded in found["incomplete"]:
                 found["tones"][row], weights[row] = self._folded.solve(present, folded)
             groups.snapshot_weights = weights
+            groups.missing[~weights.any(axis=1)] = self._length
         return groups
 
 
@@ -310,6 +313,7 @@ class _AntennaRatio:
         self._shape = (len(plan.table.tones), len(plan.waveform.bins))
         self._waveform = plan.waveform
         self._folded = FoldedGroups(plan.table, plan.waveform)
+        self._screen = interference_screen(plan.group_length)
         self.kernels = {
             each.path: folded_reader(**_frame_settings(each, plan, frame_offset))
             for each in (recording, beside)
@@ -334,20 +338,22 @@ class _AntennaRatio:
         whole = snapshot // self._length * self._length
         return int(np.searchsorted(self._kept[0], whole))
 
-    def _read_frames(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Index of the frames that both antennas have, their ratio folded, and saturation."""
+    def _read_frames(self) -> tuple[np.ndarray, ...]:
+        """Index of the frames that both antennas have, ratio folded, its noise, saturation."""
         first, second = (
             kernel.read(_BATCH * self._length // 4) for kernel in self.kernels.values()
         )
         common, rows, others = np.intersect1d(
             first["snapshot"], second["snapshot"], return_indices=True
         )
-        ratio = folded_ratio(first["folded"][rows], second["folded"][others], self._waveform)
-        return common, ratio, first["saturated"][rows]
+        folded = first["folded"][rows], second["folded"][others]
+        ratio = folded_ratio(*folded, self._waveform)
+        noise = ratio_noise(folded, (first["noise"][rows], second["noise"][others]), ratio)
+        return common, ratio, noise, first["saturated"][rows]
 
     def _groups(self, count: int) -> Groups:
         """Groups of the first frames that are kept."""
-        (snapshots, folded, saturated), self._kept = (
+        (snapshots, folded, noise, saturated), self._kept = (
             tuple(values[:count] for values in self._kept),
             tuple(values[count:] for values in self._kept),
         )
@@ -356,16 +362,23 @@ class _AntennaRatio:
         tones = np.zeros((len(index), *self._shape), complex)
         weights = np.zeros((len(index), self._length), bool)
         clipped = np.zeros(len(index), np.int64)
+        rejected = np.zeros(len(index), np.int64)
         bounds = [*starts, len(snapshots)]
         for row, (start, end) in enumerate(zip(bounds, bounds[1:], strict=False)):
             present = np.zeros(self._length, bool)
             present[snapshots[start:end] % self._length] = True
-            tones[row], weights[row] = self._folded.solve(present, folded[start:end])
+            marks = self._screen.examine(present, folded[start:end], noise[start:end])
+            kept = folded[start:end][~marks[present]]
+            tones[row], weights[row] = self._folded.solve(present & ~marks, kept)
             clipped[row] = saturated[start:end].sum()
+            rejected[row] = marks.sum()
+        missing = self._length - np.diff(bounds)
+        missing[~weights.any(axis=1)] = self._length
         return Groups(
             index,
             tones,
-            self._length - np.diff(bounds),
+            missing,
             is_clipped(clipped, self._length),
             snapshot_weights=weights,
+            interference=rejected / self._length,
         )

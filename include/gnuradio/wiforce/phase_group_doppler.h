@@ -22,8 +22,10 @@ namespace gr::wiforce {
  * Group g holds the snapshots g N_g .. (g+1) N_g - 1 of the frame grid; the tag
  * `snapshot` on an input item is its index (without one the stream starts at 0). Each
  * output carries the tag `group`. Missing snapshots, and those with values that are not
- * finite, count as zeros. The output then carries the tag `missing` with their number,
- * and the group's snapshots and their mask are published before it on the message port
+ * finite, count as zeros, and so do those that another transmitter interfered with (not
+ * in a spectrum): the tag `noise` of the inputs shows them. The output then carries the
+ * tag `missing` with the number of the former or `rejected` with that of the latter, and
+ * the group's snapshots and their mask are published before it on the message port
  * `incomplete`, for blocks that can do better than zeros. A group without any snapshot is
  * not emitted, nor is the unfinished last one. The output's tag `saturated` counts the
  * inputs that carry one.

@@ -34,6 +34,9 @@ namespace gr::wiforce {
  * In the first form the first output and the first one after every gap carry the tag
  * `snapshot`, the index of that frame on the grid. Outputs of sc16 samples at full scale
  * carry the tag `saturated`, and the first one after another rate or carrier `retuned`.
+ * The tag `noise` holds two floats for its output and each of those that follow: the
+ * smallest and the largest difference between the averaged repetitions, as a power per
+ * sample, which show interference. In the second form interference is rejected here.
  * Input tags are not propagated, since their offsets divided by the frame length mean
  * nothing once samples were lost.
  */

@@ -17,7 +17,8 @@ namespace gr::wiforce {
  *
  * Equivalent to a file source followed by preamble_fold. Output: one vector of 64 complex
  * floats per frame, with the tag `snapshot` on the first one and on the first one after
- * every gap, and the tag `saturated` on those of integer samples at full scale.
+ * every gap, the tag `saturated` on those of integer samples at full scale, and the tag
+ * `noise` of preamble_fold.
  *
  * Frame timing is monitored as in preamble_fold. A file that is shorter than its segments
  * say, or is cut short while it is read, is read as far as it goes.

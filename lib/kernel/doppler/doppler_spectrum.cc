@@ -41,7 +41,7 @@ void doppler_spectrum::finish(const phase_group& group, fc32* out)
     for (int m = 0; m < length; m++) {
         // A complete group's mask is constant: exactly zero outside bin 0.
         const fc32 weight =
-            group.missing() == 0 ? fc32(m == 0 ? 1.0f : 0.0f) : scale * mask[m];
+            group.is_complete() ? fc32(m == 0 ? 1.0f : 0.0f) : scale * mask[m];
         for (int k = 0; k < FFT_LENGTH; k++)
             out[m * FFT_LENGTH + k] += weight * reference[k];
     }

@@ -14,6 +14,7 @@ public:
     // Throws std::invalid_argument unless group_length >= 1.
     explicit doppler_spectrum(int group_length);
     int rows() const override { return d_fft.length(); }
+    bool rejects_interference() const override { return false; }
     void clear() override {}
     void advance(const phase_group&) override {}
     void finish(const phase_group& group, fc32* out) override;

@@ -11,6 +11,9 @@ class doppler_transform
 public:
     virtual ~doppler_transform() = default;
     virtual int rows() const = 0;
+    // Whether snapshots that interference hit are to be rejected. Not where nobody solves
+    // the group for the rest: their absence lets static paths leak.
+    virtual bool rejects_interference() const { return true; }
     // Starts with an empty group.
     virtual void clear() = 0;
     // Works ahead on the slots decided so far.

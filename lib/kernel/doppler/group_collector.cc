@@ -5,7 +5,7 @@ namespace gr::wiforce::kernel {
 
 group_collector::group_collector(std::unique_ptr<doppler_transform> transform,
                                  int group_length)
-    : d_transform(std::move(transform)), d_group(group_length)
+    : d_transform(std::move(transform)), d_group(group_length), d_screen(group_length)
 {
 }
 
@@ -20,7 +20,14 @@ bool group_collector::must_end_before(std::uint64_t snapshot) const
 bool group_collector::end()
 {
     d_group.finish();
-    return d_group.present() > 0;
+    if (d_transform->rejects_interference()) {
+        const auto& marks = d_screen.examine(d_group);
+        if (d_screen.rejected() > 0) {
+            d_group.reject(marks);
+            d_transform->clear(); // it had worked ahead on what is rejected
+        }
+    }
+    return d_group.present() + d_group.rejected() > 0;
 }
 
 void group_collector::clear()

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "doppler_transform.h"
+#include "interference_screen.h"
 
 #include <algorithm>
 #include <cstdint>
@@ -32,22 +33,24 @@ public:
     // Whether every slot of the group is known to be present or missing.
     bool is_full() const { return d_group.decided() == d_group.length(); }
 
-    // Adds some of `available` snapshots from this index on, which write(count, folded)
-    // writes; returns how many.
+    // Adds some of `available` snapshots from this index on, which
+    // write(count, folded, noise) writes; returns how many.
     template <class Write>
     int add(std::uint64_t snapshot, std::uint64_t available, const Write& write)
     {
         d_index = snapshot / d_group.length();
         const int slot = snapshot % d_group.length();
         const int count = std::min<std::uint64_t>(available, d_group.length() - slot);
-        write(count, d_group.reserve(slot));
+        fc32* const folded = d_group.reserve(slot);
+        write(count, folded, d_group.noise());
         d_group.accept(count);
         d_transform->advance(d_group);
         return count;
     }
     void note_saturated(int snapshots) { d_saturated += snapshots; }
 
-    // Ends the group; returns whether it has any snapshot.
+    // Ends the group, and rejects the snapshots that interference hit; returns whether it
+    // has any snapshot, rejected ones included.
     bool end();
     // Of the group that ended:
     std::uint64_t index() const { return d_index; }
@@ -60,6 +63,7 @@ public:
 private:
     const std::unique_ptr<doppler_transform> d_transform;
     phase_group d_group;
+    interference_screen d_screen;
     std::uint64_t d_index = 0;
     int d_saturated = 0;
 };

@@ -12,6 +12,7 @@ phase_group::phase_group(int length) : d_length(length)
 {
     require(length >= 1, "phase_group_doppler", "group_length", "must be >= 1", length);
     d_snapshots.resize(static_cast<std::size_t>(length) * FFT_LENGTH);
+    d_noise.resize(length);
     d_mask.resize(length);
 }
 
@@ -19,6 +20,7 @@ void phase_group::clear()
 {
     d_decided = 0;
     d_present = 0;
+    d_rejected = 0;
 }
 
 void phase_group::skip_to(int to)
@@ -59,6 +61,21 @@ void phase_group::accept(int count)
 }
 
 void phase_group::finish() { skip_to(d_length); }
+
+void phase_group::reject(const std::vector<std::uint8_t>& rejected)
+{
+    for (int n = 0; n < d_length; n++)
+        if (d_mask[n] && rejected[n]) {
+            d_mask[n] = 0;
+            d_present--;
+            d_rejected++;
+        }
+    if (d_present > 0)
+        d_reference = std::find(d_mask.begin(), d_mask.end(), 1) - d_mask.begin();
+    for (int n = 0; n < d_length; n++)
+        if (!d_mask[n] && n != d_reference)
+            std::copy_n(reference(), FFT_LENGTH, slot(n));
+}
 
 std::vector<fc32> phase_group::with_zeros() const
 {

@@ -11,9 +11,10 @@ namespace gr::wiforce::kernel {
 /*
  * The snapshots of one phase group, slot by slot, and which of them are there.
  *
- * A snapshot that was lost, or that holds a value which is not finite, is absent. Absent
- * slots hold the group's first present snapshot, the reference: sums of differences from
- * it (see tone_accumulator) then need not check the mask.
+ * A snapshot that was lost, or that holds a value which is not finite, is missing. One
+ * that was received and is not to be used is rejected. Both are absent. Absent slots hold
+ * the group's first present snapshot, the reference: sums of differences from it (see
+ * tone_accumulator) then need not check the mask.
  */
 class phase_group
 {
@@ -23,24 +24,32 @@ public:
 
     void clear();
 
-    // Memory for the snapshots from first_slot on; slots left out since the last call are
-    // absent. first_slot >= decided(). accept() takes up as many as were written.
+    // Memory for the snapshots from first_slot on, and for their noise behind noise();
+    // slots left out since the last call are missing. first_slot >= decided(). accept()
+    // takes up as many as were written.
     fc32* reserve(int first_slot);
+    snapshot_noise* noise() { return &d_noise[d_decided]; }
     void accept(int count);
 
-    // Declares the remaining slots absent.
+    // Declares the remaining slots missing.
     void finish();
+    // Makes the present snapshots that are marked absent; `rejected` holds length()
+    // marks.
+    void reject(const std::vector<std::uint8_t>& rejected);
 
     int length() const { return d_length; }
     // Slots that are known to be present or absent.
     int decided() const { return d_decided; }
     int present() const { return d_present; }
-    int missing() const { return d_decided - d_present; }
+    int rejected() const { return d_rejected; }
+    int missing() const { return d_decided - d_present - d_rejected; }
+    bool is_complete() const { return d_present == d_decided; }
     const std::vector<std::uint8_t>& mask() const { return d_mask; } // 1 = present
 
-    // Valid once present() > 0.
+    // Valid once present() + rejected() > 0.
     const fc32* reference() const { return slot(d_reference); }
     const fc32* slot(int n) const { return d_snapshots.data() + n * FFT_LENGTH; }
+    const snapshot_noise& noise_of(int n) const { return d_noise[n]; }
 
     // All slots, absent ones as zeros: 64 * length values.
     std::vector<fc32> with_zeros() const;
@@ -53,9 +62,11 @@ private:
 
     const int d_length;
     std::vector<fc32> d_snapshots;
+    std::vector<snapshot_noise> d_noise;
     std::vector<std::uint8_t> d_mask;
     int d_decided = 0;
     int d_present = 0;
+    int d_rejected = 0;
     int d_reference = 0;
 };
 

@@ -123,7 +123,7 @@ void tone_accumulator::advance(const phase_group& group)
         if (d_taken + count > group.decided())
             return;
         // Until a first snapshot is there, nothing differs from it.
-        if (group.present() > 0)
+        if (group.present() + group.rejected() > 0)
             fastest_kernels().accumulate(
                 reinterpret_cast<const float*>(group.slot(d_taken)),
                 reinterpret_cast<const float*>(group.reference()),
@@ -138,7 +138,7 @@ void tone_accumulator::advance(const phase_group& group)
 std::complex<double> tone_accumulator::sum_of_weights(int m,
                                                       const phase_group& group) const
 {
-    if (group.missing() == 0)
+    if (group.is_complete())
         return d_weight_sums[m];
     std::complex<double> sum = 0;
     for (int n = 0; n < d_length; n++)

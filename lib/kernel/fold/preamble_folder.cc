@@ -32,24 +32,32 @@ preamble_folder::preamble_folder(int frame_length, int first_averaged, int repet
             frame_length);
 }
 
-void preamble_folder::fold(const fc32* averaged, std::size_t frames, fc32* folded) const
+void preamble_folder::fold(const fc32* averaged,
+                           std::size_t frames,
+                           fc32* folded,
+                           snapshot_noise* noise) const
 {
     fastest_kernels().fold_fc32(reinterpret_cast<const float*>(averaged),
                                 2 * d_frame_length,
                                 frames,
                                 d_repetitions,
                                 1.0f / d_repetitions,
-                                reinterpret_cast<float*>(folded));
+                                reinterpret_cast<float*>(folded),
+                                reinterpret_cast<float*>(noise));
 }
 
-void preamble_folder::fold(const sc16* averaged, std::size_t frames, fc32* folded) const
+void preamble_folder::fold(const sc16* averaged,
+                           std::size_t frames,
+                           fc32* folded,
+                           snapshot_noise* noise) const
 {
     fastest_kernels().fold_sc16(reinterpret_cast<const std::int16_t*>(averaged),
                                 2 * d_frame_length,
                                 frames,
                                 d_repetitions,
                                 1.0f / (32768.0f * d_repetitions),
-                                reinterpret_cast<float*>(folded));
+                                reinterpret_cast<float*>(folded),
+                                reinterpret_cast<float*>(noise));
 }
 
 void preamble_folder::saturated(const sc16* averaged,

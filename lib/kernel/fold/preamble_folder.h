@@ -29,9 +29,15 @@ public:
     int averaged_length() const { return d_repetitions * FFT_LENGTH; }
 
     // `averaged` is the first averaged sample of the first frame; frames follow each
-    // other at frame_length. Writes 64 * frames values.
-    void fold(const fc32* averaged, std::size_t frames, fc32* folded) const;
-    void fold(const sc16* averaged, std::size_t frames, fc32* folded) const;
+    // other at frame_length. Writes 64 * frames values, and the noise of each frame.
+    void fold(const fc32* averaged,
+              std::size_t frames,
+              fc32* folded,
+              snapshot_noise* noise) const;
+    void fold(const sc16* averaged,
+              std::size_t frames,
+              fc32* folded,
+              snapshot_noise* noise) const;
 
     // Fills `found` with the frames that hold averaged samples at a converter's full
     // scale; floats have none. Allocates nothing where `found` has room for all frames.

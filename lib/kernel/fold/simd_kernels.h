@@ -15,13 +15,15 @@ namespace gr::wiforce::kernel {
 struct simd_kernels {
     const char* name;
 
-    // folded[128 f + n] = scale sum_r in[stride f + 128 r + n]
+    // folded[128 f + n] = scale sum_r in[stride f + 128 r + n], and in noise[2 f] and
+    // noise[2 f + 1] the snapshot_noise of frame f for samples scale * repetitions * in.
     void (*fold_fc32)(const float* in,
                       std::size_t stride,
                       std::size_t frames,
                       int repetitions,
                       float scale,
-                      float* folded);
+                      float* folded,
+                      float* noise);
 
     // The same on integers: exact for up to 65536 repetitions.
     void (*fold_sc16)(const std::int16_t* in,
@@ -29,7 +31,8 @@ struct simd_kernels {
                       std::size_t frames,
                       int repetitions,
                       float scale,
-                      float* folded);
+                      float* folded,
+                      float* noise);
 
     // sums[128 r + c] += sum_n weights[rows n + r] (snapshots[128 n + c] - reference[c])
     // for r < rows; rows is a multiple of ROW_BLOCK.

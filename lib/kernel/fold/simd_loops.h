@@ -40,6 +40,18 @@ struct sc16_samples {
 constexpr int FRAMES_AHEAD = 2;
 constexpr int CACHE_LINE = 64; // bytes
 
+// Comparisons of this form become one instruction.
+inline lanes smaller(lanes a, lanes b) { return a < b ? a : b; }
+inline lanes larger(lanes a, lanes b) { return a > b ? a : b; }
+
+inline float sum_of(lanes values)
+{
+    float sum = 0;
+    for (int n = 0; n < LANES; n++)
+        sum += values[n];
+    return sum;
+}
+
 // REPETITIONS = 0: known at run time only.
 template <class Samples, int REPETITIONS>
 void fold(const typename Samples::component* in,
@@ -47,22 +59,42 @@ void fold(const typename Samples::component* in,
           std::size_t frames,
           int repetitions,
           float scale,
-          float* folded)
+          float* folded,
+          float* noise)
 {
     constexpr int STEP = CACHE_LINE / sizeof(*in); // components per cache line
     const int count = REPETITIONS ? REPETITIONS : repetitions;
+    const float unit = scale * count;
     for (std::size_t frame = 0; frame < frames; frame++) {
         const auto* x = in + frame * stride;
         float* out = folded + frame * WIDTH;
+        lanes smallest = {};
+        lanes largest = {};
         for (int n = 0; n < WIDTH; n += LANES) {
-            auto sum = Samples::load(x + n);
-            for (int r = 1; r < count; r++)
-                sum += Samples::load(x + r * WIDTH + n);
+            auto before = Samples::load(x + n);
+            auto sum = before;
+            lanes low = {};
+            lanes high = {};
+            for (int r = 1; r < count; r++) {
+                const auto value = Samples::load(x + r * WIDTH + n);
+                sum += value;
+                // Taken before squaring: the squares of a strong static path would round
+                // the noise away.
+                const lanes difference = Samples::to_float(value - before);
+                const lanes square = difference * difference;
+                low = r == 1 ? square : smaller(low, square);
+                high = larger(high, square);
+                before = value;
+            }
+            smallest += low;
+            largest += high;
             if (n % STEP == 0)
                 for (int r = 0; r < count; r++)
                     __builtin_prefetch(x + FRAMES_AHEAD * stride + r * WIDTH + n);
             *reinterpret_cast<lanes*>(out + n) = scale * Samples::to_float(sum);
         }
+        noise[2 * frame] = unit * unit / WIDTH * sum_of(smallest);
+        noise[2 * frame + 1] = unit * unit / WIDTH * sum_of(largest);
     }
 }
 
@@ -72,14 +104,15 @@ void fold_any(const typename Samples::component* in,
               std::size_t frames,
               int repetitions,
               float scale,
-              float* folded)
+              float* folded,
+              float* noise)
 {
     if (repetitions == 4)
-        fold<Samples, 4>(in, stride, frames, repetitions, scale, folded);
+        fold<Samples, 4>(in, stride, frames, repetitions, scale, folded, noise);
     else if (repetitions == 2)
-        fold<Samples, 2>(in, stride, frames, repetitions, scale, folded);
+        fold<Samples, 2>(in, stride, frames, repetitions, scale, folded, noise);
     else
-        fold<Samples, 0>(in, stride, frames, repetitions, scale, folded);
+        fold<Samples, 0>(in, stride, frames, repetitions, scale, folded, noise);
 }
 
 // A tile of ROWS x (COLUMNS * LANES) sums stays in registers over all snapshots.

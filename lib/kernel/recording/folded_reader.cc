@@ -23,7 +23,8 @@ folded_reader::batch folded_reader::read(std::size_t max_frames)
         for (std::size_t n = 0; n < count; n++)
             frames.snapshot.push_back(d_frames->frame() + n);
         frames.folded.resize((before + count) * FFT_LENGTH);
-        d_frames->fold(count, &frames.folded[before * FFT_LENGTH]);
+        frames.noise.resize(before + count);
+        d_frames->fold(count, &frames.folded[before * FFT_LENGTH], &frames.noise[before]);
         frames.saturated.resize(before + count);
         for (const int frame : d_frames->saturated())
             frames.saturated[before + frame] = 1;

@@ -16,6 +16,7 @@ public:
     struct batch {
         std::vector<std::int64_t> snapshot; // indices on the frame grid
         std::vector<fc32> folded;           // snapshots x 64
+        std::vector<snapshot_noise> noise;
         std::vector<std::uint8_t> saturated;
     };
 

@@ -41,11 +41,11 @@ void recorded_frames::pass_lead(std::uint64_t available)
     });
 }
 
-void recorded_frames::fold(int frames, fc32* folded)
+void recorded_frames::fold(int frames, fc32* folded, snapshot_noise* noise)
 {
     d_recording.visit([&](const auto* samples) {
         const auto* averaged = samples + d_walk.lead();
-        d_folder.fold(averaged, frames, folded);
+        d_folder.fold(averaged, frames, folded, noise);
         d_folder.saturated(averaged, frames, d_saturated);
         const std::uint64_t count = d_walk.span(frames);
         d_walk.pass(samples, count);

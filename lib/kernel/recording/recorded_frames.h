@@ -33,7 +33,7 @@ public:
     // Index on the grid of the next frame.
     std::uint64_t frame() const { return d_walk.frame(); }
     // Folds the next frames, at most as many as are ready.
-    void fold(int frames, fc32* folded);
+    void fold(int frames, fc32* folded, snapshot_noise* noise);
     // Of the frames last folded, those that hold samples at full scale.
     const std::vector<int>& saturated() const { return d_saturated; }
 

@@ -47,7 +47,9 @@ tone_reader::batch tone_reader::read(std::size_t max_groups)
         }
         d_collector.add(d_frames->frame(),
                         std::min<std::uint64_t>(ready, d_collector.BATCH),
-                        [&](int count, fc32* folded) { d_frames->fold(count, folded); });
+                        [&](int count, fc32* folded, snapshot_noise* noise) {
+                            d_frames->fold(count, folded, noise);
+                        });
         d_collector.note_saturated(d_frames->saturated().size());
         if (d_collector.is_full())
             end_group(groups);
@@ -59,11 +61,12 @@ void tone_reader::end_group(batch& groups)
 {
     if (d_collector.end()) {
         const phase_group& group = d_collector.group();
-        if (group.missing() > 0)
+        if (!group.is_complete())
             groups.incomplete.push_back(
                 { groups.index.size(), group.mask(), group.present_snapshots() });
         groups.index.push_back(d_collector.index());
         groups.missing.push_back(group.missing());
+        groups.rejected.push_back(group.rejected());
         groups.saturated.push_back(d_collector.saturated());
         d_collector.transform(d_transform.data());
         for (int row = 0; row < rows(); row++) {

@@ -29,6 +29,7 @@ public:
         std::vector<std::int64_t> index; // snapshot index / N_g
         std::vector<fc32> tones;         // groups x rows x bins
         std::vector<std::int64_t> missing;
+        std::vector<std::int64_t> rejected;  // snapshots, for interference
         std::vector<std::int64_t> saturated; // snapshots
         std::vector<incomplete_group> incomplete;
     };

@@ -2,11 +2,16 @@
 """Block: ratio of two receive antennas, as folded vectors."""
 
 import numpy as np
+import pmt
 from gnuradio import gr
 
-from ..estimation.antennas import folded_ratio
+from .. import names
+from ..estimation.antennas import folded_ratio, ratio_noise
 from ..estimation.groups import Array
 from ..signal.waveform import FFT_LENGTH, sounding_waveform
+from .noise_tags import NoiseTags, noise_value
+
+_NOISE = pmt.intern(names.NOISE)
 
 
 class antenna_ratio(gr.sync_block):
@@ -17,7 +22,8 @@ class antenna_ratio(gr.sync_block):
     to a ``reader`` with the input ``folded``.
 
     Input 0 and 1: vectors of 64 complex, a frame each (``preamble_fold``, ``capture_source``), of
-    the same frames; gaps must be the same. Output: vectors of 64; tags are those of input 0.
+    the same frames; gaps must be the same. Output: vectors of 64; tags are those of input 0, with
+    the noise of both.
 
     Parameters
     ----------
@@ -45,11 +51,25 @@ class antenna_ratio(gr.sync_block):
         gr.sync_block.__init__(self, "antenna_ratio", in_sig=[vector, vector], out_sig=[vector])
         self._waveform = sounding_waveform(waveform, frame_length, sample_rate)
         self.set_tag_propagation_policy(gr.TPP_DONT)
+        self._noise = NoiseTags(), NoiseTags()
 
     def work(self, input_items: list[Array], output_items: list[Array]) -> int:
         first, second = input_items
-        output_items[0][:] = folded_ratio(first, second, self._waveform)
-        start = self.nitems_read(0)
-        for tag in self.get_tags_in_window(0, 0, len(first)):
-            self.add_item_tag(0, self.nitems_written(0) + tag.offset - start, tag.key, tag.value)
-        return len(first)
+        ratio = folded_ratio(first, second, self._waveform)
+        output_items[0][:] = ratio
+        count, start = len(first), self.nitems_written(0)
+        noise = self._noise_of(0, count), self._noise_of(1, count)
+        for tag in self.get_tags_in_window(0, 0, count):
+            if not pmt.equal(tag.key, _NOISE):
+                offset = start + tag.offset - self.nitems_read(0)
+                self.add_item_tag(0, offset, tag.key, tag.value)
+        if count:
+            value = noise_value(ratio_noise((first, second), noise, ratio))
+            self.add_item_tag(0, start, _NOISE, value)
+        return count
+
+    def _noise_of(self, port: int, count: int) -> Array:
+        """Noise of the items at hand, by the tags of an input; shape (count, 2)."""
+        for tag in self.get_tags_in_window(port, 0, count, _NOISE):
+            self._noise[port].add(tag.offset, tag.value)
+        return self._noise[port].noise(self.nitems_read(port), count)

@@ -67,7 +67,9 @@ def from_pmt(value: Any) -> Groups:
 
 def _to_pmt(row: Array) -> Any:
     if np.ndim(row) == 0:
-        return pmt.from_bool(bool(row)) if row.dtype == bool else pmt.from_uint64(int(row))
+        if row.dtype == bool:
+            return pmt.from_bool(bool(row))
+        return pmt.from_double(float(row)) if row.dtype == float else pmt.from_uint64(int(row))
     if row.dtype == bool:
         return pmt.init_u8vector(row.size, row.astype(np.uint8).tolist())
     return pmt.init_f64vector(row.size, row.astype(float).tolist())
@@ -80,4 +82,6 @@ def _from_pmt(item: Any) -> Array:
         return np.array(pmt.u8vector_elements(item), bool)
     if pmt.is_f64vector(item):
         return np.array(pmt.f64vector_elements(item))
+    if pmt.is_real(item):
+        return np.array(pmt.to_double(item))
     return np.array(pmt.to_uint64(item))

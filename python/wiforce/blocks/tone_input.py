@@ -69,9 +69,11 @@ class ToneInput:
         missing = np.array([_count(own, names.MISSING) for own in tags])
         saturated = np.array([_count(own, names.SATURATED) for own in tags])
         tones = items.reshape(-1, self.rows, 64)[:, :, plan.waveform.bins].astype(complex)
+        rejected = np.array([_count(own, names.REJECTED) for own in tags])
+        incomplete = missing + rejected > 0
         weights = np.ones((len(index), group_length), bool)
         count = len(index)
-        for row in np.flatnonzero(missing):
+        for row in np.flatnonzero(incomplete):
             group = int(index[row])
             if group not in self._messages and self._expected != group:
                 # Its snapshots were sent before it: wait until the messages have been handled.
@@ -79,13 +81,16 @@ class ToneInput:
                 count = row
                 break
             tones[row], weights[row] = self._solved(group)
+            if not weights[row].any():
+                missing[row] = group_length
         groups = Groups(
             index[:count],
             tones[:count],
             missing[:count],
             is_clipped(saturated[:count], group_length),
             np.array([names.RETUNED in own for own in tags[:count]], bool),
-            weights[:count] if missing.any() else None,
+            weights[:count] if incomplete.any() else None,
+            rejected[:count] / group_length,
         )
         return count, groups
 

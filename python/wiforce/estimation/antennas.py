@@ -76,3 +76,37 @@ def folded_ratio(first: Array, second: Array, waveform: Waveform) -> Array:
     spectrum = np.zeros((len(first), FFT_LENGTH), complex)
     spectrum[:, bins] = channel_ratio(*channels) / waveform.equalizer()[bins]
     return np.fft.ifft(spectrum, axis=1)
+
+
+def ratio_noise(antennas: tuple[Array, Array], noise: tuple[Array, Array], ratio: Array) -> Array:
+    """Noise of the ratio of two antennas, as the kernels give it for one antenna.
+
+    Parameters
+    ----------
+    antennas : tuple of ndarray of complex, shape (n, 64)
+        Folded frames of the two antennas.
+    noise : tuple of ndarray, shape (n, 2)
+        Their noise: smallest and largest difference of the repetitions, as a power per sample.
+    ratio : ndarray of complex, shape (n, 64)
+        Folded frames of the ratio.
+
+    Returns
+    -------
+    ndarray of float32, shape (n, 2)
+        The relative noise of both antennas together, times the power of the ratio.
+
+    Examples
+    --------
+    >>> ones, noise = np.ones((1, 64)), np.array([[0.1, 0.2]])
+    >>> noise_of_ratio = ratio_noise((ones, 2 * ones), (noise, 4 * noise), ones / 2)
+    >>> bool(np.allclose(noise_of_ratio, [[0.05, 0.1]]))
+    True
+    """
+    relative = sum(own / _power(folded) for own, folded in zip(noise, antennas, strict=True))
+    return np.asarray(relative * _power(ratio), np.float32)
+
+
+def _power(folded: Array) -> Array:
+    """Mean power per sample, shape (n, 1)."""
+    power = np.mean(folded.real**2 + folded.imag**2, axis=1, keepdims=True)
+    return np.maximum(power, np.finfo(np.float32).tiny)

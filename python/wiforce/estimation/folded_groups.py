@@ -48,7 +48,7 @@ class FoldedGroups:
         Parameters
         ----------
         present : ndarray of bool, shape (N,)
-            Which snapshots were received.
+            Which snapshots were received and are to be used.
         folded : ndarray of complex, shape (count of present, 64)
             Folded frames of these snapshots.
 
@@ -58,13 +58,13 @@ class FoldedGroups:
         snapshot_weights : ndarray of bool, shape (N,)
             As ``present``. Both are zeros when the snapshots do not determine the tones.
         """
-        weights = self._table.weights
-        if not np.all(present):
+        if np.all(present):
+            tones = self._table.weights @ np.asarray(folded, complex)
+        else:
             partial = self._table.for_present(present)
             if partial is None:
-                shape = len(weights), len(self._bins)
+                shape = len(self._table.tones), len(self._bins)
                 return np.zeros(shape, complex), np.zeros_like(present)
-            weights = partial.weights
-        tones = weights @ np.asarray(folded, complex)
+            tones = partial.apply(folded)
         channel = np.fft.fft(tones * self._rotation, axis=1)[:, self._bins] * self._factors
         return channel, present

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..signal.weights import PartialWeights, ToneTable
+from ..signal.partial_weights import PartialWeights
+from ..signal.weights import ToneTable
 from .groups import Array
 
 # A group whose energy exceeds the median by this factor is excluded from an acquisition. A press

@@ -60,14 +60,16 @@ class Groups:
         The channel at each tone (``signal.weights.ToneTable``) and occupied subcarrier; of
         incomplete groups, solved over the snapshots that were received.
     missing : ndarray of int, shape (G,)
-        Snapshots that are absent or not finite.
+        Snapshots that are absent or not finite; all of them where interference leaves too few.
     saturated : ndarray of bool, shape (G,)
         Whether more samples than chance explains are at the converter's full scale.
     retuned : ndarray of bool, shape (G,)
         Whether the receiver's rate or carrier was changed before the group.
     snapshot_weights : ndarray, shape (G, N), optional
-        Weight of each snapshot in the tones, 0 where it is absent. Only needed where a group of
-        the batch is incomplete; a row of zeros says that its tones cannot be used.
+        Weight of each snapshot in the tones, 0 where it is absent or rejected. Only needed where a
+        group of the batch is incomplete; a row of zeros says that its tones cannot be used.
+    interference : ndarray of float, shape (G,), optional
+        Share of the snapshots that were rejected because another transmitter interfered with them.
 
     Attributes
     ----------
@@ -126,6 +128,7 @@ class Groups:
     saturated: Array = _set_by_stage()
     retuned: Array = _set_by_stage()
     snapshot_weights: Array | None = _set_by_stage()
+    interference: Array = _set_by_stage()
     ends: Array = _set_by_stage()
     gain: Array = _set_by_stage()
     noise: Array = _set_by_stage()
@@ -157,6 +160,8 @@ class Groups:
         count = len(self.index)
         if self.missing is None:
             self.missing = np.zeros(count, np.int64)
+        if self.interference is None:
+            self.interference = np.zeros(count)
         if self.saturated is None:
             self.saturated = np.zeros(count, bool)
         if self.retuned is None:
@@ -164,6 +169,14 @@ class Groups:
 
     def __len__(self) -> int:
         return len(self.index)
+
+    @property
+    def incomplete(self) -> Array:
+        """Whether tones are those of a part of the snapshots; ndarray of bool, shape (G,)."""
+        lacking = (self.missing > 0) | (self.interference > 0)
+        if self.snapshot_weights is not None:
+            lacking |= ~np.all(self.snapshot_weights > 0, axis=1)
+        return lacking
 
     def __iter__(self) -> Iterator[Groups]:
         return (self[row] for row in range(len(self)))

@@ -122,12 +122,16 @@ class ToneModel:
             white = self._complete.whitener @ tones
             usable = np.isfinite(tones.sum(axis=(1, 2))) & tones.any(axis=(1, 2))
         items = []
-        for row, (index, missing) in enumerate(
-            zip(groups.index.tolist(), groups.missing.tolist(), strict=True)
-        ):
+        counts = zip(
+            groups.index.tolist(),
+            groups.missing.tolist(),
+            groups.incomplete.tolist(),
+            strict=True,
+        )
+        for row, (index, missing, incomplete) in enumerate(counts):
             weights, whitened = self._complete, white[row]
             solvable = bool(usable[row])
-            if missing:
+            if incomplete:
                 partial = self._partial(groups, row) if solvable else None
                 solvable = partial is not None
                 if partial is not None:

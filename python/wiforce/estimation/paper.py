@@ -103,7 +103,7 @@ class _LineReader:
 
     def _weights(self, groups: Groups, row: int) -> Array | None:
         """Weights that a group's tones were computed with; None when they cannot be used."""
-        if not groups.missing[row]:
+        if not groups.incomplete[row]:
             return self._table.weights
         if groups.snapshot_weights is None or not groups.snapshot_weights[row].any():
             return None

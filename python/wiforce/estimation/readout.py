@@ -148,7 +148,8 @@ class Readout:
         touches = [None if value < 0 else value for value in touch.tolist()]
         numbers = [[None if math.isnan(v) else v for v in a.tolist()] for a in arrays]
         words = map(flag_words, groups.flags[:, sensor].tolist())
-        return list(zip(touches, *numbers, words, strict=True))
+        interference = groups.interference.tolist()
+        return list(zip(touches, *numbers, words, interference, strict=True))
 
     def _fill(self, index: int) -> list[Reading]:
         first = self._next

@@ -138,6 +138,9 @@ class Reading:
         SNR of this group, of the weaker end, per subcarrier and snapshot.
     flags : tuple of str
         Words of :class:`Flag`, in its order; empty when nothing is wrong.
+    interference : float or None
+        Share of the group's snapshots that were left out because another transmitter interfered
+        with them, 0 to 1; None where nothing was received.
 
     Examples
     --------
@@ -157,6 +160,7 @@ class Reading:
     phase2_deg: float | None = None
     snr_db: float | None = None
     flags: tuple[str, ...] = ()
+    interference: float | None = None
 
     def row(self) -> dict[str, Any]:
         """The reading as a row of a file.
@@ -199,6 +203,8 @@ class GroupCounts:
         Groups of which nothing was received.
     flags : Counter
         Flagged groups by word of the flag.
+    interfered : int
+        Groups that lack snapshots because of interference.
 
     Examples
     --------
@@ -212,6 +218,7 @@ class GroupCounts:
     def __init__(self) -> None:
         self.clear = self.flagged = self.dropped = 0
         self.flags: Counter[str] = Counter()
+        self.interfered = 0
 
     def note(self, readings: Iterable[Reading]) -> None:
         """Count one group.
@@ -221,6 +228,8 @@ class GroupCounts:
         readings : iterable of Reading
             Those of the group, one per sensor.
         """
+        readings = list(readings)
+        self.interfered += any(reading.interference for reading in readings)
         flags = {flag for reading in readings for flag in reading.flags}
         self.flags.update(flags)
         if flags:
@@ -245,4 +254,8 @@ class GroupCounts:
     def __str__(self) -> str:
         words = [flag.word for flag in Flag if self.flags[flag.word]]
         named = ", ".join(f"{self.flags[word]} {word}" for word in words)
-        return self.short().replace(" flagged", f" flagged ({named})" if named else " flagged")
+        text = self.short().replace(" flagged", f" flagged ({named})" if named else " flagged")
+        if self.interfered:
+            share = self.interfered / self.groups
+            text += f"; interference in {self.interfered} groups ({share:.0%})"
+        return text

@@ -190,7 +190,7 @@ def open_writer(path: str | Path | None = None) -> ReadingsWriter:
     >>> with open_writer("press.csv") as writer:
     ...     writer.write(Reading(0.018, "arm", 1, 4.12345678, 0.05, 45.0, 0.1))
     >>> print(Path("press.csv").read_text().splitlines()[1])
-    0.018,arm,1,4.1235,0.05,45.0,0.1,,,,
+    0.018,arm,1,4.1235,0.05,45.0,0.1,,,,,
     """
     name = "" if path is None else str(path).lower()
     if name.endswith(".jsonl"):

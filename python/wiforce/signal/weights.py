@@ -15,13 +15,13 @@ import numpy as np
 from ..errors import InputError
 from .clutter import clutter_basis
 from .lines import CLUTTER_MARGIN, Tone, centered_times_s, tag_lines
+from .partial_weights import WORST_PARTIAL_GAIN, PartialSolver, PartialWeights, whitener_of
 from .room_noise import RoomNoise
 from .waveform import FFT_LENGTH
 
 # Noise of a tone, relative to that of a Fourier sum over the whole group, above which a scene is
-# refused (15 dB), and above which an incomplete group is discarded (20 dB).
+# refused (15 dB).
 _WORST_GAIN = 30
-_WORST_PARTIAL_GAIN = 100
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class ToneTable:
 
         The inverse Cholesky factor of W C W^H, C being the covariance of the noise.
         """
-        return _whitener(self.weights, self.room.covariance() if self.room else None)
+        return whitener_of(self.weights, self.room.covariance() if self.room else None)
 
     def derotation(self, sample_rate_hz: float) -> np.ndarray:
         """Factors that undo each line's rotation within a symbol, applied before the FFT.
@@ -120,7 +120,7 @@ class ToneTable:
     def _lines_hz(self) -> np.ndarray:
         return np.array([tone.line_hz for tone in self.tones])
 
-    def for_present(self, mask: np.ndarray) -> "PartialWeights | None":
+    def for_present(self, mask: np.ndarray) -> PartialWeights | None:
         """Weights of a group in which only some snapshots are present.
 
         Parameters
@@ -136,56 +136,23 @@ class ToneTable:
         if self.basis is None:
             weights = self.weights[:, mask] * (len(mask) / max(mask.sum(), 1))
             return PartialWeights(mask, weights) if mask.any() else None
+        if self.room is None:
+            return self._solver.solve(mask)
         present = self.basis[mask]
         if present.shape[0] <= present.shape[1]:
             return None
-        covariance = self.room.covariance(mask) if self.room else None
+        covariance = self.room.covariance(mask)
         weights = _tone_rows(present, len(self.tones), covariance)
         noise_gain = np.sum(np.abs(weights) ** 2, axis=1) * self.group_length
-        if noise_gain.max() > _WORST_PARTIAL_GAIN:
+        if noise_gain.max() > WORST_PARTIAL_GAIN:
             return None
         return PartialWeights(mask, weights, covariance)
 
-
-@dataclass(frozen=True)
-class PartialWeights:
-    """Exact least-squares weights over the snapshots present in an incomplete group.
-
-    Attributes
-    ----------
-    mask : ndarray of bool, shape (N,)
-        True where a snapshot is present.
-    weights : ndarray of complex, shape (M, count of present)
-        As those of :class:`ToneTable`.
-    covariance : ndarray or None
-        Of the noise of the snapshots present; None where it is white.
-
-    Examples
-    --------
-    >>> table = design_weights([1000.0], 625, 57.6e-6)
-    >>> partial = table.for_present(np.arange(625) >= 100)
-    >>> partial.missing, partial.weights.shape
-    (100, (16, 525))
-    """
-
-    mask: np.ndarray
-    weights: np.ndarray
-    covariance: np.ndarray | None = None
-
     @cached_property
-    def whitener(self) -> np.ndarray:
-        """As :attr:`ToneTable.whitener`."""
-        return _whitener(self.weights, self.covariance)
-
-    @property
-    def missing(self) -> int:
-        """Number of snapshots that are absent."""
-        return int(len(self.mask) - self.mask.sum())
-
-
-def _whitener(weights: np.ndarray, covariance: np.ndarray | None) -> np.ndarray:
-    colored = weights if covariance is None else weights @ covariance
-    return np.linalg.inv(np.linalg.cholesky(colored @ weights.conj().T))
+    def _solver(self) -> PartialSolver:
+        if self.basis is None:
+            raise ValueError("a Fourier sum has nothing to solve")
+        return PartialSolver(self.basis, len(self.tones))
 
 
 def _tone_rows(basis: np.ndarray, tones: int, covariance: np.ndarray | None = None) -> np.ndarray:

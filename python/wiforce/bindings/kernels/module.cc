@@ -8,5 +8,6 @@ PYBIND11_MODULE(wiforce_kernels, m)
     pybind11::register_local_exception_translator(translate_refusal);
     bind_inversion(m);
     bind_recordings(m);
+    bind_screening(m);
     bind_timing(m);
 }

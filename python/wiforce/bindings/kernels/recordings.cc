@@ -92,8 +92,13 @@ static py::dict read_folded(folded_reader& reader, std::size_t max_frames)
         frames = reader.read(max_frames);
     }
     const py::ssize_t count = frames.snapshot.size();
+    std::vector<float> noise;
+    noise.reserve(2 * count);
+    for (const snapshot_noise& of : frames.noise)
+        noise.insert(noise.end(), { of.smallest, of.largest });
     return py::dict("snapshot"_a = owned(std::move(frames.snapshot)),
                     "folded"_a = owned(std::move(frames.folded), { count, FFT_LENGTH }),
+                    "noise"_a = owned(std::move(noise), { count, 2 }),
                     "saturated"_a = as_flags(std::move(frames.saturated)));
 }
 
@@ -117,6 +122,7 @@ static py::dict read_tones(tone_reader& reader, std::size_t max_groups)
     return py::dict("index"_a = owned(std::move(groups.index)),
                     "tones"_a = owned(std::move(groups.tones), { count, rows, bins }),
                     "missing"_a = owned(std::move(groups.missing)),
+                    "rejected"_a = owned(std::move(groups.rejected)),
                     "saturated"_a = owned(std::move(groups.saturated)),
                     "incomplete"_a = incomplete);
 }
@@ -159,8 +165,9 @@ void bind_recordings(py::module& m)
              "max_frames"_a,
              "The next n <= max_frames snapshots, n = 0 at the end: dict of `snapshot` "
              "(n,)\n"
-             "int64, `folded` (n, 64) complex64 and `saturated` (n,) bool. Releases the "
-             "GIL.");
+             "int64, `folded` (n, 64) complex64, `noise` (n, 2) float32, smallest and\n"
+             "largest difference of the averaged repetitions as a power per sample, and\n"
+             "`saturated` (n,) bool. Releases the GIL.");
     bind_counters(folded);
 
     py::class_<tone_reader> tones(
@@ -193,8 +200,8 @@ void bind_recordings(py::module& m)
              "max_groups"_a,
              "The next G <= max_groups groups, G = 0 at the end: dict of `index` (G,) "
              "int64,\n"
-             "`tones` (G, M, K) complex64, `missing` (G,) and `saturated` (G,) int64 "
-             "snapshots,\n"
+             "`tones` (G, M, K) complex64, `missing`, `rejected` (for interference) and\n"
+             "`saturated` (G,) int64 snapshots,\n"
              "and `incomplete`, a list of (row in this batch, mask (N,) bool, folded\n"
              "(n_present, 64) complex64). Groups without a snapshot are left out. "
              "Releases\n"

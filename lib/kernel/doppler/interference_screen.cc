@@ -1,0 +1,217 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "interference_screen.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace gr::wiforce::kernel {
+
+namespace {
+
+// Snapshots over which the level of the noise is learned: seven groups of the default
+// length, .24 s. A receiver whose noise rises for good loses five groups of that length;
+// with three groups in the window it would lose two, but read a stretch of loud
+// interference of .15 s (and take it for a motion of the tag).
+constexpr int WINDOW = 4096;
+// Quantile over the groups of the window that is their level. Short groups that are hit
+// as a whole are then rejected as long as they are fewer than three quarters.
+constexpr double GROUP_QUANTILE = 0.25;
+// Quantiles over the snapshots of a group: the level, and two whose ratio is the spread.
+constexpr double LEVEL = 0.20, LOW = 0.10, HIGH = 0.25;
+// Smallest difference above the level at which a snapshot is rejected. An edge of a
+// tag leaves the smaller of two differences, about twice the smallest of three. Noise has
+// a standard deviation of 15 to 20 % (of 128 smallest values), so that this is some seven
+// of them, and a burst 10 dB above the noise exceeds it by seven more.
+constexpr float SMALLEST_LIMIT = 5.0f;
+// The same of the largest difference, with a standard deviation of 8 %.
+constexpr float LARGEST_LIMIT = 2.2f;
+// Where the differences spread more (phase noise of separate oscillators under a strong
+// static path), so does the limit: of a normal distribution, nine standard deviations are
+// 16 times the distance from LOW to HIGH above LEVEL.
+constexpr float SPREADS = 16.0f;
+// Noise, and interference over the whole frame, has a ratio of smallest to largest of .11
+// +- .02. Edges of two tags in one snapshot leave a single difference, five times the
+// smallest of three, but raise the largest more; so does a tag that changes within
+// microseconds when a press makes or breaks contact.
+constexpr float LEAST_RATIO = 0.065f;
+// Ratio of their levels below which noise is below the converter's steps: a few samples
+// change by a step, the smallest difference is zero or anything, and the largest counts.
+constexpr float COARSE_RATIO = 0.08f;
+// Ratio of their levels above which the repetitions differ by a carrier offset between
+// separate clocks, equally in all differences, and an edge does not raise the smallest.
+constexpr float OFFSET_RATIO = 0.2f;
+// Differences between snapshots that are compared for the level of the tags, how far
+// apart at most, and the quantile that counts. Tags are in different states in six pairs
+// of ten, two tags both in the states farthest apart in three of a hundred. A snapshot
+// that was hit in one repetition of four shows a sixteenth of that in its mean.
+constexpr int PAIRS = 128;
+constexpr int FARTHEST = 61;
+constexpr double TAG_QUANTILE = 0.97;
+constexpr float TAG_MARGIN = 3.0f;
+
+float quantile(std::vector<float>& values, std::size_t sorted_below, double part)
+{
+    const auto at = values.begin() + static_cast<std::size_t>(part * (values.size() - 1));
+    std::nth_element(values.begin(), at, values.begin() + sorted_below);
+    return *at;
+}
+
+struct statistics {
+    float level;
+    float spread; // of the amplitude between LOW and HIGH, over that of the level
+};
+
+statistics statistics_of(std::vector<float>& values)
+{
+    const std::size_t below = HIGH * (values.size() - 1) + 1;
+    const float high = quantile(values, values.size(), HIGH);
+    const float level = quantile(values, below, LEVEL);
+    const float low = quantile(values, below, LOW);
+    const float spread = std::sqrt(high) - std::sqrt(low);
+    return { level, level > 0 ? spread / std::sqrt(level) : 0.0f };
+}
+
+// Highest noise that is no interference.
+float limit_of(const statistics& of, float limit)
+{
+    const float amplitude = 1 + SPREADS * of.spread;
+    return of.level * std::max(limit, amplitude * amplitude);
+}
+
+float smallest_limit(const statistics& smallest, const statistics& largest)
+{
+    const float ratio = largest.level > 0 ? smallest.level / largest.level : 0;
+    if (ratio < COARSE_RATIO)
+        return limit_of(largest, LARGEST_LIMIT);
+    return limit_of(smallest, ratio > OFFSET_RATIO ? LARGEST_LIMIT : SMALLEST_LIMIT);
+}
+
+float remember(std::deque<float>& limits, float limit, std::size_t window)
+{
+    limits.push_back(limit);
+    if (limits.size() > window)
+        limits.pop_front();
+    std::vector<float> sorted(limits.begin(), limits.end());
+    return quantile(sorted, sorted.size(), GROUP_QUANTILE);
+}
+
+bool is_known(const snapshot_noise& noise)
+{
+    return noise.largest > 0 && std::isfinite(noise.largest);
+}
+
+} // namespace
+
+interference_screen::interference_screen(int group_length)
+    : d_length(group_length),
+      d_window((WINDOW + group_length - 1) / group_length),
+      d_marks(group_length)
+{
+}
+
+const std::vector<std::uint8_t>& interference_screen::examine(const phase_group& group)
+{
+    std::fill(d_marks.begin(), d_marks.end(), 0);
+    d_rejected = 0;
+    learn(group);
+    if (d_smallest_limits.empty())
+        return d_marks;
+    const bool whole = mark_whole(group);
+    const bool beyond = mark_beyond_tags(group);
+    if (whole || beyond)
+        mark_neighbours(group);
+    return d_marks;
+}
+
+void interference_screen::learn(const phase_group& group)
+{
+    const auto of = [&](float snapshot_noise::*member) {
+        d_values.clear();
+        for (int n = 0; n < d_length; n++)
+            if (group.mask()[n] && is_known(group.noise_of(n)))
+                d_values.push_back(group.noise_of(n).*member);
+        return d_values.empty() ? statistics{ 0, 0 } : statistics_of(d_values);
+    };
+    const statistics largest = of(&snapshot_noise::largest);
+    if (d_values.empty())
+        return;
+    const statistics smallest = of(&snapshot_noise::smallest);
+    d_largest_limit =
+        remember(d_largest_limits, limit_of(largest, LARGEST_LIMIT), d_window);
+    d_smallest_limit =
+        remember(d_smallest_limits, smallest_limit(smallest, largest), d_window);
+}
+
+void interference_screen::mark(int n)
+{
+    d_marks[n] = 1;
+    d_rejected++;
+}
+
+bool interference_screen::mark_whole(const phase_group& group)
+{
+    for (int n = 0; n < d_length; n++) {
+        const snapshot_noise& noise = group.noise_of(n);
+        // A single difference (both are the same) shows every edge.
+        if (group.mask()[n] && noise.smallest > d_smallest_limit &&
+            noise.smallest > LEAST_RATIO * noise.largest &&
+            noise.smallest < noise.largest)
+            mark(n);
+    }
+    return d_rejected > 0;
+}
+
+bool interference_screen::mark_beyond_tags(const phase_group& group)
+{
+    const int before = d_rejected;
+    float limit = 0;
+    for (int n = 0; n < d_length; n++) {
+        if (!group.mask()[n] || d_marks[n] ||
+            !(group.noise_of(n).largest > d_largest_limit))
+            continue;
+        if (limit == 0)
+            limit = std::max(d_largest_limit, TAG_MARGIN * tag_level(group));
+        if (group.noise_of(n).largest > limit)
+            mark(n);
+    }
+    return d_rejected > before;
+}
+
+void interference_screen::mark_neighbours(const phase_group& group)
+{
+    d_slots.clear();
+    for (int n = 0; n < d_length; n++) {
+        const bool beside =
+            (n > 0 && d_marks[n - 1]) || (n + 1 < d_length && d_marks[n + 1]);
+        if (group.mask()[n] && !d_marks[n] && beside &&
+            group.noise_of(n).largest > d_largest_limit)
+            d_slots.push_back(n);
+    }
+    for (const int n : d_slots)
+        mark(n);
+}
+
+// Half the squared difference of two states of the tags, mean over the samples: what an
+// edge between them adds to the largest difference.
+float interference_screen::tag_level(const phase_group& group)
+{
+    d_slots.clear();
+    for (int n = 0; n < d_length; n++)
+        if (group.mask()[n] && !d_marks[n])
+            d_slots.push_back(n);
+    d_values.clear();
+    const std::size_t count = d_slots.size();
+    for (std::size_t i = 0; i < PAIRS; i++) {
+        // Many distances: at a single one the clocks might always be in the same state.
+        const std::size_t first = i * count / PAIRS;
+        const fc32* a = group.slot(d_slots[first]);
+        const fc32* b = group.slot(d_slots[(first + 1 + i * 37 % FARTHEST) % count]);
+        float sum = 0;
+        for (int k = 0; k < FFT_LENGTH; k++)
+            sum += std::norm(a[k] - b[k]);
+        d_values.push_back(sum / WIDTH);
+    }
+    return quantile(d_values, d_values.size(), TAG_QUANTILE);
+}
+
+} // namespace gr::wiforce::kernel

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include "phase_group.h"
+
+#include <deque>
+#include <vector>
+
+namespace gr::wiforce::kernel {
+
+/*
+ * Finds the snapshots of a phase group that other transmitters interfered with, by the
+ * noise of each snapshot (snapshot_noise).
+ *
+ * A burst over the whole frame raises the smallest difference of the repetitions above
+ * that of other snapshots. A burst over a part of it raises the largest one, which an
+ * edge of a tag does as well. Such a snapshot is rejected beside one that is hit as a
+ * whole, and where the difference exceeds what the tags can explain: the differences
+ * between snapshots, in most of which the tags are in different states.
+ *
+ * What counts as noise is learned from the lower quantiles of some thousand snapshots, so
+ * that it is valid with up to about 70 % of them hit. Everything is decided at the end of
+ * a group: how the samples arrive does not change the result.
+ */
+class interference_screen
+{
+public:
+    explicit interference_screen(int group_length);
+
+    // Marks the snapshots of the next group that are to be rejected, 1 each; valid until
+    // the next call.
+    const std::vector<std::uint8_t>& examine(const phase_group& group);
+    // Number of marks.
+    int rejected() const { return d_rejected; }
+
+private:
+    void learn(const phase_group& group);
+    bool mark_whole(const phase_group& group);
+    bool mark_beyond_tags(const phase_group& group);
+    void mark_neighbours(const phase_group& group);
+    float tag_level(const phase_group& group);
+    void mark(int n);
+
+    const int d_length;
+    const std::size_t d_window; // groups
+    // Highest noise without interference, by the groups of the window, and for this
+    // group.
+    std::deque<float> d_smallest_limits, d_largest_limits;
+    float d_smallest_limit = 0;
+    float d_largest_limit = 0;
+    std::vector<std::uint8_t> d_marks;
+    int d_rejected = 0;
+    std::vector<float> d_values; // scratch
+    std::vector<int> d_slots;    // scratch
+};
+
+} // namespace gr::wiforce::kernel

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include "kernel/types.h"
+#include <gnuradio/tags.h>
+#include <pmt/pmt.h>
+
+#include <cstdint>
+#include <deque>
+#include <vector>
+
+namespace gr::wiforce {
+
+// Value of the tag `noise`: two floats for the tagged folded vector and each of those
+// that follow, the members of snapshot_noise. A tag per vector would cost more than the
+// fold.
+inline pmt::pmt_t noise_value(const kernel::snapshot_noise* noise, int count)
+{
+    return pmt::init_f32vector(2 * count, reinterpret_cast<const float*>(noise));
+}
+
+// The noise of folded vectors, by their tags.
+class noise_tags
+{
+public:
+    // Takes the tags in the order of their items.
+    void add(const std::vector<gr::tag_t>& tags);
+    // Writes the noise of so many items; zeros where no tag tells it. Items before the
+    // first one are forgotten.
+    void write(std::uint64_t first, int count, kernel::snapshot_noise* noise);
+
+private:
+    struct run {
+        std::uint64_t first; // item
+        std::vector<float> values;
+        std::uint64_t end() const { return first + values.size() / 2; }
+    };
+    std::deque<run> d_runs;
+};
+
+} // namespace gr::wiforce

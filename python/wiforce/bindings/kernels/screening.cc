@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "kernels.h"
+
+#include <kernel/doppler/interference_screen.h>
+
+#include <algorithm>
+
+namespace py = pybind11;
+using namespace py::literals;
+using namespace gr::wiforce::kernel;
+
+namespace {
+
+class group_screen
+{
+public:
+    explicit group_screen(int group_length)
+        : d_group(group_length), d_screen(group_length)
+    {
+    }
+
+    py::object examine(const array<bool>& present,
+                       const array<std::complex<float>>& folded,
+                       const array<float>& noise)
+    {
+        const auto received =
+            std::count(present.data(), present.data() + present.size(), true);
+        if (present.size() != d_group.length() ||
+            folded.size() != received * FFT_LENGTH || noise.size() != 2 * received)
+            throw std::invalid_argument("interference_screen: present must have "
+                                        "group_length values, folded 64 and "
+                                        "noise 2 for each snapshot that is present");
+        const auto noises = structures<snapshot_noise>(noise);
+        py::array_t<std::uint8_t> marks(present.size());
+        {
+            py::gil_scoped_release others_may_run;
+            d_group.clear();
+            const fc32* from = folded.data();
+            for (int n = 0, row = 0; n < d_group.length(); n++)
+                if (present.data()[n]) {
+                    fc32* const slot = d_group.reserve(n);
+                    std::copy_n(from, FFT_LENGTH, slot);
+                    *d_group.noise() = noises[row++];
+                    d_group.accept(1);
+                    from += FFT_LENGTH;
+                }
+            d_group.finish();
+            const auto& found = d_screen.examine(d_group);
+            std::copy(found.begin(), found.end(), marks.mutable_data());
+        }
+        return marks.attr("view")("bool");
+    }
+
+private:
+    phase_group d_group;
+    interference_screen d_screen;
+};
+
+} // namespace
+
+void bind_screening(py::module& m)
+{
+    py::class_<group_screen>(
+        m,
+        "interference_screen",
+        "Finds snapshots that other transmitters interfered with, group by "
+        "group, as the\n"
+        "kernels for one antenna do.")
+        .def(py::init<int>(), "group_length"_a)
+        .def("examine",
+             &group_screen::examine,
+             "present"_a,
+             "folded"_a,
+             "noise"_a,
+             "present: (N,) bool. folded: (n, 64) complex64 and noise: (n, 2) float32 of "
+             "the n\n"
+             "present snapshots. Gives (N,) bool, true for snapshots to be rejected. "
+             "Releases\n"
+             "the GIL.");
+}
