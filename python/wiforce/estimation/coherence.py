@@ -35,9 +35,9 @@ class CoherentResidual:
 
     Notes
     -----
-    Two estimates of sum_m |S_im|^2 var(c_im), S being the solver: with equal power on all tones,
-    and with each tone's own (the sandwich estimator HC2 of J. MacKinnon and H. White, 1985, which
-    is larger where the strongest lines are disturbed most). The larger mean counts.
+    Two estimates of sum_m |S_im|^2 var(c_im), S being the solver: the sandwich estimator HC2 of
+    J. MacKinnon and H. White (1985) takes each tone's own power, in the mean over groups. A sudden
+    rise in a single group is judged with equal power on all tones, which fewer groups determine.
 
     Examples
     --------
@@ -81,21 +81,21 @@ class CoherentResidual:
         weighted = fit.ends.conj() * inverse_noise
         energy = (weighted * fit.ends).real.sum(axis=1)
         along = fit.residual @ weighted.T
-        power = (along.real**2 + along.imag**2) / np.maximum(energy, 1e-300)
-        freedom = max(len(power) - len(fit.rows), 1)
-        share = np.abs(fit.solver.T) ** 2
+        along /= np.sqrt(np.maximum(energy, 1e-300))
+        freedom = max(len(along) - len(fit.rows), 1)
         leverage = np.einsum("me,em->m", fit.white, fit.solver).real
+        solver = fit.solver.T
+        errors = solver * along / np.sqrt(np.maximum(1 - leverage, 0.1))[:, None]
         ratios = np.empty((2, len(fit.rows)))
-        ratios[0] = power.sum(axis=0) / freedom
-        ratios[1] = (share * power / np.maximum(1 - leverage, 0.1)[:, None]).sum(axis=0)
-        ratios[1] /= share.sum(axis=0)
+        ratios[0] = np.sum(along.real**2 + along.imag**2, axis=0) / freedom
+        ratios[1] = np.sum(np.abs(errors) ** 2, axis=0) / np.sum(np.abs(solver) ** 2, axis=0)
         rows, spread = fit.rows, freedom**-0.5
         mean = self._mean[:, rows]
         count = np.minimum(self._groups[rows] + 1, self._memory)
         rise = np.minimum(ratios, _LARGEST_RISE * np.maximum(mean, 1))
         mean = mean + (rise - mean) / count
         self._mean[:, rows], self._groups[rows] = mean, count
-        lasting = mean.max(axis=0)
+        lasting = mean[1]
         # The sandwich estimate has about a third of the degrees of freedom.
         lasting = np.where(lasting > 1 + _MEAN_STDS * spread * np.sqrt(3 / count), lasting, 1)
         sudden = np.where(ratios[0] > 1 + _GROUP_STDS * spread, ratios[0], 1)

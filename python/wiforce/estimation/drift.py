@@ -19,6 +19,8 @@ _MEMORY_S = 20.0
 # Standard deviations by which the mean square of the changes must exceed that of noise.
 _SIGNIFICANT = 4.0
 _LEAST_CHANGES = 8
+# Standard deviations of the mean square at which the upper limit lies.
+_UPPER = 2.0
 # Groups next to a touch that are not used: a press that begins or ends slowly looks like drift.
 _MARGIN_GROUPS = 2
 # A change beyond this, in degrees, is an event and not drift.
@@ -38,8 +40,8 @@ class DriftRate:
     Notes
     -----
     Changes over a time tau have the variance q tau + 2 sigma^2 for phases with noise of variance
-    sigma^2. The largest significant q of several tau counts, so that a steady drift, for which q
-    grows with tau, is covered as well.
+    sigma^2. Of the upper limits that several tau set to q the lowest counts: noise that was stated
+    too small shows at all tau alike, and limits q at the longest of them.
 
     Examples
     --------
@@ -48,7 +50,7 @@ class DriftRate:
     >>> walk = np.cumsum(0.5 * np.sqrt(0.036) * rng.standard_normal((300, 2)), axis=0)
     >>> for group, phases in enumerate(walk.tolist()):
     ...     rate.follow(0.036 * group, phases, (0.05, 0.05))
-    >>> 0.4 < rate.std_deg(1.0)[0] < 0.7
+    >>> 0.4 < rate.std_deg(1.0)[0] < 0.8
     True
     """
 
@@ -129,16 +131,15 @@ class DriftRate:
         return self._learned(1) * root, self._learned(2) * root
 
     def _learned(self, end: int) -> float:
-        largest = 0.0
+        significant, smallest = False, math.inf
         for lag, sums in self._sums.items():
             count = sums[0]
             if count < _LEAST_CHANGES:
                 continue
             mean, noise = sums[end] / count, sums[end + 2] / count
             # Changes that overlap are not independent.
-            spread = noise * math.sqrt(2 * lag / count)
-            if mean - noise > _SIGNIFICANT * spread:
-                # One standard deviation above what so few changes show.
-                upper = (mean - noise) * (1 + math.sqrt(2 * lag / count))
-                largest = max(largest, upper / (lag * self._period_s))
-        return math.sqrt(largest)
+            share = math.sqrt(2 * lag / count)
+            significant |= mean - noise > _SIGNIFICANT * noise * share
+            upper = max(mean - noise, 0.0) + _UPPER * mean * share
+            smallest = min(smallest, upper / (lag * self._period_s))
+        return math.sqrt(smallest) if significant else 0.0

@@ -69,7 +69,12 @@ def adapted(plan: Plan, survey: Survey | None) -> Plan:
     room = survey.noise(length, clutter_hz, solved)
     if room_noise_of_tones(plan.table, room).max() < _NEGLIGIBLE:
         return plan
-    return replace(plan, room=room)
+    colored = replace(plan, room=room)
+    try:
+        colored.check_lines()
+    except InputError:  # too many lines are disturbed: their residual will say so
+        return plan
+    return colored
 
 
 def _clock_of(source: Source, survey: Survey) -> TagClock:
