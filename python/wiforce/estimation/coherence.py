@@ -14,13 +14,14 @@ import numpy as np
 from .groups import Array
 from .least_squares import GroupFit
 
-# Standard deviations above which a group's own ratio, or the mean ratio, is more than noise. With
+# Standard deviations above which a group's own ratio, or the median, is more than noise. With
 # 22 degrees of freedom, five are exceeded by 1 group in 10 000.
 _GROUP_STDS = 5.0
-_MEAN_STDS = 4.0
-# A single group counts at most this many times the mean, so that a burst is forgotten with the next
-# groups.
-_LARGEST_RISE = 4.0
+_LASTING_STDS = 4.0
+# Groups of the median. Bursts and presses that change disturb fewer than half of them.
+_MEDIAN_GROUPS = 48
+# The sandwich estimate has about a third of the degrees of freedom.
+_FREEDOM_SHARE = 3.0
 
 
 class CoherentResidual:
@@ -30,14 +31,13 @@ class CoherentResidual:
     ----------
     ends : int
         Ends of all tags, 2S.
-    memory : int
-        Groups of the mean.
 
     Notes
     -----
     Two estimates of sum_m |S_im|^2 var(c_im), S being the solver: the sandwich estimator HC2 of
-    J. MacKinnon and H. White (1985) takes each tone's own power, in the mean over groups. A sudden
-    rise in a single group is judged with equal power on all tones, which fewer groups determine.
+    J. MacKinnon and H. White (1985) takes each tone's own power, in the median of the last groups.
+    A sudden rise in a single group is judged with equal power on all tones, which fewer groups
+    determine.
 
     Examples
     --------
@@ -47,21 +47,19 @@ class CoherentResidual:
     ...     residual[:2] = 0
     ...     return GroupFit(np.arange(2), tones, ends, np.ones(2), residual, tones, tones.T, tones)
     >>> white = rng.standard_normal((16, 62, 2)) @ [0.7071, 0.7071j]
-    >>> CoherentResidual(2, 32).update(fit_of(white), np.ones(62))
+    >>> CoherentResidual(2).update(fit_of(white), np.ones(62))
     array([1., 1.])
     >>> coherent = white + 3 * rng.standard_normal((16, 1))
-    >>> bool(np.all(CoherentResidual(2, 32).update(fit_of(coherent), np.ones(62)) > 100))
+    >>> bool(np.all(CoherentResidual(2).update(fit_of(coherent), np.ones(62)) > 100))
     True
     """
 
-    def __init__(self, ends: int, memory: int) -> None:
-        self._memory = memory
-        self._mean = np.ones((2, ends))
-        self._groups = np.zeros(ends)
+    def __init__(self, ends: int) -> None:
+        self._latest = np.zeros((_MEDIAN_GROUPS, ends))
+        self._groups = np.zeros(ends, int)
 
     def reset(self) -> None:
         """Forget the groups so far, when the clocks were acquired again."""
-        self._mean[:] = 1
         self._groups[:] = 0
 
     def update(self, fit: GroupFit, inverse_noise: Array) -> Array:
@@ -86,17 +84,17 @@ class CoherentResidual:
         leverage = np.einsum("me,em->m", fit.white, fit.solver).real
         solver = fit.solver.T
         errors = solver * along / np.sqrt(np.maximum(1 - leverage, 0.1))[:, None]
-        ratios = np.empty((2, len(fit.rows)))
-        ratios[0] = np.sum(along.real**2 + along.imag**2, axis=0) / freedom
-        ratios[1] = np.sum(np.abs(errors) ** 2, axis=0) / np.sum(np.abs(solver) ** 2, axis=0)
-        rows, spread = fit.rows, freedom**-0.5
-        mean = self._mean[:, rows]
-        count = np.minimum(self._groups[rows] + 1, self._memory)
-        rise = np.minimum(ratios, _LARGEST_RISE * np.maximum(mean, 1))
-        mean = mean + (rise - mean) / count
-        self._mean[:, rows], self._groups[rows] = mean, count
-        lasting = mean[1]
-        # The sandwich estimate has about a third of the degrees of freedom.
-        lasting = np.where(lasting > 1 + _MEAN_STDS * spread * np.sqrt(3 / count), lasting, 1)
-        sudden = np.where(ratios[0] > 1 + _GROUP_STDS * spread, ratios[0], 1)
-        return np.maximum(lasting, sudden)
+        sandwich = np.sum(np.abs(errors) ** 2, axis=0) / np.sum(np.abs(solver) ** 2, axis=0)
+        own = np.sum(along.real**2 + along.imag**2, axis=0) / freedom
+        spread = freedom**-0.5
+        factors = np.where(own > 1 + _GROUP_STDS * spread, own, 1)
+        for i, row in enumerate(fit.rows.tolist()):
+            self._latest[self._groups[row] % _MEDIAN_GROUPS, row] = sandwich[i]
+            self._groups[row] += 1
+            count = min(int(self._groups[row]), _MEDIAN_GROUPS)
+            # The median of a gamma distribution lies below its mean.
+            lasting = float(np.median(self._latest[:count, row]))
+            lasting /= 1 - _FREEDOM_SHARE / (3 * freedom)
+            if lasting > 1 + _LASTING_STDS * spread * (_FREEDOM_SHARE / count) ** 0.5:
+                factors[i] = max(factors[i], lasting)
+        return factors

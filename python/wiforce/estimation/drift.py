@@ -48,7 +48,8 @@ class DriftRate:
     >>> import numpy as np
     >>> rate, rng = DriftRate(0.036), np.random.default_rng(1)
     >>> walk = np.cumsum(0.5 * np.sqrt(0.036) * rng.standard_normal((300, 2)), axis=0)
-    >>> for group, phases in enumerate(walk.tolist()):
+    >>> measured = walk + 0.05 * rng.standard_normal((300, 2))
+    >>> for group, phases in enumerate(measured.tolist()):
     ...     rate.follow(0.036 * group, phases, (0.05, 0.05))
     >>> 0.4 < rate.std_deg(1.0)[0] < 0.8
     True

@@ -89,7 +89,7 @@ class EndSeparator:
         self._tags = len(clocks)
         self._model = ToneModel(table, tags, waveform.sample_rate_hz if derotated else None)
         self._noise = NoiseEstimate(self._model.group_period_s)
-        self._coherence = CoherentResidual(2 * len(tags), self._noise.memory)
+        self._coherence = CoherentResidual(2 * len(tags))
         self._search = ClockSearch(self._model, self._noise, averaging_s)
         # The SNR is defined by line 1 of end 1.
         self._line_power = harmonics(1, clocks[0].clock_hz * averaging_s)[0] ** 2
