@@ -26,8 +26,8 @@ _SHRINKAGE = 2.0
 _SIGNIFICANT_IMAGE = 25.0
 # Standard deviations by which residual power must exceed that of noise: in a single group, and in
 # the mean of the last groups.
-_GROUP_STDS = 1e9
-_MEAN_STDS = 1e9
+_GROUP_STDS = 5.0
+_MEAN_STDS = 4.0
 _MEAN_GROUPS = 8
 
 
