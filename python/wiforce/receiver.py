@@ -107,7 +107,7 @@ class Receiver:
         self._check(groups)
         # Threads are slower than one core for matrices as small as these.
         with self._blas.limit(limits=1, user_api="blas"):
-            return self._read(self.reference.process(self.separation.process(groups)))
+            return self._compare(self.separation.process(groups))
 
     def finish(self, groups: int = 0) -> list[Reading]:
         """Give the readings of all groups that are still held back.
@@ -123,7 +123,7 @@ class Receiver:
         list of Reading
         """
         with self._blas.limit(limits=1, user_api="blas"):
-            readings = self._read(self.reference.process(self.separation.flush()))
+            readings = self._compare(self.separation.flush())
             readings += self._read(self.reference.flush())
             return readings + self.readout.flush(groups)
 
@@ -145,6 +145,12 @@ class Receiver:
         if weights is not None and np.shape(weights) != snapshots:
             rule = f"must have shape {snapshots}: groups and snapshots of the plan"
             raise InputError("groups.snapshot_weights", rule, np.shape(weights))
+
+    def _compare(self, groups: Groups) -> list[Reading]:
+        image = self.plan.compression
+        if image is not None and len(groups):
+            groups = groups.having(ends=groups.ends - groups.ends.conj() @ image.T)
+        return self._read(self.reference.process(groups))
 
     def _read(self, groups: Groups) -> list[Reading]:
         return self.readout.process(self.average.process(groups))

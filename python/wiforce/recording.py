@@ -7,6 +7,7 @@ import os
 import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from .errors import InputError
 from .estimation.antennas import folded_ratio, ratio_noise
+from .estimation.compression import compression_image
 from .estimation.folded_groups import FoldedGroups
 from .estimation.groups import Groups, is_clipped
 from .estimation.recorded_frames import find_frames, first_frame, require_frames
@@ -32,6 +34,8 @@ if TYPE_CHECKING:
 
 # Groups that are read at a time. Larger batches are not faster, smaller ones are slower.
 _BATCH = 256
+# Frames that the receiver's compression is measured in: noise is reduced by 30 dB.
+_COMPRESSION_FRAMES = 1000
 
 
 def read(
@@ -174,6 +178,12 @@ class RecordingReader:
         if scene.environment.receive_antennas == 1:
             self.survey = survey_recording(recording, plan, frame_offset)
             plan = self._plan = adapted(plan, self.survey)
+            samples = recording.read(
+                frame_offset + _COMPRESSION_FRAMES * plan.waveform.frame_length
+            )
+            samples = samples[frame_offset : recording.segments[0].length]
+            image = compression_image(samples, plan.waveform)
+            plan = self._plan = replace(plan, compression=image)
         self.receiver = Receiver(plan, tracked, on_groups=on_groups)
         self.source: _Tones | _AntennaRatio
         if scene.environment.receive_antennas == 2:

@@ -79,7 +79,7 @@ class CoherentResidual:
         weighted = fit.ends.conj() * inverse_noise
         energy = (weighted * fit.ends).real.sum(axis=1)
         along = fit.residual @ weighted.T
-        along /= np.sqrt(np.maximum(energy, 1e-300))
+        along = along / np.sqrt(np.maximum(energy, 1e-300))
         freedom = max(len(along) - len(fit.rows), 1)
         leverage = np.einsum("me,em->m", fit.white, fit.solver).real
         solver = fit.solver.T

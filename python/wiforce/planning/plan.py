@@ -81,6 +81,8 @@ class Plan:
         What was planned; None for a plan that reads no sensors.
     others : tuple of TagClock
         Tags that the scene does not list, found by a survey: solved for, but not read.
+    compression : ndarray of complex, shape (K, K), or None
+        Operator of the image that the receiver's compression adds to each end.
     room : RoomNoise or None
         What a survey has found between the tags' lines; None where nothing disturbs them.
 
@@ -103,6 +105,7 @@ class Plan:
     loss_db: tuple[float, ...] = ()
     scene: Scene | None = field(default=None, repr=False, compare=False)
     others: tuple[TagClock, ...] = ()
+    compression: np.ndarray | None = field(default=None, repr=False, compare=False)
     room: RoomNoise | None = field(default=None, repr=False)
 
     @property

@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Compression of a receiver by its strongest signal, the static path, and its effect on the tags.
+
+A third-order amplifier gives y = x + c |x|^2 x. For a tag v beside a static path s this is
+v (1 + 2 c |s|^2) + c s^2 conj(v). The first part rotates touched and untouched sensor alike. The
+second is an image that turns the opposite way, with nearly the tag's own profile over the
+subcarriers: it cannot be told from the tag in a group, but it can be computed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..signal.waveform import FFT_LENGTH, PREAMBLE_LENGTH, Waveform
+from .groups import Array
+
+# Samples at the end of a frame that are free of the preamble's echoes, and how many must lie
+# between: 12.8 us at 12.5 Msps.
+_QUIET = 96
+_ECHOES = 160
+# Share of compression at the largest static sample below which it is neither certain nor of
+# consequence: 0.1 deg of a reading.
+_LEAST = 0.003
+
+
+def compression_image(samples: Array, waveform: Waveform) -> Array | None:
+    """Operator of the image that compression adds, measured at the start of a run.
+
+    Parameters
+    ----------
+    samples : ndarray of complex, shape (n,)
+        Whole frames; some hundred of them, so that noise does not matter.
+    waveform : Waveform
+
+    Returns
+    -------
+    ndarray of complex, shape (K, K), or None
+        As from :func:`image_operator`; None where no compression was found.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
+    >>> waveform = sounding_waveform()
+    >>> compression_image(np.tile(waveform.frame(), 3), waveform) is None  # a linear receiver
+    True
+    """
+    offset = offset_of(samples, waveform)
+    if offset is None:
+        return None
+    length, first = waveform.frame_length, waveform.first_averaged
+    frames = samples[: len(samples) // length * length].reshape(-1, length)
+    averaged = frames[:, first : first + waveform.repetitions * FFT_LENGTH].mean(axis=0)
+    symbol = averaged.reshape(-1, FFT_LENGTH).mean(axis=0).astype(complex)
+    coefficient = compression_of(symbol, offset, waveform)
+    return image_operator(symbol, coefficient, waveform) if coefficient else None
+
+
+def compression_of(symbol: Array, offset: complex, waveform: Waveform) -> float:
+    """Coefficient c of third-order compression, from the subcarrier that is never sent.
+
+    Parameters
+    ----------
+    symbol : ndarray of complex, shape (64,)
+        Mean folded symbol, in which the static path is by far the strongest.
+    offset : complex
+        DC offset of the receiver, the mean of samples in which nothing is received.
+    waveform : Waveform
+        Subcarrier 0 is not occupied.
+
+    Returns
+    -------
+    float
+        c, in 1 over squared samples, negative: compression of the amplitude. 0 where it is below
+        0.3 % at the largest sample.
+
+    Notes
+    -----
+    What is received on subcarrier 0 is c sum_n |s[n]|^2 s[n] and the offset, which is assumed to be
+    there before the signal is compressed; otherwise less is found than there is. The imaginary part of
+    that quotient is left out, because the ringing of filters at the edges of the preamble adds to
+    it; a conversion of amplitude to phase is not found.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
+    >>> waveform = sounding_waveform()
+    >>> paths = np.fft.fft(waveform.preamble[64:128]) * np.exp(2j * np.arange(64) ** 0.5)
+    >>> sent = np.fft.ifft(paths)
+    >>> received = sent * (1 - 0.01 * np.abs(sent / np.abs(sent).max()) ** 2)
+    >>> c = compression_of(received, 0j, waveform)
+    >>> round(c * np.abs(sent).max() ** 2, 2)
+    -0.01
+    """
+    cubed = np.abs(symbol) ** 2 * symbol
+    share = np.mean(cubed) - abs(offset) ** 2 * offset
+    if 0 in waveform.bins or abs(share) < 1e-3 * np.mean(np.abs(cubed)):
+        return 0.0
+    found = float((np.mean(symbol - offset) / share).real)
+    return found if -found * np.abs(symbol).max() ** 2 >= _LEAST else 0.0
+
+
+def offset_of(samples: Array, waveform: Waveform) -> complex | None:
+    """DC offset of the receiver from the guards of whole frames.
+
+    Parameters
+    ----------
+    samples : ndarray of complex, shape (n,)
+        Beginning with a frame.
+    waveform : Waveform
+
+    Returns
+    -------
+    complex or None
+        None where the guard is too short for the echoes to fade.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
+    >>> waveform = sounding_waveform()
+    >>> offset_of(np.tile(waveform.frame(), 3) + 0.25, waveform)
+    (0.25+0j)
+    """
+    length = waveform.frame_length
+    if length < PREAMBLE_LENGTH + _ECHOES + _QUIET or len(samples) < length:
+        return None
+    frames = samples[: len(samples) // length * length].reshape(-1, length)
+    return complex(np.mean(frames[:, -_QUIET:]))
+
+
+def image_operator(symbol: Array, coefficient: float, waveform: Waveform) -> Array:
+    """Matrix A with which compression adds A conj(V) to the channel V of a tag's end.
+
+    Parameters
+    ----------
+    symbol : ndarray of complex, shape (64,)
+        Mean folded symbol.
+    coefficient : float
+        c.
+    waveform : Waveform
+
+    Returns
+    -------
+    ndarray of complex, shape (K, K)
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
+    >>> waveform = sounding_waveform()
+    >>> sent = waveform.preamble[64:128]  # a single static path without delay
+    >>> image = image_operator(sent, -0.01, waveform) @ np.ones(62)
+    >>> round(np.mean(image).real, 3)
+    -0.011
+    """
+    factors, bins = waveform.equalizer()[waveform.bins], waveform.bins
+    transform = np.exp(-2j * np.pi * np.outer(bins, np.arange(FFT_LENGTH)) / FFT_LENGTH)
+    received = transform.conj().T / (FFT_LENGTH * factors)
+    operator: Array = (factors[:, None] * transform * (coefficient * symbol**2)) @ received.conj()
+    return operator
