@@ -147,9 +147,8 @@ class Receiver:
             raise InputError("groups.snapshot_weights", rule, np.shape(weights))
 
     def _compare(self, groups: Groups) -> list[Reading]:
-        image = self.plan.compression
-        if image is not None and len(groups):
-            groups = groups.having(ends=groups.ends - groups.ends.conj() @ image.T)
+        if self.plan.compression is not None:
+            groups = self.plan.compression.correct(groups)
         return self._read(self.reference.process(groups))
 
     def _read(self, groups: Groups) -> list[Reading]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from .errors import InputError
 from .estimation.antennas import folded_ratio, ratio_noise
-from .estimation.compression import compression_image
+from .estimation.compression import measure_compression
 from .estimation.folded_groups import FoldedGroups
 from .estimation.groups import Groups, is_clipped
 from .estimation.recorded_frames import find_frames, first_frame, require_frames
@@ -182,8 +182,8 @@ class RecordingReader:
                 frame_offset + _COMPRESSION_FRAMES * plan.waveform.frame_length
             )
             samples = samples[frame_offset : recording.segments[0].length]
-            image = compression_image(samples, plan.waveform)
-            plan = self._plan = replace(plan, compression=image)
+            found = measure_compression(samples, plan.waveform)
+            plan = self._plan = replace(plan, compression=found)
         self.receiver = Receiver(plan, tracked, on_groups=on_groups)
         self.source: _Tones | _AntennaRatio
         if scene.environment.receive_antennas == 2:

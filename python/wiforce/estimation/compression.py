@@ -9,10 +9,12 @@ subcarriers: it cannot be told from the tag in a group, but it can be computed.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import numpy as np
 
 from ..signal.waveform import FFT_LENGTH, PREAMBLE_LENGTH, Waveform
-from .groups import Array
+from .groups import Array, Groups
 
 # Samples at the end of a frame that are free of the preamble's echoes, and how many must lie
 # between: 12.8 us at 12.5 Msps.
@@ -23,8 +25,43 @@ _ECHOES = 160
 _LEAST = 0.003
 
 
-def compression_image(samples: Array, waveform: Waveform) -> Array | None:
-    """Operator of the image that compression adds, measured at the start of a run.
+@dataclass(frozen=True, eq=False)
+class Compression:
+    """What compression by the static path adds to the channels of the tags' ends.
+
+    Attributes
+    ----------
+    image : ndarray of complex, shape (K, K)
+        A of :func:`image_operator`.
+    doubt : float
+        Standard deviation of what remains of the image, relative to the channel.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.estimation.groups import Groups
+    >>> groups = Groups([0], ends=np.ones((1, 2, 3)), gain=np.ones((1, 2)), noise=np.ones((1, 3)))
+    >>> corrected = Compression(-0.01 * np.eye(3), 0.001).correct(groups)
+    >>> corrected.ends[0, 0].tolist(), corrected.gain[0].round(6).tolist()
+    ([1.01, 1.01, 1.01], [1.000006, 1.000006])
+    """
+
+    image: Array = field(repr=False)
+    doubt: float
+
+    def correct(self, groups: Groups) -> Groups:
+        """Remove the image from ``ends``; what may remain raises ``gain``."""
+        if not len(groups):
+            return groups
+        power = groups.ends.real**2 + groups.ends.imag**2
+        energy = np.einsum("gek,gk->ge", power, 1 / groups.noise)
+        return groups.having(
+            ends=groups.ends - groups.ends.conj() @ self.image.T,
+            gain=groups.gain + 2 * self.doubt**2 * energy,
+        )
+
+
+def measure_compression(samples: Array, waveform: Waveform) -> Compression | None:
+    """Measure compression at the start of a run.
 
     Parameters
     ----------
@@ -34,14 +71,15 @@ def compression_image(samples: Array, waveform: Waveform) -> Array | None:
 
     Returns
     -------
-    ndarray of complex, shape (K, K), or None
-        As from :func:`image_operator`; None where no compression was found.
+    Compression or None
+        None where none was found. Its doubt is half of what the result depends on whether the DC
+        offset is there before the signal is compressed, or added behind.
 
     Examples
     --------
     >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
     >>> waveform = sounding_waveform()
-    >>> compression_image(np.tile(waveform.frame(), 3), waveform) is None  # a linear receiver
+    >>> measure_compression(np.tile(waveform.frame(), 3), waveform) is None  # a linear receiver
     True
     """
     offset = offset_of(samples, waveform)
@@ -51,8 +89,12 @@ def compression_image(samples: Array, waveform: Waveform) -> Array | None:
     frames = samples[: len(samples) // length * length].reshape(-1, length)
     averaged = frames[:, first : first + waveform.repetitions * FFT_LENGTH].mean(axis=0)
     symbol = averaged.reshape(-1, FFT_LENGTH).mean(axis=0).astype(complex)
-    coefficient = compression_of(symbol, offset, waveform)
-    return image_operator(symbol, coefficient, waveform) if coefficient else None
+    before = compression_of(symbol, offset, waveform)
+    behind = compression_of(symbol - offset, 0j, waveform)
+    if not before and not behind:
+        return None
+    doubt = abs(before - behind) / 2 * float(np.mean(np.abs(symbol) ** 2))
+    return Compression(image_operator(symbol, (before + behind) / 2, waveform), doubt)
 
 
 def compression_of(symbol: Array, offset: complex, waveform: Waveform) -> float:
@@ -76,9 +118,9 @@ def compression_of(symbol: Array, offset: complex, waveform: Waveform) -> float:
     Notes
     -----
     What is received on subcarrier 0 is c sum_n |s[n]|^2 s[n] and the offset, which is assumed to be
-    there before the signal is compressed; otherwise less is found than there is. The imaginary part of
-    that quotient is left out, because the ringing of filters at the edges of the preamble adds to
-    it; a conversion of amplitude to phase is not found.
+    there before the signal is compressed. The imaginary part of that quotient is left out, because
+    the ringing of filters at the edges of the preamble adds to it; a conversion of amplitude to
+    phase is not found.
 
     Examples
     --------

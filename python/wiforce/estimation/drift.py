@@ -17,12 +17,16 @@ _LAGS = (1, 4, 12)
 # Changes count for about this long, in s.
 _MEMORY_S = 20.0
 # Standard deviations by which the mean square of the changes must exceed that of noise.
-_SIGNIFICANT = 4.0
-_LEAST_CHANGES = 8
+_SIGNIFICANT = 3.0
+_LEAST_CHANGES = 4
+# Relative standard deviation of a mean square below which it may set such a limit.
+_CERTAIN = 0.5
 # Standard deviations of the mean square at which the upper limit lies.
 _UPPER = 2.0
 # Groups next to a touch that are not used: a press that begins or ends slowly looks like drift.
 _MARGIN_GROUPS = 2
+# Untouched groups before and after a touch that are compared.
+_ACROSS_GROUPS = 4
 # A change beyond this, in degrees, is an event and not drift.
 _EVENT_DEG = 5.0
 
@@ -64,11 +68,16 @@ class DriftRate:
         )
         self._coming: deque[tuple[float, Sequence[float], Sequence[float]]] = deque()
         self._skipped = _MARGIN_GROUPS
+        self._before: tuple[float, list[float], list[float]] | None = None
+        # Time, squared change and its noise from before a touch to after it, of both ends.
+        self._across = ([0.0, 0.0], [0.0, 0.0], [0.0, 0.0])
         # Of each lag: number, squared changes of both ends, and the noise expected in them.
         self._sums = {lag: [0.0, 0.0, 0.0, 0.0, 0.0] for lag in _LAGS}
 
     def interrupt(self) -> None:
         """Do not compare the next groups with those before: a touch lies between."""
+        if len(self._recent) >= _ACROSS_GROUPS:
+            self._before = self._newest()
         self._recent.clear()
         self._coming.clear()
         self._skipped = 0
@@ -112,6 +121,32 @@ class DriftRate:
             new += [change * change for change in changes]
             new += [a * a + b * b for a, b in zip(std_deg, noise, strict=True)]
             sums[:] = [self._keep * old + more for old, more in zip(sums, new, strict=True)]
+        if self._before is not None and len(self._recent) == _ACROSS_GROUPS:
+            self._compare_across(self._before, self._newest())
+            self._before = None
+
+    def _newest(self) -> tuple[float, list[float], list[float]]:
+        """Mean time and phases of the newest groups, and the variance of these phases."""
+        newest = list(self._recent)[-_ACROSS_GROUPS:]
+        first = newest[0][1]
+        means, variances = [], []
+        for end in (0, 1):
+            turned = [180.0 - (180.0 - (p[end] - first[end])) % 360.0 for _, p, _ in newest]
+            means.append(first[end] + sum(turned) / len(newest))
+            variances.append(sum(std[end] ** 2 for _, _, std in newest) / len(newest) ** 2)
+        return sum(time_s for time_s, _, _ in newest) / len(newest), means, variances
+
+    def _compare_across(
+        self,
+        before: tuple[float, list[float], list[float]],
+        after: tuple[float, list[float], list[float]],
+    ) -> None:
+        """Learn from what a touch hid: a change of the untouched phases from before to after."""
+        for end in (0, 1):
+            change = 180.0 - (180.0 - (after[1][end] - before[1][end])) % 360.0
+            new = after[0] - before[0], change * change, after[2][end] + before[2][end]
+            for sums, value in zip(self._across, new, strict=True):
+                sums[end] += value
 
     def std_deg(self, elapsed_s: float) -> tuple[float, float]:
         """Standard deviation of both phases' drift after a time.
@@ -132,15 +167,24 @@ class DriftRate:
         return self._learned(1) * root, self._learned(2) * root
 
     def _learned(self, end: int) -> float:
-        significant, smallest = False, math.inf
+        significant, smallest, shortest = False, math.inf, math.inf
         for lag, sums in self._sums.items():
             count = sums[0]
             if count < _LEAST_CHANGES:
                 continue
             mean, noise = sums[end] / count, sums[end + 2] / count
+            if lag == _LAGS[0]:
+                # A stated noise may be too large; that of the phases is not larger than this.
+                shortest = mean
+            noise = min(noise, shortest)
             # Changes that overlap are not independent.
             share = math.sqrt(2 * lag / count)
             significant |= mean - noise > _SIGNIFICANT * noise * share
             upper = max(mean - noise, 0.0) + _UPPER * mean * share
-            smallest = min(smallest, upper / (lag * self._period_s))
-        return math.sqrt(smallest) if significant else 0.0
+            if lag == _LAGS[0] or share <= _CERTAIN:
+                smallest = min(smallest, upper / (lag * self._period_s))
+        largest = smallest if significant else 0.0
+        elapsed_s, change, noise = (values[end - 1] for values in self._across)
+        if change > _SIGNIFICANT**2 * noise:
+            largest = max(largest, (change - noise) / elapsed_s)
+        return math.sqrt(largest)

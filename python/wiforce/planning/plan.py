@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from ..estimation.compression import Compression
 from ..estimation.estimators import estimator_named
 from ..estimation.likelihood import PhaseLikelihood
 from ..estimation.tracked_tag import TagClock
@@ -81,8 +82,8 @@ class Plan:
         What was planned; None for a plan that reads no sensors.
     others : tuple of TagClock
         Tags that the scene does not list, found by a survey: solved for, but not read.
-    compression : ndarray of complex, shape (K, K), or None
-        Operator of the image that the receiver's compression adds to each end.
+    compression : Compression or None
+        What the receiver's compression adds to the ends; None where none was measured.
     room : RoomNoise or None
         What a survey has found between the tags' lines; None where nothing disturbs them.
 
@@ -105,7 +106,7 @@ class Plan:
     loss_db: tuple[float, ...] = ()
     scene: Scene | None = field(default=None, repr=False, compare=False)
     others: tuple[TagClock, ...] = ()
-    compression: np.ndarray | None = field(default=None, repr=False, compare=False)
+    compression: Compression | None = field(default=None, repr=False)
     room: RoomNoise | None = field(default=None, repr=False)
 
     @property
