@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.simulated_tags import Tag
+from gnuradio.wiforce.sensor import load_sensor
 from gnuradio.wiforce.simulation.channel import AirChannel
 from gnuradio.wiforce.simulation.irregular_clock import IrregularClock
 from gnuradio.wiforce.simulation.sources import Seeds
@@ -151,7 +152,7 @@ def test_drift_is_absent_from_the_truth():
 def shown(channel, time_s):
     """Force for which the line's own model has the phases that are shown."""
     forces = np.linspace(1, 8, 70_001)
-    model = load_scene("demo").load_model("line-900mhz")
+    model = load_sensor("line-900mhz")
     phases = model.phases_deg(forces, 33.0)
     state = channel.touch_state(np.atleast_1d(time_s))["arm"]
     return [

@@ -73,7 +73,7 @@ def test_live_killed_at_any_moment_keeps_all_but_the_last_second_and_runs_again(
 
 def test_live_full_disk_reports_and_keeps_all_before(slow_scene, slow_device, tmp_path):
     """First the recording meets its end, then the readings."""
-    room = int(np.random.default_rng(2).integers(1000, 3000))
+    room = int(np.random.default_rng(2).integers(4500, 6500))  # more than the metadata
 
     def little_room():
         resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
