@@ -1,0 +1,248 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Standard deviations where the model is wrong: residuals, profiles, drift, compression."""
+
+import numpy as np
+import pytest
+from gnuradio.wiforce.estimation.coherence import CoherentResidual
+from gnuradio.wiforce.estimation.compression import (
+    compression_of,
+    image_operator,
+    measure_compression,
+    offset_of,
+)
+from gnuradio.wiforce.estimation.drift import DriftRate
+from gnuradio.wiforce.estimation.groups import Groups
+from gnuradio.wiforce.estimation.least_squares import GroupFit
+from gnuradio.wiforce.estimation.profile import ProfileCheck, image_of
+from gnuradio.wiforce.estimation.tracked_tag import TagClock
+from gnuradio.wiforce.planning.clutter_band import automatic_band_hz
+from gnuradio.wiforce.planning.loss import end_variances
+from gnuradio.wiforce.signal.clutter import clutter_basis
+from gnuradio.wiforce.signal.lines import centered_times_s
+from gnuradio.wiforce.signal.waveform import sounding_waveform
+
+WAVEFORM = sounding_waveform()
+PERIOD_S = 0.036
+
+
+def normal(rng, *shape):
+    """Complex noise of variance 1."""
+    return rng.standard_normal((*shape, 2)) @ [1, 1j] / np.sqrt(2)
+
+
+def fit_of(rng, coherent, tones=24, subcarriers=62):
+    """Least squares of two ends in white noise, and noise along the first end's channel."""
+    white, _ = np.linalg.qr(normal(rng, tones, 2))
+    ends = np.exp(1j * rng.uniform(0, 6, (2, subcarriers)))
+    received = normal(rng, tones, subcarriers)
+    received += coherent * normal(rng, tones, 1) * ends[0] / np.sqrt(subcarriers)
+    received += white @ (10 * ends)
+    solver = white.conj().T
+    solved = solver @ received
+    residual = received - white @ solved
+    fit = GroupFit(np.arange(2), white, solved, np.ones(2), residual, white, solver, white)
+    return fit, np.vdot(ends[0], solved[0] - 10 * ends[0]) / np.sqrt(subcarriers)
+
+
+@pytest.mark.parametrize("coherent", [0.0, 1.0, 3.0, 10.0])
+def test_coherent_residual_factor_is_that_of_the_error(coherent):
+    """An interferer that is alike on all subcarriers is not averaged away by 62 of them."""
+    rng, residual = np.random.default_rng(3), CoherentResidual(2)
+    factors, errors = [], []
+    for _ in range(400):
+        fit, error = fit_of(rng, coherent)
+        factors.append(residual.update(fit, np.ones(62))[0])
+        errors.append(abs(error) ** 2)
+    # Means of 400 groups: 5 % for the errors, less for the factors.
+    assert np.mean(factors[50:]) == pytest.approx(np.mean(errors), rel=0.2)
+    if not coherent:
+        assert np.mean(np.array(factors) > 1) < 0.01
+
+
+def test_coherent_residual_forgets_a_burst_at_once():
+    """One loud group must not make a second of readings uncertain."""
+    rng, residual = np.random.default_rng(4), CoherentResidual(2)
+    quiet = [fit_of(rng, 0.0)[0] for _ in range(20)]
+    assert [residual.update(fit, np.ones(62)).max() for fit in quiet[:10]] == [1] * 10
+    assert residual.update(fit_of(rng, 30.0)[0], np.ones(62))[0] > 300
+    assert [residual.update(fit, np.ones(62)).max() for fit in quiet[10:]] == [1] * 10
+
+
+def received_with(image, channel):
+    return channel + image * image_of(channel, WAVEFORM)
+
+
+@pytest.mark.parametrize("image_db, limit_deg", [(-40, 0.001), (-30, 0.003), (-20, 0.03)])
+def test_image_of_unbalanced_receiver_does_not_change_phases(image_db, limit_deg):
+    """An image at -30 dB would turn readings by up to 0.8 deg without a word."""
+    rng = np.random.default_rng(5)
+    delays = np.exp(-2j * np.pi * np.outer(rng.uniform(0, 0.2, 3), WAVEFORM.subcarriers / 5.12))
+    channel = np.stack([np.ones(62), [1, 0.4, 0.2] @ delays])
+    level = 10 ** (image_db / 20) * np.exp(1j)
+    untouched = received_with(level, channel)
+    turns = np.radians(np.array([[10.0, -70.0], [120.0, 95.0]]))
+    pressed = received_with(level, np.exp(1j * turns)[:, :, None] * channel)
+    check = ProfileCheck(WAVEFORM, 2)
+    weights = np.full((2, 62), 1 / 62)
+    ends, factor = check.process(pressed, untouched, weights, np.full((2, 2, 62), 1e-12))
+    ratios = np.einsum("gek,ek->ge", ends, untouched.conj())
+    # To second order; what is left grows with the third power of the image.
+    assert np.abs(np.degrees(np.angle(ratios) - turns)).max() < limit_deg
+    assert factor.max() < 1.3  # the noise along the image's profile, and nothing else
+
+
+def test_image_that_is_not_there_costs_no_accuracy():
+    """Quiet rooms must be read as well as before: noise of the phase grows by less than 2 %."""
+    rng, groups = np.random.default_rng(6), 4000
+    channel = np.ones((2, 62), complex)
+    noise = 0.1 * normal(rng, groups, 2, 62)
+    weights = np.full((groups, 62), 1 / 62)
+    ends, factor = ProfileCheck(WAVEFORM, 2).process(
+        channel + noise, channel, weights, np.full((groups, 2, 62), 0.01)
+    )
+    spread = np.std(np.mean(ends.imag, axis=2)) / np.std(np.mean(noise.imag, axis=2))
+    assert spread < 1.02
+    assert np.mean(factor > 1.1) < 0.15 and np.median(factor) == 1
+
+
+def test_channel_with_another_path_raises_the_variance():
+    """A second tag or a moving hand shows in the profile over the subcarriers."""
+    rng, groups = np.random.default_rng(7), 30
+    channel = np.ones((2, 62), complex)
+    late = np.exp(-2j * np.pi * 0.1 * WAVEFORM.subcarriers / 5.12)  # by 100 ns
+    noise = 0.01 * normal(rng, groups, 2, 62)
+    shape = groups, 2, 62
+    check = ProfileCheck(WAVEFORM, 2)
+    weights = np.full((groups, 62), 1 / 62)
+    _, factor = check.process(channel + 0.03 * late + noise, channel, weights, np.full(shape, 1e-4))
+    assert factor.min() > 30
+    check.reset()
+    _, factor = check.process(channel + noise, channel, weights, np.full(shape, 1e-4))
+    assert np.median(factor) == 1
+
+
+@pytest.mark.parametrize("walk_deg", [0.3, 1.3])
+def test_drift_rate_is_learned_from_a_second_of_groups(walk_deg):
+    """During a touch nothing else tells how far the phases may have drifted."""
+    rng, found = np.random.default_rng(8), []
+    for _ in range(40):
+        rate = DriftRate(PERIOD_S)
+        walk = np.cumsum(walk_deg * np.sqrt(PERIOD_S) * rng.standard_normal((30, 2)), axis=0)
+        for g, phases in enumerate((walk + 0.05 * rng.standard_normal((30, 2))).tolist()):
+            rate.follow(g * PERIOD_S, phases, (0.05, 0.05))
+        found.append(rate.std_deg(1.0))
+    # An upper limit from 30 groups: rarely below the truth, and not far above it.
+    assert np.mean(np.array(found) > 0.8 * walk_deg) > 0.8
+    assert np.median(found) < 2 * walk_deg
+
+
+def test_drift_rate_of_noise_alone_is_zero():
+    """Quiet captures keep their standard deviations."""
+    rng, found = np.random.default_rng(9), []
+    for _ in range(60):
+        rate = DriftRate(PERIOD_S)
+        for g, phases in enumerate((0.05 * rng.standard_normal((40, 2))).tolist()):
+            rate.follow(g * PERIOD_S, phases, (0.05, 0.05))
+        found.append(rate.std_deg(1.0))
+    assert np.mean(np.array(found) > 0) < 0.1
+
+
+def test_drift_rate_stated_grows_with_the_root_of_time():
+    rate = DriftRate(PERIOD_S, 0.4)
+    assert rate.std_deg(4.0) == (0.8, 0.8)
+
+
+def test_drift_across_a_touch_is_learned():
+    """What a touch hid shows when it ends, and counts for the next one."""
+    rate, rng = DriftRate(PERIOD_S), np.random.default_rng(10)
+    for g, level in [*((g, 0.0) for g in range(10)), *((g, 1.0) for g in range(60, 70))]:
+        if g == 60:
+            rate.interrupt()
+        noise = 0.02 * rng.standard_normal(2)
+        rate.follow(g * PERIOD_S, (level + noise).tolist(), (0.02, 0.02))
+    elapsed_s = 58 * PERIOD_S
+    assert rate.std_deg(elapsed_s)[0] == pytest.approx(1.0, abs=0.15)
+
+
+def compressed_frames(share, offset=0.0, before=True, frames=3):
+    """Frames of three static paths through a third-order receiver; and the linear symbol."""
+    frame, paths = WAVEFORM.frame(), [(0, 1.0), (1, 0.4j), (3, -0.2)]
+    linear = sum(level * np.roll(frame, lag) for lag, level in paths)
+    largest = np.abs(linear).max()
+    drive = linear + (offset if before else 0)
+    received = drive * (1 - share * np.abs(drive / largest) ** 2)
+    received += 0 if before else offset
+    return np.tile(received, frames), linear[64:128], largest
+
+
+@pytest.mark.parametrize("share", [0.005, 0.01, 0.04])
+def test_compression_is_measured_by_the_subcarrier_that_is_not_sent(share):
+    samples, _, largest = compressed_frames(share)
+    symbol = samples[64:128]
+    c = compression_of(symbol, offset_of(samples, WAVEFORM), WAVEFORM)
+    assert -c * largest**2 == pytest.approx(share, rel=0.15)  # third order: 1 - 3 share at 4 %
+    assert measure_compression(compressed_frames(0.001)[0], WAVEFORM) is None
+
+
+@pytest.mark.parametrize("before", [True, False])
+@pytest.mark.parametrize("share, offset", [(0.01, 0.0), (0.03, 0.0), (0.02, 0.1)])
+def test_compressed_tag_is_read_with_its_phase(share, offset, before):
+    """Compression turns the tag's channel the opposite way: 0.3 deg at 1 %."""
+    samples, symbol, largest = compressed_frames(share, offset, before)
+    found = measure_compression(samples, WAVEFORM)
+    drive = symbol + (offset if before else 0)
+    factors, bins = WAVEFORM.equalizer()[WAVEFORM.bins], WAVEFORM.bins
+
+    def channel_of(turn):
+        """Channel of a weak tag behind the receiver, to first order in the tag."""
+        tag = np.exp(1j * turn) * WAVEFORM.preamble[64:128]
+        ratio = share / largest**2
+        tag = tag * (1 - 2 * ratio * np.abs(drive) ** 2) - ratio * drive**2 * tag.conj()
+        return np.fft.fft(tag)[bins] * factors
+
+    turns = np.radians([0.0, 40.0, 100.0])
+    ends = np.stack([channel_of(turn) for turn in turns])[:, None]
+    groups = Groups(np.arange(3), ends=ends, gain=np.full((3, 1), 1e-9), noise=np.ones((3, 62)))
+    corrected = found.correct(groups)
+
+    def errors_deg(ends):
+        return np.degrees(np.angle(np.sum(ends * ends[0].conj(), axis=2))[:, 0] - turns)[1:]
+
+    before_deg, after_deg = np.abs(errors_deg(ends)), np.abs(errors_deg(corrected.ends))
+    stated_deg = np.degrees(found.doubt)
+    assert np.all(after_deg < 0.15 * before_deg.max() + 2 * stated_deg)
+    assert (stated_deg > 0.01) == (offset > 0)
+    np.testing.assert_allclose(
+        corrected.gain[:, 0],
+        1e-9 + 2 * found.doubt**2 * np.sum(np.abs(ends[:, 0]) ** 2, axis=1),
+    )
+
+
+def test_image_operator_equals_third_order_product():
+    """Held to the product of time samples, sample by sample."""
+    rng = np.random.default_rng(11)
+    symbol, channel = normal(rng, 64), normal(rng, 62)
+    bins, factors = WAVEFORM.bins, WAVEFORM.equalizer()[WAVEFORM.bins]
+    spectrum = np.zeros(64, complex)
+    spectrum[bins] = channel / factors
+    product = -0.02 * symbol**2 * np.fft.ifft(spectrum).conj()
+    expected = np.fft.fft(product)[bins] * factors
+    found = image_operator(symbol, -0.02, WAVEFORM) @ channel.conj()
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "clock_hz, snapshots, band_hz",
+    [(1000.0, 625, 250.0), (1000.0, 250, 30.0), (1000.0, 125, 0.0), (400.0, 625, 0.0)],
+)
+def test_automatic_clutter_band_costs_a_tenth_of_a_db_at_most(clock_hz, snapshots, band_hz):
+    """Readings in a quiet room must not pay for movers that may never come."""
+    clocks = [TagClock(clock_hz)]
+    found = automatic_band_hz(clocks, snapshots, 57.6e-6, 20.48e-6)
+    assert found == band_hz
+    times_s = centered_times_s(snapshots, 57.6e-6)
+    costs = [
+        end_variances(clocks, times_s, 20.48e-6, clutter_basis(snapshots, 57.6e-6, hertz)).max()
+        for hertz in (0.0, found)
+    ]
+    assert costs[1] <= costs[0] * 10**0.01

@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Rooms that nobody described, read with default settings: no confident wrong reading.
+
+``python3 tests/rooms/score.py`` reads all rooms, and any number of mixtures.
+"""
+
+import pytest
+from rooms.judge import failures
+from rooms.rooms import room_named
+from rooms.score import score_capture
+
+ROOMS = (
+    "clean",
+    "walker+30",
+    "fan+20",
+    "tag-1300-10",
+    "tag-2000-10",
+    "near-tag-20ppm",
+    "image-30",
+    "iq-raw",
+    "lamps-10",
+    "bursts-20",
+    "half-frame",
+)
+MIXTURES = tuple(f"mixture-{seed}" for seed in range(1, 11))
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    """Sensor models that were calibrated before."""
+    return tmp_path_factory.mktemp("models")
+
+
+@pytest.mark.parametrize("name", ROOMS + MIXTURES)
+def test_undescribed_room_gives_no_confident_wrong_reading(name, cache, tmp_path):
+    """The one thing that the project promises never to give."""
+    _, tally = score_capture(name, 1, tmp_path / "room", cache, keep=False)
+    assert tally.wrong == 0
+    if name in ROOMS:
+        assert "flags" not in failures(room_named(name), tally.summary())
