@@ -25,7 +25,8 @@ _LEAST_LAMPS = 4
 _STRONG = 30.0
 _LEAST_LINES = 3
 _FIRST_LINES = 12
-_LAMPS_HZ = (100.0, 120.0)
+# Mains frequencies that are possible where nothing is known.
+MAINS_HZ = (50.0, 60.0)
 # Lines beyond this harmonic are below the noise, and those of a tag that are weaker than this part
 # of its first one do not matter.
 _MOST_HARMONICS = 1000
@@ -108,7 +109,11 @@ class _Spectrum:
 
 
 def identify(
-    lines: Sequence[RoomLine], step_hz: float, least_power: Array, waveform: Waveform
+    lines: Sequence[RoomLine],
+    step_hz: float,
+    least_power: Array,
+    waveform: Waveform,
+    mains_hz: Sequence[float] = MAINS_HZ,
 ) -> list[Source]:
     """Attribute lines to their sources.
 
@@ -121,6 +126,8 @@ def identify(
         Power from which on a line stands out, at frequencies from 0 in steps: that of noise or,
         where they are stronger, of the lines of the scene's own tags.
     waveform : Waveform
+    mains_hz : sequence of float
+        Mains frequencies that are possible, in Hz; empty where there are no lamps.
 
     Returns
     -------
@@ -139,8 +146,8 @@ def identify(
     spectrum = _Spectrum(step_hz, least_power, waveform)
     rest = sorted(lines, key=lambda line: -line.power)
     sources = []
-    for fundamental_hz in _LAMPS_HZ:
-        lamps = _lamps(rest, fundamental_hz, spectrum)
+    for mains in mains_hz:
+        lamps = _lamps(rest, 2 * mains, spectrum)
         if lamps is not None:
             sources.append(lamps)
             rest = [line for line in rest if line not in lamps.lines]

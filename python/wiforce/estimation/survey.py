@@ -16,9 +16,9 @@ import numpy as np
 from ..signal.lines import aliased_hz
 from ..signal.room_noise import RoomNoise, room_noise
 from ..signal.switching import line_envelope
-from ..signal.waveform import Waveform
+from ..signal.waveform import FFT_LENGTH, Waveform
 from .groups import Array
-from .sources import RoomLine, Source, identify
+from .sources import MAINS_HZ, RoomLine, Source, identify
 from .tracked_tag import TagClock
 
 # Length of the survey: 0.5 s resolve 8 Hz, longer ones smear what wanders.
@@ -67,6 +67,8 @@ class Survey:
         Power of line 1 of each tag in the same units; 0 where none stands out.
     snapshot_period_s : float
         T, in s.
+    static_power : float
+        Power of the static channel, per subcarrier and snapshot, in the same units.
 
     Examples
     --------
@@ -89,6 +91,7 @@ class Survey:
     sources: list[Source]
     line_power: Array
     snapshot_period_s: float
+    static_power: float = 0.0
 
     @property
     def resolution_hz(self) -> float:
@@ -146,7 +149,12 @@ class Survey:
         return float(self.frequency_hz[min(last, len(above) - 1)])
 
 
-def survey_channel(channel: Array, waveform: Waveform, clocks: Sequence[TagClock]) -> Survey | None:
+def survey_channel(
+    channel: Array,
+    waveform: Waveform,
+    clocks: Sequence[TagClock],
+    mains_hz: Sequence[float] = MAINS_HZ,
+) -> Survey | None:
     """Survey the room from consecutive snapshots in which nothing is touched.
 
     Parameters
@@ -156,11 +164,13 @@ def survey_channel(channel: Array, waveform: Waveform, clocks: Sequence[TagClock
     waveform : Waveform
     clocks : sequence of TagClock, length S
         Of the scene's tags.
+    mains_hz : sequence of float
+        Mains frequencies that are possible, in Hz; empty where there are no lamps.
 
     Returns
     -------
     Survey or None
-        None for fewer snapshots than 0.1 s, or a channel without noise.
+        None for fewer snapshots than 0.1 s, values that are not finite, or a channel without noise.
 
     Notes
     -----
@@ -176,7 +186,7 @@ def survey_channel(channel: Array, waveform: Waveform, clocks: Sequence[TagClock
     """
     period_s = waveform.snapshot_period_s
     count = len(channel)
-    if count * period_s < SHORTEST_S:
+    if count * period_s < SHORTEST_S or not np.all(np.isfinite(channel)):
         return None
     window = _blackman_harris(count)
     still = window @ channel / window.sum()
@@ -196,8 +206,51 @@ def survey_channel(channel: Array, waveform: Waveform, clocks: Sequence[TagClock
     excess[: int(2 * _LOBE_BINS)] = 0
     lines = _take_lines(frequency_hz, spectrum, excess, count)
     least = (_SIGNIFICANT - 1 + _OWN_MARGIN * own) * _enbw() / count
-    sources = identify(lines, float(frequency_hz[1]), least, waveform)
-    return Survey(frequency_hz, spectrum, own, excess, sources, line_power, period_s)
+    sources = identify(lines, float(frequency_hz[1]), least, waveform, mains_hz)
+    static_power = float(np.mean((still.real**2 + still.imag**2) / floor))
+    return Survey(
+        frequency_hz, spectrum, own, excess, sources, line_power, period_s, static_power
+    )
+
+
+def survey_samples(
+    samples: Array,
+    waveform: Waveform,
+    clocks: Sequence[TagClock],
+    mains_hz: Sequence[float] = MAINS_HZ,
+) -> Survey | None:
+    """Survey the room from samples that begin with a frame.
+
+    Parameters
+    ----------
+    samples : ndarray of complex, shape (n,)
+        Of a receiver, without gaps, while nothing is touched.
+    waveform : Waveform
+        As it was sent.
+    clocks : sequence of TagClock, length S
+        Of the scene's tags.
+    mains_hz : sequence of float
+        Mains frequencies that are possible, in Hz.
+
+    Returns
+    -------
+    Survey or None
+        See :func:`survey_channel`.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
+    >>> waveform = sounding_waveform()
+    >>> survey_samples(np.tile(waveform.frame(), 20), waveform, [TagClock(1000.0)]) is None
+    True
+    """
+    length, first = waveform.frame_length, waveform.first_averaged
+    frames = samples[: len(samples) // length * length].reshape(-1, length)
+    averaged = frames[:, first : first + waveform.repetitions * FFT_LENGTH]
+    folded = averaged.reshape(-1, waveform.repetitions, FFT_LENGTH).mean(axis=1)
+    bins = waveform.bins
+    channel = np.fft.fft(folded, axis=1)[:, bins] * waveform.equalizer()[bins]
+    return survey_channel(channel, waveform, clocks, mains_hz)
 
 
 def _take_lines(frequency_hz: Array, spectrum: Array, excess: Array, count: int) -> list[RoomLine]:
@@ -270,10 +323,10 @@ def _line_near(frequency_hz: Array, spectrum: Array, clock: TagClock) -> tuple[f
     near = np.abs(frequency_hz - clock.clock_hz) <= tolerance_hz + step_hz
     rows = np.flatnonzero(near)
     best = int(rows[np.argmax(spectrum[rows])])
-    peak = float(spectrum[best])
-    if peak < 4 * _SIGNIFICANT or not 0 < best < len(spectrum) - 1:
+    if spectrum[best] < 4 * _SIGNIFICANT or not 0 < best < len(spectrum) - 1:
         return clock.clock_hz, tolerance_hz, 0.0
-    found = (best + _vertex(spectrum, best)[0]) * step_hz
+    offset, top = _vertex(spectrum, best)
+    found, peak = (best + offset) * step_hz, top - 1
     error_hz = _VERTEX_BINS * step_hz
     for m in _REFINING:
         expected = m * found / step_hz

@@ -18,7 +18,7 @@ from .plan import Plan
 
 # Noise that the room adds to a tone, relative to white noise, below which the weights stay as they
 # are: it costs 0.2 dB in that tone.
-_NEGLIGIBLE = 0.05
+NEGLIGIBLE = 0.05
 # Tags that are solved for besides the scene's: each costs as much time per group as a sensor.
 _MOST_TAGS = 2
 # A line's frequency is known to this part of its width, and may drift by as much again.
@@ -55,7 +55,7 @@ def adapted(plan: Plan, survey: Survey | None) -> Plan:
     plan = _with_band(plan, survey)
     length, clutter_hz = plan.group_length, plan.clutter_hz
     room = survey.noise(length, clutter_hz)
-    if room_noise_of_tones(plan.table, room).max() < _NEGLIGIBLE:
+    if room_noise_of_tones(plan.table, room).max() < NEGLIGIBLE:
         return plan
     solved = []
     for source in [source for source in survey.sources if source.kind == "tag"][:_MOST_TAGS]:
@@ -67,7 +67,7 @@ def adapted(plan: Plan, survey: Survey | None) -> Plan:
         plan = more
         solved.append(source)
     room = survey.noise(length, clutter_hz, solved)
-    if room_noise_of_tones(plan.table, room).max() < _NEGLIGIBLE:
+    if room_noise_of_tones(plan.table, room).max() < NEGLIGIBLE:
         return plan
     colored = replace(plan, room=room)
     try:
