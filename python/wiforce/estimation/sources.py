@@ -24,6 +24,8 @@ _LEAST_LAMPS = 4
 # Own lines hide others where they raise the least visible power by this factor.
 _STRONG = 30.0
 _LEAST_LINES = 3
+# Whatever repeats more slowly is Doppler, such as that of a fan's blades, and no tag's clock.
+SLOWEST_TAG_HZ = 250.0
 _FIRST_LINES = 12
 # Mains frequencies that are possible where nothing is known.
 MAINS_HZ = (50.0, 60.0)
@@ -169,12 +171,24 @@ def _lamps(lines: Sequence[RoomLine], fundamental_hz: float, spectrum: _Spectrum
     """Lamps at twice a mains frequency, where most of the first harmonics are there."""
     found: dict[int, RoomLine] = {}
     rate_hz = 1 / spectrum.waveform.snapshot_period_s
+    present_hz = _present_hz(lines, fundamental_hz)
+
+    def order_of(original: float) -> int:
+        order = round(original / present_hz)
+        return order if abs(original - order * present_hz) <= _reach_hz(original) else 0
+
     for line in lines:
-        hertz = line.frequency_hz
-        # The line itself, and what it may be an alias of.
-        for original in (hertz, rate_hz - hertz, rate_hz + hertz):
-            order = round(original / fundamental_hz)
-            if order and abs(original - order * fundamental_hz) <= 2 * _reach_hz(original):
+        if order := order_of(line.frequency_hz):
+            found.setdefault(order, line)
+    direct = set(found.values())
+    # Aliases are of higher orders than all of these, and weaker.
+    highest = spectrum.highest_hz / 2
+    limit = max((line.power for line in direct if line.frequency_hz > highest), default=0.0)
+    for line in lines:
+        if line in direct or line.power > limit:
+            continue
+        for original in (rate_hz - line.frequency_hz, rate_hz + line.frequency_hz):
+            if order := order_of(original):
                 found.setdefault(order, line)
                 break
     first = [
@@ -188,6 +202,20 @@ def _lamps(lines: Sequence[RoomLine], fundamental_hz: float, spectrum: _Spectrum
         if order not in found and around and spectrum.least(order * fundamental_hz) > max(around):
             hidden.append(RoomLine(order * fundamental_hz, float(np.mean(around))))
     return Source("lamps", fundamental_hz, tuple(found.values()), tuple(hidden))
+
+
+def _present_hz(lines: Sequence[RoomLine], fundamental_hz: float) -> float:
+    """Twice the present frequency of the mains, from the first harmonics."""
+    orders, hertz = [], []
+    for line in lines:
+        order = round(line.frequency_hz / fundamental_hz)
+        reach_hz = 2 * _reach_hz(line.frequency_hz)
+        if 0 < order < _FIRST_LAMPS and abs(line.frequency_hz - order * fundamental_hz) < reach_hz:
+            orders.append(order)
+            hertz.append(line.frequency_hz)
+    if not orders:
+        return fundamental_hz
+    return float(np.dot(orders, hertz) / np.dot(orders, orders))
 
 
 def _tag(lines: Sequence[RoomLine], spectrum: _Spectrum) -> Source | None:
@@ -211,6 +239,8 @@ def _tag(lines: Sequence[RoomLine], spectrum: _Spectrum) -> Source | None:
     for line in lines[:6]:
         for divisor in (1, 2):
             candidate_hz = line.frequency_hz / divisor
+            if candidate_hz < SLOWEST_TAG_HZ:
+                continue
             if divisor == 2 and not spectrum.is_hidden(candidate_hz):
                 continue
             found = harmonics_of(candidate_hz)

@@ -176,7 +176,7 @@ def survey_channel(
     -----
     Periodogram with a Blackman-Harris window (F. Harris, "On the use of windows for harmonic
     analysis", Proc. IEEE 66, 1978). Each subcarrier is divided by its own floor, the median over
-    frequency.
+    the frequencies without lines.
 
     Examples
     --------
@@ -195,6 +195,10 @@ def survey_channel(
     floor = np.median(power, axis=0) / np.log(2)
     if not np.all(floor > 0):
         return None
+    # Where lines fill many bins they raise the median: the floor is that of the others.
+    mean = np.mean(power / floor, axis=1)
+    quiet = mean < _SIGNIFICANT * np.median(mean)
+    floor = np.median(power[quiet], axis=0) / np.log(2)
     mean = np.mean(power / floor, axis=1)
     half = (count - 1) // 2
     spectrum = mean[: half + 1].copy()

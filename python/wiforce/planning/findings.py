@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..estimation.sources import RoomLine, Source
+from ..estimation.sources import SLOWEST_TAG_HZ, RoomLine, Source
 from ..estimation.survey import Survey
 from ..signal.lines import aliased_hz
 from ..signal.weights import ToneTable
@@ -29,6 +29,11 @@ _MOST_REGIONS = 4
 _MOST_LINES = 12
 # Noise within this distance of a tag's line is attributed to the tag's clock, in Hz.
 _CLOCK_NOISE_HZ = 100.0
+# Lines of lamps up to this order are recognised where the drift of the mains has widened them, in
+# Hz.
+_LAMP_ORDERS, _LAMP_WIDTH_HZ = 200, 20.0
+# So many slow lines are the blades of something that turns.
+_BLADES = 3
 _SPURIOUS = "an unknown source: a power supply, another reader or a spurious oscillation"
 
 
@@ -160,13 +165,35 @@ class _Report:
     def __init__(self, survey: Survey, plan: Plan, adapted: Plan) -> None:
         self._survey, self._plan, self._adapted = survey, plan, adapted
         self._reference = level_reference(survey, plan)[0]
-        self._moving_hz = survey.moving_hz()
         self._mains_hz = plan.require_scene().environment.possible_mains_hz
+        self._ripple = ripple_of(survey, plan.clocks, plan.waveform)
+        self._moving_hz = self._fastest_hz()
         same = adapted.clutter_hz == plan.clutter_hz
         self._table = plan.table if same else replace(plan, clutter_hz=adapted.clutter_hz).table
 
     def _db(self, power: float) -> float:
         return float(10 * np.log10(max(power, 1e-30) / self._reference))
+
+    def _fastest_hz(self) -> float:
+        """Highest frequency of what moves, the slow lines of turning blades included."""
+        moving_hz = self._survey.moving_hz()
+        ripple = self._ripple.lines if self._ripple is not None else ()
+        blades = [
+            source.fundamental_hz
+            for source in self._survey.sources
+            if source.kind == "line"
+            and source.fundamental_hz < SLOWEST_TAG_HZ
+            and not self._is_hum(source.fundamental_hz)
+            and not set(source.lines) <= set(ripple)
+        ]
+        if not moving_hz and len(blades) < _BLADES:
+            return 0.0
+        return max([moving_hz, *blades])
+
+    def _is_hum(self, hertz: float) -> bool:
+        """Whether a line is at the frequency of the mains, or at twice that."""
+        reach_hz = self._survey.resolution_hz / 4
+        return any(abs(hertz - k * mains) < reach_hz for mains in self._mains_hz for k in (1, 2))
 
     def clutter(self) -> Iterator[Finding]:
         """Everything that moves slowly, where it does."""
@@ -202,9 +229,11 @@ class _Report:
         sources = [
             source
             for source in self._survey.sources
-            if source.kind != "line" or source.fundamental_hz > self._moving_hz
+            if source.kind != "line"
+            or source.fundamental_hz > self._moving_hz
+            or self._is_hum(source.fundamental_hz)
         ]
-        ripple = ripple_of(self._survey, self._plan.clocks, self._plan.waveform)
+        ripple = self._ripple
         if ripple is not None:
             sources = [source for source in sources if not set(source.lines) <= set(ripple.lines)]
             yield self._finding(ripple, sources)
@@ -237,11 +266,7 @@ class _Report:
             return "a tag that the scene does not list"
         if source.kind == "ripple":
             return "a supply modulates the gain of transmitter or receiver"
-        for mains in self._mains_hz:
-            for hum_hz in (mains, 2 * mains):
-                if abs(source.fundamental_hz - hum_hz) < self._survey.resolution_hz / 4:
-                    return "probably hum of a power supply"
-        return _SPURIOUS
+        return "probably hum of a power supply" if self._is_hum(source.fundamental_hz) else _SPURIOUS
 
     def _is_solved(self, source: Source) -> bool:
         return source.kind == "tag" and any(
@@ -300,6 +325,7 @@ class _Report:
         step_hz = float(survey.frequency_hz[1])
         gaps = np.flatnonzero(np.diff(above) * step_hz > _APART * survey.resolution_hz)
         regions = [rows for rows in np.split(above, gaps + 1) if len(rows) >= _LEAST_BINS]
+        regions = [rows for rows in regions if not self._is_lamps(survey.frequency_hz[rows])]
         regions.sort(key=lambda rows: -survey.excess[rows].sum())
         for rows in regions[:_MOST_REGIONS]:
             hertz, power = survey.frequency_hz[rows], survey.excess[rows]
@@ -316,6 +342,16 @@ class _Report:
                 matters,
                 (float(hertz[0]), float(hertz[-1])),
             )
+
+    def _is_lamps(self, hertz: np.ndarray) -> bool:
+        """Whether a region is a line of lamps that were found, widened by the drifting mains."""
+        return any(
+            np.ptp(hertz) < 2 * _LAMP_WIDTH_HZ
+            and abs(hertz.mean() - self._seen_hz(order * source.fundamental_hz)) < _LAMP_WIDTH_HZ
+            for source in self._survey.sources
+            if source.kind == "lamps"
+            for order in range(1, _LAMP_ORDERS)
+        )
 
     def _meaning_of_noise(self, hertz: float) -> str:
         """Its probable cause: noise beside a tag's line belongs to the tag."""
