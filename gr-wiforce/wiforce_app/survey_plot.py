@@ -7,9 +7,13 @@ from gnuradio.wiforce.signal.lines import aliased_hz
 _MARKERS = "ovsDP*Xd"
 _OWN_MARKERS = "^v<>"
 _LOWEST_DB = -6.0
-# Lines that are expected below this part of the floor are not drawn, and lines of the scene's tags
+# Lines of the scene's tags are drawn where more than this part of the floor is expected, and lines
 # are marked where they stand out by so many dB.
 _VISIBLE, _STANDS_OUT_DB = 0.3, 3.0
+# Lines of a real tag may be so much stronger than those of ideal switches.
+_STRONGER = 4.0
+# Half width of a line in the spectrum, in bins.
+_REACH = 5
 
 
 def plot_survey(survey, found, plan, path, title=""):
@@ -31,18 +35,19 @@ def plot_survey(survey, found, plan, path, title=""):
     axis = canvas.subplots()
     khz = survey.frequency_hz / 1e3
     level = 10 * np.log10(np.maximum(survey.spectrum, 1e-3))
-    axis.fill_between(
+    axis.plot(khz, level, lw=0.7, color="0.45", label="spectrum of the untouched reference")
+    own = (survey.own > _VISIBLE) & (level > _STANDS_OUT_DB)
+    own &= survey.spectrum < 2 + _STRONGER * survey.own
+    own[1:-1] &= (level[1:-1] >= level[:-2]) & (level[1:-1] >= level[2:])  # tops of lines
+    around = np.convolve(own, np.ones(2 * _REACH + 1), "same") > 0
+    axis.plot(
         khz,
-        10 * np.log10(np.maximum(survey.own, 1e-3)),
-        _LOWEST_DB,
-        where=survey.own > _VISIBLE,
+        np.where(around, level, np.nan),
+        lw=0.9,
         color="C0",
-        alpha=0.3,
-        lw=0,
-        label="where lines of the scene's tags are expected, at most this high",
+        label="higher and aliased lines of the scene's tags",
     )
-    axis.plot(khz, level, lw=0.7, color="0.35", label="spectrum of the untouched reference")
-    axis.axhline(0, color="0.6", lw=1.0, ls="--", label="noise floor")
+    axis.axhline(0, color="k", lw=1.0, ls="--", label="noise floor")
     if plan.clutter_hz:
         axis.axvspan(
             0,
@@ -92,7 +97,7 @@ def _mark(axis, survey, lines_hz, label, **style):
     for hertz in lines_hz:
         seen = abs(aliased_hz(hertz, rate))
         middle = int(round(seen / step_hz))
-        top = level[max(0, middle - 5) : middle + 6].max()
+        top = level[max(0, middle - _REACH) : middle + _REACH + 1].max()
         if top > _STANDS_OUT_DB:
             marks.append((seen / 1e3, top + 1.5))
     axis.plot(*np.reshape(marks, (-1, 2)).T, ls="", ms=6, label=label, **style)

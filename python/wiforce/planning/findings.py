@@ -256,7 +256,11 @@ class _Report:
             self._meaning(source),
             handling,
             matters,
-            tuple(line.frequency_hz for line in source.lines),
+            tuple(
+                line.frequency_hz
+                for line in source.lines
+                if source.kind != "tag" or line.frequency_hz > self._moving_hz
+            ),
         )
 
     def _meaning(self, source: Source) -> str:
