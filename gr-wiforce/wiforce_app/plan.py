@@ -15,6 +15,7 @@ from gnuradio.wiforce.scene import load_scene
 
 from .room_report import changes_of, finding_rows, findings_text, skipped_of
 
+
 @click.command()
 @click.argument("scene", metavar="SCENE.yaml")
 @click.option(

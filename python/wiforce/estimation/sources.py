@@ -17,6 +17,9 @@ from .groups import Array
 # survey, and the drift of the mains or of a tag's clock during it.
 _APART_HZ = 1.5
 _APART_SHARE = 5e-4
+# Frequencies of a tag's harmonics follow from that of a line, which is known to a twentieth of a
+# step of the spectrum; oscillators without a crystal wander by 20 ppm per root of a second.
+_TAG_STEPS, _TAG_SHARE = 0.1, 1e-4
 # Lamps are recognised by this share of their first harmonics, a tag by this many of its own.
 _FIRST_LAMPS = 14
 _LAMPS_SHARE = 0.6
@@ -230,9 +233,12 @@ def _tag(lines: Sequence[RoomLine], spectrum: _Spectrum) -> Source | None:
         for m in range(1, _FIRST_LINES + 1):
             apart = [abs(line.frequency_hz - position(m, clock_hz)) for line in lines]
             nearest = int(np.argmin(apart))
-            if apart[nearest] <= _reach_hz(m * clock_hz):
+            if apart[nearest] <= tag_reach_hz(m, clock_hz):
                 found[m] = lines[nearest]
         return found
+
+    def tag_reach_hz(m: int, clock_hz: float) -> float:
+        return _APART_HZ + m * (_TAG_STEPS * spectrum.step_hz + _TAG_SHARE * clock_hz)
 
     best: dict[int, RoomLine] = {}
     clock_hz = 0.0
@@ -244,9 +250,11 @@ def _tag(lines: Sequence[RoomLine], spectrum: _Spectrum) -> Source | None:
             if divisor == 2 and not spectrum.is_hidden(candidate_hz):
                 continue
             found = harmonics_of(candidate_hz)
-            if len(found) > len(best) and divisor in found and 2 in found:
+            enough = len(found) >= _LEAST_LINES and divisor in found and 2 in found
+            # A tag's second line has harmonics too, but without the first.
+            if enough and _total_power(found) > _total_power(best):
                 best, clock_hz = found, candidate_hz
-    if len(best) < _LEAST_LINES:
+    if not best:
         return None
     clock_hz = clock_of({m: line for m, line in best.items() if m * clock_hz < rate_hz / 2})
     lowest = min(best)
@@ -265,6 +273,10 @@ def _tag(lines: Sequence[RoomLine], spectrum: _Spectrum) -> Source | None:
     return Source(
         "tag", clock_hz, tuple(line for line in lines if line in explained), tuple(hidden)
     )
+
+
+def _total_power(found: dict[int, RoomLine]) -> float:
+    return sum(line.power for line in set(found.values()))
 
 
 def clock_of(found: dict[int, RoomLine]) -> float:

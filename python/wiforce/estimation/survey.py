@@ -26,6 +26,9 @@ LONGEST_S = 0.6
 SHORTEST_S = 0.1
 # Half width of the main lobe of the Blackman-Harris window, in bins; its side lobes are at -92 dB.
 _LOBE_BINS = 4.5
+# A floor below this part of the static power is that of rounding and not noise: 16-bit samples
+# round at 1e-10 of full scale, single precision at 1e-15.
+_ROUNDING = 1e-20
 # Power over the floor that noise does not reach: the mean over 62 subcarriers and both signs has a
 # standard deviation of 9 %.
 _SIGNIFICANT = 1.6
@@ -138,15 +141,21 @@ class Survey:
     def moving_hz(self) -> float:
         """Highest frequency up to which the spectrum stays above noise from zero on, in Hz."""
         above = self.spectrum - 1 > _SIGNIFICANT - 1 + _OWN_MARGIN * self.own
+        known = np.arange(len(above)) >= int(2 * _LOBE_BINS)  # behind the rest of the static part
+        for source in self.sources:
+            if source.kind == "line":
+                continue  # perhaps of something that moves
+            for line in source.lines:
+                middle = round(line.frequency_hz / self.frequency_hz[1])
+                known[max(0, middle - int(_LOBE_BINS)) : middle + int(_LOBE_BINS) + 1] = False
+        above, frequency_hz = above[known], self.frequency_hz[known]
         # A gap as wide as a line ends the band.
         width = max(1, int(2 * _LOBE_BINS))
-        first = int(2 * _LOBE_BINS)  # what is left of the static part
-        if not above[first : first + width].any():
+        if not above[:width].any():
             return 0.0
-        run = np.convolve(above[first:], np.ones(width), "full")[: len(above) - first]
+        run = np.convolve(above, np.ones(width), "full")[: len(above)]
         gaps = np.flatnonzero(run[width - 1 :] == 0)
-        last = first + (gaps[0] if len(gaps) else len(above) - first - 1)
-        return float(self.frequency_hz[min(last, len(above) - 1)])
+        return float(frequency_hz[gaps[0] if len(gaps) else -1])
 
 
 def survey_channel(
@@ -193,7 +202,7 @@ def survey_channel(
     spectra = np.fft.fft((channel - still) * window[:, None], axis=0)
     power = (spectra.real**2 + spectra.imag**2) / np.sum(window**2)
     floor = np.median(power, axis=0) / np.log(2)
-    if not np.all(floor > 0):
+    if not np.all(floor > _ROUNDING * np.mean(np.abs(still) ** 2)) or not np.all(floor > 0):
         return None
     # Where lines fill many bins they raise the median: the floor is that of the others.
     mean = np.mean(power / floor, axis=1)
@@ -212,9 +221,7 @@ def survey_channel(
     least = (_SIGNIFICANT - 1 + _OWN_MARGIN * own) * _enbw() / count
     sources = identify(lines, float(frequency_hz[1]), least, waveform, mains_hz)
     static_power = float(np.mean((still.real**2 + still.imag**2) / floor))
-    return Survey(
-        frequency_hz, spectrum, own, excess, sources, line_power, period_s, static_power
-    )
+    return Survey(frequency_hz, spectrum, own, excess, sources, line_power, period_s, static_power)
 
 
 def survey_samples(
@@ -279,8 +286,11 @@ def _take_lines(frequency_hz: Array, spectrum: Array, excess: Array, count: int)
 
 def _vertex(spectrum: Array, best: int) -> tuple[float, float]:
     """Position of a maximum between bins and its height: the main lobe is a parabola in dB."""
-    left, top, right = np.log(spectrum[best - 1 : best + 2])
-    offset = float(np.clip(0.5 * (left - right) / (left - 2 * top + right), -0.5, 0.5))
+    left, top, right = np.log(np.maximum(spectrum[best - 1 : best + 2], 1e-30))
+    curvature = left - 2 * top + right
+    if curvature >= 0:
+        return 0.0, float(np.exp(top))
+    offset = float(np.clip(0.5 * (left - right) / curvature, -0.5, 0.5))
     return offset, float(np.exp(top - 0.25 * (left - right) * offset))
 
 

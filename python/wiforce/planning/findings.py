@@ -270,7 +270,9 @@ class _Report:
             return "a tag that the scene does not list"
         if source.kind == "ripple":
             return "a supply modulates the gain of transmitter or receiver"
-        return "probably hum of a power supply" if self._is_hum(source.fundamental_hz) else _SPURIOUS
+        return (
+            "probably hum of a power supply" if self._is_hum(source.fundamental_hz) else _SPURIOUS
+        )
 
     def _is_solved(self, source: Source) -> bool:
         return source.kind == "tag" and any(
