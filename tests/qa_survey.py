@@ -8,9 +8,9 @@ import pytest
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.survey import survey_channel, survey_samples
 from gnuradio.wiforce.estimation.tracked_tag import TagClock
-from gnuradio.wiforce.planning.findings import added_noise, findings, level_reference
+from gnuradio.wiforce.planning.findings import findings, level_reference
 from gnuradio.wiforce.planning.plan import plan
-from gnuradio.wiforce.planning.room import adapted, room_noise_of_tones
+from gnuradio.wiforce.planning.room import adapted, added_noise, room_noise_of_tones
 from gnuradio.wiforce.signal.room_noise import room_noise
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from gnuradio.wiforce.signal.weights import design_weights

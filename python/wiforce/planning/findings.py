@@ -11,12 +11,11 @@ import numpy as np
 from ..estimation.sources import SLOWEST_TAG_HZ, RoomLine, Source
 from ..estimation.survey import Survey
 from ..signal.lines import aliased_hz
-from ..signal.weights import ToneTable
 from .mains import STRONG_LINES
 from .other_clock import other_clock_hz
 from .plan import Plan
 from .ripple import ripple_of
-from .room import NEGLIGIBLE
+from .room import NEGLIGIBLE, added_noise
 
 # A line coincides with one of a tag when it lies within this part of a bin of it: two sinusoids
 # this close overlap by sinc(0.5) = 0.64.
@@ -367,35 +366,3 @@ class _Report:
                     name = _names(self._plan)[tag]
                     return f"noise of the clock of '{name}', or a path of its tag that moves"
         return "fast motion, or another transmitter"
-
-
-def added_noise(table: ToneTable, lines: Sequence[RoomLine]) -> np.ndarray:
-    """Noise that lines add to each tone, relative to its white noise.
-
-    Parameters
-    ----------
-    table : ToneTable
-    lines : sequence of RoomLine
-
-    Returns
-    -------
-    ndarray of float, shape (M,)
-        sum_l p_l (|w(f_l)|^2 + |w(-f_l)|^2) / |w|^2, w(f) being the weights' response at f.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.weights import design_weights
-    >>> table = design_weights([1000.0], 625, 57.6e-6)
-    >>> bool(added_noise(table, [RoomLine(1010.0, 1.0)]).max() > 100)
-    True
-    >>> bool(added_noise(table, [RoomLine(1500.0, 0.001)]).max() < 0.05)
-    True
-    """
-    hertz = np.array([line.frequency_hz for line in lines])
-    power = np.array([line.power for line in lines])
-    turns = 2j * np.pi * np.outer(table.times_s, hertz)
-    response = np.zeros(len(table.tones))
-    for sign in (1, -1):
-        seen = np.abs(table.weights @ np.exp(turns * sign)) ** 2
-        response += seen @ power
-    return np.asarray(response / np.sum(np.abs(table.weights) ** 2, axis=1))

@@ -42,6 +42,7 @@ def ripple_of(survey: Survey, clocks: Sequence[TagClock], waveform: Waveform) ->
 
     Examples
     --------
+    >>> import numpy as np
     >>> from gnuradio.wiforce.estimation.survey import survey_channel
     >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
     >>> rng, waveform = np.random.default_rng(1), sounding_waveform()

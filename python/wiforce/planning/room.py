@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ..errors import InputError
-from ..estimation.sources import Source
+from ..estimation.sources import RoomLine, Source
 from ..estimation.survey import Survey
 from ..estimation.tracked_tag import TagClock
 from ..signal.lines import CLUTTER_MARGIN
@@ -127,3 +128,35 @@ def _with_band(plan: Plan, survey: Survey) -> Plan:
             continue
         return wider
     return plan
+
+
+def added_noise(table: ToneTable, lines: Sequence[RoomLine]) -> np.ndarray:
+    """Noise that lines add to each tone, relative to its white noise.
+
+    Parameters
+    ----------
+    table : ToneTable
+    lines : sequence of RoomLine
+
+    Returns
+    -------
+    ndarray of float, shape (M,)
+        sum_l p_l (|w(f_l)|^2 + |w(-f_l)|^2) / |w|^2, w(f) being the weights' response at f.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.signal.weights import design_weights
+    >>> table = design_weights([1000.0], 625, 57.6e-6)
+    >>> bool(added_noise(table, [RoomLine(1010.0, 1.0)]).max() > 100)
+    True
+    >>> bool(added_noise(table, [RoomLine(1500.0, 0.001)]).max() < 0.05)
+    True
+    """
+    hertz = np.array([line.frequency_hz for line in lines])
+    power = np.array([line.power for line in lines])
+    turns = 2j * np.pi * np.outer(table.times_s, hertz)
+    response = np.zeros(len(table.tones))
+    for sign in (1, -1):
+        seen = np.abs(table.weights @ np.exp(turns * sign)) ** 2
+        response += seen @ power
+    return np.asarray(response / np.sum(np.abs(table.weights) ** 2, axis=1))
