@@ -164,6 +164,15 @@ def test_unlisted_tag_is_identified_and_solved_for(own_plan, clock_hz):
     assert finding.level_db == pytest.approx(expected, abs=0.5)
 
 
+def test_tag_whose_even_lines_hide_under_ours_is_found(own_plan):
+    """Half of our clock: the odd lines alone show the tag, and its even ones disturb ours."""
+    survey = surveyed(room(3 * square(OWN_HZ / 2 - 0.02, 3)), own_plan)
+    (tag,) = [source for source in survey.sources if source.kind == "tag"]
+    assert tag.fundamental_hz == pytest.approx(OWN_HZ / 2 - 0.02, abs=0.1)
+    (finding,) = findings(survey, own_plan, adapted(own_plan, survey))
+    assert "coincides with lines 1, 2 and 4 of 'arm'" in finding.handling
+
+
 def test_fan_is_no_tag(own_plan):
     """Weights against harmonics of a fan's blades, where there are none, would cost accuracy."""
     blades = sum(

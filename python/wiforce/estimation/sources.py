@@ -27,6 +27,8 @@ _LEAST_LAMPS = 4
 # Own lines hide others where they raise the least visible power by this factor.
 _STRONG = 30.0
 _LEAST_LINES = 3
+# So many odd harmonics show a clock whose first line is hidden.
+_LEAST_ODD = 2
 # Whatever repeats more slowly is Doppler, such as that of a fan's blades, and no tag's clock.
 SLOWEST_TAG_HZ = 250.0
 _FIRST_LINES = 12
@@ -250,7 +252,10 @@ def _tag(lines: Sequence[RoomLine], spectrum: _Spectrum) -> Source | None:
             if divisor == 2 and not spectrum.is_hidden(candidate_hz):
                 continue
             found = harmonics_of(candidate_hz)
-            enough = len(found) >= _LEAST_LINES and divisor in found and 2 in found
+            second = 2 in found or spectrum.is_hidden(position(2, candidate_hz))
+            enough = len(found) >= _LEAST_LINES and divisor in found and second
+            if divisor == 2:  # otherwise the line that is there is the first
+                enough = enough and sum(m % 2 for m in found) >= _LEAST_ODD
             # A tag's second line has harmonics too, but without the first.
             if enough and _total_power(found) > _total_power(best):
                 best, clock_hz = found, candidate_hz

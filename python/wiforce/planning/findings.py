@@ -28,11 +28,13 @@ _MOST_REGIONS = 4
 _MOST_LINES = 12
 # Noise within this distance of a tag's line is attributed to the tag's clock, in Hz.
 _CLOCK_NOISE_HZ = 100.0
-# Lines of lamps up to this order are recognised where the drift of the mains has widened them, in
-# Hz.
-_LAMP_ORDERS, _LAMP_WIDTH_HZ = 200, 20.0
+# Lines of lamps and tags up to these orders are recognised where the drift of mains or clock has
+# widened them, in Hz.
+_LAMP_ORDERS, _TAG_ORDERS, _LAMP_WIDTH_HZ = 200, 64, 20.0
 # So many slow lines are the blades of something that turns.
 _BLADES = 3
+# Hum is at the frequency of the mains within the survey's accuracy and their drift.
+_HUM_HZ = 0.6
 _SPURIOUS = "an unknown source: a power supply, another reader or a spurious oscillation"
 
 
@@ -191,8 +193,7 @@ class _Report:
 
     def _is_hum(self, hertz: float) -> bool:
         """Whether a line is at the frequency of the mains, or at twice that."""
-        reach_hz = self._survey.resolution_hz / 4
-        return any(abs(hertz - k * mains) < reach_hz for mains in self._mains_hz for k in (1, 2))
+        return any(abs(hertz - k * mains) < _HUM_HZ for mains in self._mains_hz for k in (1, 2))
 
     def clutter(self) -> Iterator[Finding]:
         """Everything that moves slowly, where it does."""
@@ -365,4 +366,8 @@ class _Report:
                 if abs(hertz - self._seen_hz(m * clock.clock_hz)) < _CLOCK_NOISE_HZ:
                     name = _names(self._plan)[tag]
                     return f"noise of the clock of '{name}', or a path of its tag that moves"
+        for source in self._survey.sources:
+            seen = (self._seen_hz(m * source.fundamental_hz) for m in range(1, _TAG_ORDERS))
+            if source.kind == "tag" and any(abs(hertz - f) < _LAMP_WIDTH_HZ for f in seen):
+                return "noise of the clock of the tag that the scene does not list"
         return "fast motion, or another transmitter"
