@@ -8,7 +8,8 @@ import pytest
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.channel import AirChannel
 from live_runs import FRAMES, GAINS, command
-from wiforce_app.check import Findings, Sensor, advice_on
+from wiforce_app.check import Findings, advice_on
+from wiforce_app.room_report import Sensor
 
 
 def test_check_measures_levels_delay_and_clock(slow_scene, slow_device):
