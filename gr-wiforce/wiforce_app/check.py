@@ -169,9 +169,11 @@ def _advice_on_sensor(findings, sensor):
             f"{sensor.name}: its clock offset is {tag.clock_offset_ppm:+.0f} ppm: raise "
             "clock_tolerance_ppm in the scene"
         )
-    if tag.phase_error_deg and max(tag.phase_error_deg) > 1.5:
+    errors = tag.phase_error_deg
+    if None in errors or max(errors, default=0) > 1.5:
+        error = "unknown" if None in errors else f"{max(errors):.1f} deg"
         yield (
-            f"{sensor.name}: the expected phase error is {max(tag.phase_error_deg):.1f} deg: raise "
+            f"{sensor.name}: the expected phase error is {error}: raise "
             "--tx-gain, move the antennas closer, or use longer phase groups"
         )
 

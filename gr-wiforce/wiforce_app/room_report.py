@@ -10,7 +10,7 @@ _COLUMNS = f"{'found':<34}{'level':>10}  "
 
 @dataclass
 class Sensor:
-    """Measurements of one tag; None where it was not detected."""
+    """Measurements of one tag; None where it was not detected, or an end is lost in noise."""
 
     name: str
     clock_offset_ppm: float | None = None
@@ -39,20 +39,27 @@ def measure_tag(name, index, groups):
     return Sensor(
         name,
         float(np.median(locked.clock_offset_ppm[:, index])),
-        np.median(locked.snr_db[:, ends], axis=0).round(2).tolist(),
-        np.median(locked.phase_std_deg[:, ends], axis=0).round(3).tolist(),
+        _finite(np.median(locked.snr_db[:, ends], axis=0).round(2)),
+        _finite(np.median(locked.phase_std_deg[:, ends], axis=0).round(3)),
     )
+
+
+def _finite(values):
+    """Values for JSON, which has neither nan nor infinity."""
+    return [float(value) if np.isfinite(value) else None for value in values]
+
+
+def _texts(values, digits):
+    return " and ".join("unknown" if v is None else f"{v:.{digits}f}" for v in values)
 
 
 def sensor_text(sensor):
     """What was measured of a tag, in a line."""
     if sensor.clock_offset_ppm is None:
         return "not detected"
-    snr = " and ".join(f"{value:.1f}" for value in sensor.snr_db)
-    text = f"clock {sensor.clock_offset_ppm:+.2f} ppm, SNR {snr} dB"
+    text = f"clock {sensor.clock_offset_ppm:+.2f} ppm, SNR {_texts(sensor.snr_db, 1)} dB"
     if sensor.phase_error_deg:
-        errors = " and ".join(f"{value:.2f}" for value in sensor.phase_error_deg)
-        text += f", expected phase error {errors} deg per group"
+        text += f", expected phase error {_texts(sensor.phase_error_deg, 2)} deg per group"
     return text
 
 
