@@ -5,32 +5,27 @@ import json
 from dataclasses import asdict, dataclass, field
 
 import click
-import numpy as np
 from gnuradio.wiforce.estimation.frame import MARGIN, describe_frames
 from gnuradio.wiforce.estimation.levels import measure_levels
+from gnuradio.wiforce.estimation.survey import survey_samples
 from gnuradio.wiforce.io.samples import samples_of
 from gnuradio.wiforce.planning.bands import licence_note, outside_band
+from gnuradio.wiforce.planning.findings import findings as findings_of
+from gnuradio.wiforce.planning.plan import plan
+from gnuradio.wiforce.planning.room import adapted
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.schema import Scene
 
 from .live import leave, open_radio
 from .options import radio_options
+from .room_report import finding_line, finding_rows, measure_tag, sensor_text
 from .stream_events import describe_events
 
-_FRAMES = 2000
+# Levels need few frames; the survey of the room at least 0.1 s of them.
+_FRAMES = 4000
 _SEARCHES = 16
 _AFTER_REFERENCE_S = 0.7
 _LOOK_S = 0.05
-
-
-@dataclass
-class Sensor:
-    """Measurements of one tag; None where it was not detected."""
-
-    name: str
-    clock_offset_ppm: float | None = None
-    snr_db: list = field(default_factory=list)
-    phase_error_deg: list = field(default_factory=list)
 
 
 @dataclass
@@ -45,6 +40,7 @@ class Findings:
     frames_moved: int = 0
     times_ignored: int = 0
     sensors: list = field(default_factory=list)
+    room: list = field(default_factory=list)
     advice: list = field(default_factory=list)
     notes: list = field(default_factory=list)
 
@@ -70,7 +66,11 @@ def check(scene_path, args, as_json, amplitude, **radio):
         _measure(findings, scene, session, samples)
     findings.advice = advice_on(findings, scene)
     findings.notes = [note for note in [licence_note(scene)] if note]
-    click.echo(json.dumps(asdict(findings), indent=2) if as_json else _text(findings))
+    if as_json:
+        report = {**asdict(findings), "room": finding_rows(findings.room)}
+        click.echo(json.dumps(report, indent=2))
+    else:
+        click.echo(_text(findings))
 
 
 def _receive(scene, radio, amplitude, args):
@@ -109,21 +109,16 @@ def _measure(findings, scene, session, samples):
     findings.times_ignored = session.times_ignored
     groups = session.latest
     for index, sensor in enumerate(scene.sensors):
-        findings.sensors.append(_measure_tag(sensor.name, index, groups))
+        findings.sensors.append(measure_tag(sensor.name, index, groups))
+    findings.room = _survey(scene, samples)
 
 
-def _measure_tag(name, index, groups):
-    """Medians over the groups in which the tag's clock was locked."""
-    if not len(groups) or not groups.locked[:, index].any():
-        return Sensor(name)
-    locked = groups[groups.locked[:, index]]
-    ends = slice(2 * index, 2 * index + 2)
-    return Sensor(
-        name,
-        float(np.median(locked.clock_offset_ppm[:, index])),
-        np.median(locked.snr_db[:, ends], axis=0).round(2).tolist(),
-        np.median(locked.phase_std_deg[:, ends], axis=0).round(3).tolist(),
-    )
+def _survey(scene, samples):
+    """What the samples show besides the scene's tags; nothing where they are too short."""
+    settings = plan(scene)
+    mains_hz = scene.environment.possible_mains_hz
+    found = survey_samples(samples, settings.waveform, settings.clocks, mains_hz)
+    return findings_of(found, settings, adapted(settings, found))
 
 
 def advice_on(findings: Findings, scene: Scene) -> list[str]:
@@ -174,9 +169,11 @@ def _advice_on_sensor(findings, sensor):
             f"{sensor.name}: its clock offset is {tag.clock_offset_ppm:+.0f} ppm: raise "
             "clock_tolerance_ppm in the scene"
         )
-    if tag.phase_error_deg and max(tag.phase_error_deg) > 1.5:
+    errors = tag.phase_error_deg
+    if None in errors or max(errors, default=0) > 1.5:
+        error = "unknown" if None in errors else f"{max(errors):.1f} deg"
         yield (
-            f"{sensor.name}: the expected phase error is {max(tag.phase_error_deg):.1f} deg: raise "
+            f"{sensor.name}: the expected phase error is {error}: raise "
             "--tx-gain, move the antennas closer, or use longer phase groups"
         )
 
@@ -193,21 +190,11 @@ def _text(findings):
             f"DC offset  {levels['dc_dbfs']:.1f} dBFS",
             f"delay      {findings.delay_us:.2f} us from transmit to receive",
         ]
-    lines += [f"{sensor.name:10s} {_sensor_text(sensor)}" for sensor in findings.sensors]
+    lines += [f"{sensor.name:10s} {sensor_text(sensor)}" for sensor in findings.sensors]
+    lines += [f"room       {finding_line(finding)}" for finding in findings.room]
     lines += [f"advice     {text}" for text in findings.advice or ["none, ready to measure"]]
     lines += [f"note       {text}" for text in findings.notes]
     return "\n".join(lines)
-
-
-def _sensor_text(sensor):
-    if sensor.clock_offset_ppm is None:
-        return "not detected"
-    snr = " and ".join(f"{value:.1f}" for value in sensor.snr_db)
-    text = f"clock {sensor.clock_offset_ppm:+.2f} ppm, SNR {snr} dB"
-    if sensor.phase_error_deg:
-        errors = " and ".join(f"{value:.2f}" for value in sensor.phase_error_deg)
-        text += f", expected phase error {errors} deg per group"
-    return text
 
 
 def _or_unknown(value):

@@ -13,13 +13,21 @@ from gnuradio.wiforce.planning.plan import plan as plan_of
 from gnuradio.wiforce.planning.steps import steps as steps_of
 from gnuradio.wiforce.scene import load_scene
 
+from .room_report import changes_of, finding_rows, findings_text, skipped_of
+
 
 @click.command()
 @click.argument("scene", metavar="SCENE.yaml")
+@click.option(
+    "--capture",
+    "capture_path",
+    type=click.Path(),
+    help="Survey the room of a capture, and show what the plan adds or skips because of it.",
+)
 @click.option("--improve", is_flag=True, help="Propose better settings and state their effect.")
 @click.option("--measure", is_flag=True, help="Measure the time of each step on this machine.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
-def plan(scene, improve, measure, as_json):
+def plan(scene, capture_path, improve, measure, as_json):
     """Show which steps a SCENE needs, what each costs, and which errors to expect.
 
     Noise, clutter and presses are taken from the section simulation of the scene.
@@ -33,6 +41,8 @@ def plan(scene, improve, measure, as_json):
         "warnings": list(warnings_of(settings)),
         "notes": [note for note in [licence_note(scene)] if note],
     }
+    if capture_path is not None:
+        report["room"] = _room(capture_path, scene, settings)
     if measure:
         from .measure import measure_steps
 
@@ -42,9 +52,31 @@ def plan(scene, improve, measure, as_json):
     if improve:
         report["proposals"] = [dataclasses.asdict(p) for p in proposals_for(settings)]
     if as_json:
+        report.get("room", {}).pop("text", None)
         click.echo(json.dumps(report, indent=2))
     else:
         _print(report, scene)
+
+
+def _room(capture, scene, settings):
+    """What a capture's room holds, and what it changes in the plan."""
+    from gnuradio.wiforce.io.capture import open_capture
+    from gnuradio.wiforce.planning.findings import findings
+    from gnuradio.wiforce.recording import RecordingReader
+
+    from .survey import surveyed
+
+    recording = open_capture(capture)
+    reader = RecordingReader(recording, settings)
+    listed = findings(surveyed(recording, scene, reader), settings, reader.plan)
+    return {
+        "findings": finding_rows(listed),
+        "text": findings_text(listed),
+        "changes": changes_of(settings, reader.plan),
+        "skipped": skipped_of(reader.plan),
+        "settings": _settings(reader.plan),
+        "steps": [dataclasses.asdict(step) for step in steps_of(reader.plan)],
+    }
 
 
 def _settings(settings):
@@ -71,6 +103,8 @@ def _print(report, scene):
         f"tag in {chosen['tones']} tones, estimator {chosen['estimator']}"
     )
     _print_steps(report["steps"])
+    if "room" in report:
+        _print_room(report["room"], report["steps"])
     click.echo(f"\nexpected median errors at snr_db {scene.simulation.snr_db:g}")
     for sensor in report["expected"]:
         error, std = sensor["phase_error_deg"], sensor["phase_std_deg"]
@@ -94,6 +128,21 @@ def _print(report, scene):
         )
     if "proposals" in report and not report["proposals"]:
         click.echo("no better settings found")
+
+
+def _print_room(room, steps):
+    click.echo("\nroom of the capture")
+    for line in room["text"]:
+        click.echo(line)
+    for change in room["changes"]:
+        click.echo(f"needed: {change}")
+    for skipped in room["skipped"]:
+        click.echo(f"skipped: {skipped}")
+    before, after = (
+        sum(step["operations"] for step in each if step["needed"]) / 1e6
+        for each in (steps, room["steps"])
+    )
+    click.echo(f"cost: {before:.3g} Mflop per second of signal before, {after:.3g} in this room")
 
 
 def _print_steps(steps):

@@ -4,12 +4,14 @@
 import click
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.writers import open_writer
+from gnuradio.wiforce.planning.findings import findings
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.recording import RecordingReader
 from gnuradio.wiforce.scene import scene_of
 
 from .options import readings_output, tracked_presses
 from .progress import progress
+from .room_report import finding_line
 from .stream_events import describe_events
 
 
@@ -57,6 +59,9 @@ def read(capture, scene_path, output, plot_path, datatype, frame_offset, tracked
     else:
         reader = RecordingReader(recording, settings, frame_offset, tracked)
         warn_of_leftover(recording, reader)
+        for finding in findings(reader.survey, settings, reader.plan):
+            if finding.matters:
+                click.echo(f"gr-wiforce: room: {finding_line(finding)}", err=True)
     for difference in differences:
         warn(recording.path, difference)
     if frame_offset is None and reader.frame_offset:

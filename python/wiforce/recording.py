@@ -126,6 +126,8 @@ class RecordingReader:
     ----------
     frame_offset : int
         Samples before the first frame.
+    plan : Plan
+        Adapted to the room; the given one where the room does not need it.
     receiver : Receiver
         Reads the groups.
     survey : Survey or None
@@ -184,6 +186,7 @@ class RecordingReader:
             samples = samples[frame_offset : recording.segments[0].length]
             found = measure_compression(samples, plan.waveform)
             plan = self._plan = replace(plan, compression=found)
+        self.plan = plan
         self.receiver = Receiver(plan, tracked, on_groups=on_groups)
         self.source: _Tones | _AntennaRatio
         if scene.environment.receive_antennas == 2:
@@ -266,7 +269,8 @@ def survey_recording(recording: Capture, plan: Plan, frame_offset: int) -> Surve
     snapshots, folded = found["snapshot"][whole], found["folded"][whole]
     folded = max(np.split(folded, np.flatnonzero(np.diff(snapshots) > 1) + 1), key=len)
     channel = np.fft.fft(folded, axis=1)[:, waveform.bins] * waveform.equalizer()[waveform.bins]
-    return survey_channel(channel, waveform, plan.clocks)
+    mains_hz = plan.require_scene().environment.possible_mains_hz
+    return survey_channel(channel, waveform, plan.clocks, mains_hz)
 
 
 def _frame_settings(recording: Capture, plan: Plan, frame_offset: int) -> dict[str, Any]:

@@ -8,7 +8,8 @@ import pytest
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.channel import AirChannel
 from live_runs import FRAMES, GAINS, command
-from wiforce_app.check import Findings, Sensor, advice_on
+from wiforce_app.check import Findings, advice_on
+from wiforce_app.room_report import Sensor
 
 
 def test_check_measures_levels_delay_and_clock(slow_scene, slow_device):
@@ -28,6 +29,7 @@ def test_check_measures_levels_delay_and_clock(slow_scene, slow_device):
     assert arm["snr_db"] == pytest.approx([10, 10], abs=1)
     assert max(arm["phase_error_deg"]) < 0.3
     assert found["advice"] == []
+    assert found["room"] == []  # a quiet one
     # Far too little, and a tag that is off.
     slow_device.command("fault +0 off arm")
     status, out, _ = command(*check, "--tx-gain", 0, "--rx-gain", 0)

@@ -17,6 +17,9 @@ from .groups import Array
 # survey, and the drift of the mains or of a tag's clock during it.
 _APART_HZ = 1.5
 _APART_SHARE = 5e-4
+# Frequencies of a tag's harmonics follow from that of a line, which is known to a twentieth of a
+# step of the spectrum; oscillators without a crystal wander by 20 ppm per root of a second.
+_TAG_STEPS, _TAG_SHARE = 0.1, 1e-4
 # Lamps are recognised by this share of their first harmonics, a tag by this many of its own.
 _FIRST_LAMPS = 14
 _LAMPS_SHARE = 0.6
@@ -24,8 +27,13 @@ _LEAST_LAMPS = 4
 # Own lines hide others where they raise the least visible power by this factor.
 _STRONG = 30.0
 _LEAST_LINES = 3
+# So many odd harmonics show a clock whose first line is hidden.
+_LEAST_ODD = 2
+# Whatever repeats more slowly is Doppler, such as that of a fan's blades, and no tag's clock.
+SLOWEST_TAG_HZ = 250.0
 _FIRST_LINES = 12
-_LAMPS_HZ = (100.0, 120.0)
+# Mains frequencies that are possible where nothing is known.
+MAINS_HZ = (50.0, 60.0)
 # Lines beyond this harmonic are below the noise, and those of a tag that are weaker than this part
 # of its first one do not matter.
 _MOST_HARMONICS = 1000
@@ -108,7 +116,11 @@ class _Spectrum:
 
 
 def identify(
-    lines: Sequence[RoomLine], step_hz: float, least_power: Array, waveform: Waveform
+    lines: Sequence[RoomLine],
+    step_hz: float,
+    least_power: Array,
+    waveform: Waveform,
+    mains_hz: Sequence[float] = MAINS_HZ,
 ) -> list[Source]:
     """Attribute lines to their sources.
 
@@ -121,6 +133,8 @@ def identify(
         Power from which on a line stands out, at frequencies from 0 in steps: that of noise or,
         where they are stronger, of the lines of the scene's own tags.
     waveform : Waveform
+    mains_hz : sequence of float
+        Mains frequencies that are possible, in Hz; empty where there are no lamps.
 
     Returns
     -------
@@ -139,8 +153,8 @@ def identify(
     spectrum = _Spectrum(step_hz, least_power, waveform)
     rest = sorted(lines, key=lambda line: -line.power)
     sources = []
-    for fundamental_hz in _LAMPS_HZ:
-        lamps = _lamps(rest, fundamental_hz, spectrum)
+    for mains in mains_hz:
+        lamps = _lamps(rest, 2 * mains, spectrum)
         if lamps is not None:
             sources.append(lamps)
             rest = [line for line in rest if line not in lamps.lines]
@@ -162,12 +176,24 @@ def _lamps(lines: Sequence[RoomLine], fundamental_hz: float, spectrum: _Spectrum
     """Lamps at twice a mains frequency, where most of the first harmonics are there."""
     found: dict[int, RoomLine] = {}
     rate_hz = 1 / spectrum.waveform.snapshot_period_s
+    present_hz = _present_hz(lines, fundamental_hz)
+
+    def order_of(original: float) -> int:
+        order = round(original / present_hz)
+        return order if abs(original - order * present_hz) <= _reach_hz(original) else 0
+
     for line in lines:
-        hertz = line.frequency_hz
-        # The line itself, and what it may be an alias of.
-        for original in (hertz, rate_hz - hertz, rate_hz + hertz):
-            order = round(original / fundamental_hz)
-            if order and abs(original - order * fundamental_hz) <= 2 * _reach_hz(original):
+        if order := order_of(line.frequency_hz):
+            found.setdefault(order, line)
+    direct = set(found.values())
+    # Aliases are of higher orders than all of these, and weaker.
+    highest = spectrum.highest_hz / 2
+    limit = max((line.power for line in direct if line.frequency_hz > highest), default=0.0)
+    for line in lines:
+        if line in direct or line.power > limit:
+            continue
+        for original in (rate_hz - line.frequency_hz, rate_hz + line.frequency_hz):
+            if order := order_of(original):
                 found.setdefault(order, line)
                 break
     first = [
@@ -183,6 +209,20 @@ def _lamps(lines: Sequence[RoomLine], fundamental_hz: float, spectrum: _Spectrum
     return Source("lamps", fundamental_hz, tuple(found.values()), tuple(hidden))
 
 
+def _present_hz(lines: Sequence[RoomLine], fundamental_hz: float) -> float:
+    """Twice the present frequency of the mains, from the first harmonics."""
+    orders, hertz = [], []
+    for line in lines:
+        order = round(line.frequency_hz / fundamental_hz)
+        reach_hz = 2 * _reach_hz(line.frequency_hz)
+        if 0 < order < _FIRST_LAMPS and abs(line.frequency_hz - order * fundamental_hz) < reach_hz:
+            orders.append(order)
+            hertz.append(line.frequency_hz)
+    if not orders:
+        return fundamental_hz
+    return float(np.dot(orders, hertz) / np.dot(orders, orders))
+
+
 def _tag(lines: Sequence[RoomLine], spectrum: _Spectrum) -> Source | None:
     """The tag that explains most of the lines by its first harmonics."""
     rate_hz = 1 / spectrum.waveform.snapshot_period_s
@@ -195,21 +235,31 @@ def _tag(lines: Sequence[RoomLine], spectrum: _Spectrum) -> Source | None:
         for m in range(1, _FIRST_LINES + 1):
             apart = [abs(line.frequency_hz - position(m, clock_hz)) for line in lines]
             nearest = int(np.argmin(apart))
-            if apart[nearest] <= _reach_hz(m * clock_hz):
+            if apart[nearest] <= tag_reach_hz(m, clock_hz):
                 found[m] = lines[nearest]
         return found
+
+    def tag_reach_hz(m: int, clock_hz: float) -> float:
+        return _APART_HZ + m * (_TAG_STEPS * spectrum.step_hz + _TAG_SHARE * clock_hz)
 
     best: dict[int, RoomLine] = {}
     clock_hz = 0.0
     for line in lines[:6]:
         for divisor in (1, 2):
             candidate_hz = line.frequency_hz / divisor
+            if candidate_hz < SLOWEST_TAG_HZ:
+                continue
             if divisor == 2 and not spectrum.is_hidden(candidate_hz):
                 continue
             found = harmonics_of(candidate_hz)
-            if len(found) > len(best) and divisor in found and 2 in found:
+            second = 2 in found or spectrum.is_hidden(position(2, candidate_hz))
+            enough = len(found) >= _LEAST_LINES and divisor in found and second
+            if divisor == 2:  # otherwise the line that is there is the first
+                enough = enough and sum(m % 2 for m in found) >= _LEAST_ODD
+            # A tag's second line has harmonics too, but without the first.
+            if enough and _total_power(found) > _total_power(best):
                 best, clock_hz = found, candidate_hz
-    if len(best) < _LEAST_LINES:
+    if not best:
         return None
     clock_hz = clock_of({m: line for m, line in best.items() if m * clock_hz < rate_hz / 2})
     lowest = min(best)
@@ -228,6 +278,10 @@ def _tag(lines: Sequence[RoomLine], spectrum: _Spectrum) -> Source | None:
     return Source(
         "tag", clock_hz, tuple(line for line in lines if line in explained), tuple(hidden)
     )
+
+
+def _total_power(found: dict[int, RoomLine]) -> float:
+    return sum(line.power for line in set(found.values()))
 
 
 def clock_of(found: dict[int, RoomLine]) -> float:

@@ -16,9 +16,9 @@ import numpy as np
 from ..signal.lines import aliased_hz
 from ..signal.room_noise import RoomNoise, room_noise
 from ..signal.switching import line_envelope
-from ..signal.waveform import Waveform
+from ..signal.waveform import FFT_LENGTH, Waveform
 from .groups import Array
-from .sources import RoomLine, Source, identify
+from .sources import MAINS_HZ, RoomLine, Source, identify
 from .tracked_tag import TagClock
 
 # Length of the survey: 0.5 s resolve 8 Hz, longer ones smear what wanders.
@@ -26,6 +26,9 @@ LONGEST_S = 0.6
 SHORTEST_S = 0.1
 # Half width of the main lobe of the Blackman-Harris window, in bins; its side lobes are at -92 dB.
 _LOBE_BINS = 4.5
+# A floor below this part of the static power is that of rounding and not noise: 16-bit samples
+# round at 1e-10 of full scale, single precision at 1e-15.
+_ROUNDING = 1e-20
 # Power over the floor that noise does not reach: the mean over 62 subcarriers and both signs has a
 # standard deviation of 9 %.
 _SIGNIFICANT = 1.6
@@ -67,6 +70,8 @@ class Survey:
         Power of line 1 of each tag in the same units; 0 where none stands out.
     snapshot_period_s : float
         T, in s.
+    static_power : float
+        Power of the static channel, per subcarrier and snapshot, in the same units.
 
     Examples
     --------
@@ -89,6 +94,7 @@ class Survey:
     sources: list[Source]
     line_power: Array
     snapshot_period_s: float
+    static_power: float = 0.0
 
     @property
     def resolution_hz(self) -> float:
@@ -135,18 +141,29 @@ class Survey:
     def moving_hz(self) -> float:
         """Highest frequency up to which the spectrum stays above noise from zero on, in Hz."""
         above = self.spectrum - 1 > _SIGNIFICANT - 1 + _OWN_MARGIN * self.own
+        known = np.arange(len(above)) >= int(2 * _LOBE_BINS)  # behind the rest of the static part
+        for source in self.sources:
+            if source.kind == "line":
+                continue  # perhaps of something that moves
+            for line in source.lines:
+                middle = round(line.frequency_hz / self.frequency_hz[1])
+                known[max(0, middle - int(_LOBE_BINS)) : middle + int(_LOBE_BINS) + 1] = False
+        above, frequency_hz = above[known], self.frequency_hz[known]
         # A gap as wide as a line ends the band.
         width = max(1, int(2 * _LOBE_BINS))
-        first = int(2 * _LOBE_BINS)  # what is left of the static part
-        if not above[first : first + width].any():
+        if not above[:width].any():
             return 0.0
-        run = np.convolve(above[first:], np.ones(width), "full")[: len(above) - first]
+        run = np.convolve(above, np.ones(width), "full")[: len(above)]
         gaps = np.flatnonzero(run[width - 1 :] == 0)
-        last = first + (gaps[0] if len(gaps) else len(above) - first - 1)
-        return float(self.frequency_hz[min(last, len(above) - 1)])
+        return float(frequency_hz[gaps[0] if len(gaps) else -1])
 
 
-def survey_channel(channel: Array, waveform: Waveform, clocks: Sequence[TagClock]) -> Survey | None:
+def survey_channel(
+    channel: Array,
+    waveform: Waveform,
+    clocks: Sequence[TagClock],
+    mains_hz: Sequence[float] = MAINS_HZ,
+) -> Survey | None:
     """Survey the room from consecutive snapshots in which nothing is touched.
 
     Parameters
@@ -156,17 +173,19 @@ def survey_channel(channel: Array, waveform: Waveform, clocks: Sequence[TagClock
     waveform : Waveform
     clocks : sequence of TagClock, length S
         Of the scene's tags.
+    mains_hz : sequence of float
+        Mains frequencies that are possible, in Hz; empty where there are no lamps.
 
     Returns
     -------
     Survey or None
-        None for fewer snapshots than 0.1 s, or a channel without noise.
+        None for fewer snapshots than 0.1 s, values that are not finite, or a channel without noise.
 
     Notes
     -----
     Periodogram with a Blackman-Harris window (F. Harris, "On the use of windows for harmonic
     analysis", Proc. IEEE 66, 1978). Each subcarrier is divided by its own floor, the median over
-    frequency.
+    the frequencies without lines.
 
     Examples
     --------
@@ -176,15 +195,19 @@ def survey_channel(channel: Array, waveform: Waveform, clocks: Sequence[TagClock
     """
     period_s = waveform.snapshot_period_s
     count = len(channel)
-    if count * period_s < SHORTEST_S:
+    if count * period_s < SHORTEST_S or not np.all(np.isfinite(channel)):
         return None
     window = _blackman_harris(count)
     still = window @ channel / window.sum()
     spectra = np.fft.fft((channel - still) * window[:, None], axis=0)
     power = (spectra.real**2 + spectra.imag**2) / np.sum(window**2)
     floor = np.median(power, axis=0) / np.log(2)
-    if not np.all(floor > 0):
+    if not np.all(floor > _ROUNDING * np.mean(np.abs(still) ** 2)) or not np.all(floor > 0):
         return None
+    # Where lines fill many bins they raise the median: the floor is that of the others.
+    mean = np.mean(power / floor, axis=1)
+    quiet = mean < _SIGNIFICANT * np.median(mean)
+    floor = np.median(power[quiet], axis=0) / np.log(2)
     mean = np.mean(power / floor, axis=1)
     half = (count - 1) // 2
     spectrum = mean[: half + 1].copy()
@@ -196,8 +219,49 @@ def survey_channel(channel: Array, waveform: Waveform, clocks: Sequence[TagClock
     excess[: int(2 * _LOBE_BINS)] = 0
     lines = _take_lines(frequency_hz, spectrum, excess, count)
     least = (_SIGNIFICANT - 1 + _OWN_MARGIN * own) * _enbw() / count
-    sources = identify(lines, float(frequency_hz[1]), least, waveform)
-    return Survey(frequency_hz, spectrum, own, excess, sources, line_power, period_s)
+    sources = identify(lines, float(frequency_hz[1]), least, waveform, mains_hz)
+    static_power = float(np.mean((still.real**2 + still.imag**2) / floor))
+    return Survey(frequency_hz, spectrum, own, excess, sources, line_power, period_s, static_power)
+
+
+def survey_samples(
+    samples: Array,
+    waveform: Waveform,
+    clocks: Sequence[TagClock],
+    mains_hz: Sequence[float] = MAINS_HZ,
+) -> Survey | None:
+    """Survey the room from samples that begin with a frame.
+
+    Parameters
+    ----------
+    samples : ndarray of complex, shape (n,)
+        Of a receiver, without gaps, while nothing is touched.
+    waveform : Waveform
+        As it was sent.
+    clocks : sequence of TagClock, length S
+        Of the scene's tags.
+    mains_hz : sequence of float
+        Mains frequencies that are possible, in Hz.
+
+    Returns
+    -------
+    Survey or None
+        See :func:`survey_channel`.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
+    >>> waveform = sounding_waveform()
+    >>> survey_samples(np.tile(waveform.frame(), 20), waveform, [TagClock(1000.0)]) is None
+    True
+    """
+    length, first = waveform.frame_length, waveform.first_averaged
+    frames = samples[: len(samples) // length * length].reshape(-1, length)
+    averaged = frames[:, first : first + waveform.repetitions * FFT_LENGTH]
+    folded = averaged.reshape(-1, waveform.repetitions, FFT_LENGTH).mean(axis=1)
+    bins = waveform.bins
+    channel = np.fft.fft(folded, axis=1)[:, bins] * waveform.equalizer()[bins]
+    return survey_channel(channel, waveform, clocks, mains_hz)
 
 
 def _take_lines(frequency_hz: Array, spectrum: Array, excess: Array, count: int) -> list[RoomLine]:
@@ -222,8 +286,11 @@ def _take_lines(frequency_hz: Array, spectrum: Array, excess: Array, count: int)
 
 def _vertex(spectrum: Array, best: int) -> tuple[float, float]:
     """Position of a maximum between bins and its height: the main lobe is a parabola in dB."""
-    left, top, right = np.log(spectrum[best - 1 : best + 2])
-    offset = float(np.clip(0.5 * (left - right) / (left - 2 * top + right), -0.5, 0.5))
+    left, top, right = np.log(np.maximum(spectrum[best - 1 : best + 2], 1e-30))
+    curvature = left - 2 * top + right
+    if curvature >= 0:
+        return 0.0, float(np.exp(top))
+    offset = float(np.clip(0.5 * (left - right) / curvature, -0.5, 0.5))
     return offset, float(np.exp(top - 0.25 * (left - right) * offset))
 
 
@@ -270,10 +337,10 @@ def _line_near(frequency_hz: Array, spectrum: Array, clock: TagClock) -> tuple[f
     near = np.abs(frequency_hz - clock.clock_hz) <= tolerance_hz + step_hz
     rows = np.flatnonzero(near)
     best = int(rows[np.argmax(spectrum[rows])])
-    peak = float(spectrum[best])
-    if peak < 4 * _SIGNIFICANT or not 0 < best < len(spectrum) - 1:
+    if spectrum[best] < 4 * _SIGNIFICANT or not 0 < best < len(spectrum) - 1:
         return clock.clock_hz, tolerance_hz, 0.0
-    found = (best + _vertex(spectrum, best)[0]) * step_hz
+    offset, top = _vertex(spectrum, best)
+    found, peak = (best + offset) * step_hz, top - 1
     error_hz = _VERTEX_BINS * step_hz
     for m in _REFINING:
         expected = m * found / step_hz

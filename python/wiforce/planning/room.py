@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ..errors import InputError
-from ..estimation.sources import Source
+from ..estimation.sources import RoomLine, Source
 from ..estimation.survey import Survey
 from ..estimation.tracked_tag import TagClock
 from ..signal.lines import CLUTTER_MARGIN
@@ -18,7 +19,7 @@ from .plan import Plan
 
 # Noise that the room adds to a tone, relative to white noise, below which the weights stay as they
 # are: it costs 0.2 dB in that tone.
-_NEGLIGIBLE = 0.05
+NEGLIGIBLE = 0.05
 # Tags that are solved for besides the scene's: each costs as much time per group as a sensor.
 _MOST_TAGS = 2
 # A line's frequency is known to this part of its width, and may drift by as much again.
@@ -55,7 +56,7 @@ def adapted(plan: Plan, survey: Survey | None) -> Plan:
     plan = _with_band(plan, survey)
     length, clutter_hz = plan.group_length, plan.clutter_hz
     room = survey.noise(length, clutter_hz)
-    if room_noise_of_tones(plan.table, room).max() < _NEGLIGIBLE:
+    if room_noise_of_tones(plan.table, room).max() < NEGLIGIBLE:
         return plan
     solved = []
     for source in [source for source in survey.sources if source.kind == "tag"][:_MOST_TAGS]:
@@ -67,7 +68,7 @@ def adapted(plan: Plan, survey: Survey | None) -> Plan:
         plan = more
         solved.append(source)
     room = survey.noise(length, clutter_hz, solved)
-    if room_noise_of_tones(plan.table, room).max() < _NEGLIGIBLE:
+    if room_noise_of_tones(plan.table, room).max() < NEGLIGIBLE:
         return plan
     colored = replace(plan, room=room)
     try:
@@ -127,3 +128,35 @@ def _with_band(plan: Plan, survey: Survey) -> Plan:
             continue
         return wider
     return plan
+
+
+def added_noise(table: ToneTable, lines: Sequence[RoomLine]) -> np.ndarray:
+    """Noise that lines add to each tone, relative to its white noise.
+
+    Parameters
+    ----------
+    table : ToneTable
+    lines : sequence of RoomLine
+
+    Returns
+    -------
+    ndarray of float, shape (M,)
+        sum_l p_l (|w(f_l)|^2 + |w(-f_l)|^2) / |w|^2, w(f) being the weights' response at f.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.signal.weights import design_weights
+    >>> table = design_weights([1000.0], 625, 57.6e-6)
+    >>> bool(added_noise(table, [RoomLine(1010.0, 1.0)]).max() > 100)
+    True
+    >>> bool(added_noise(table, [RoomLine(1500.0, 0.001)]).max() < 0.05)
+    True
+    """
+    hertz = np.array([line.frequency_hz for line in lines])
+    power = np.array([line.power for line in lines])
+    turns = 2j * np.pi * np.outer(table.times_s, hertz)
+    response = np.zeros(len(table.tones))
+    for sign in (1, -1):
+        seen = np.abs(table.weights @ np.exp(turns * sign)) ** 2
+        response += seen @ power
+    return np.asarray(response / np.sum(np.abs(table.weights) ** 2, axis=1))

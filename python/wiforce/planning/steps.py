@@ -106,7 +106,8 @@ def _snapshot_steps(plan: Plan) -> Iterator[Step]:
 
 
 def _tones_reason(plan: Plan) -> str:
-    lines = f"lines +-1..+-{plan.harmonics} of {len(plan.clocks)} tag(s)"
+    tags = len(plan.clocks) + len(plan.others)
+    lines = f"lines +-1..+-{plan.harmonics} of {tags} tag(s)"
     reason = f"{len(plan.table.tones)} tones hold {lines}"
     if plan.loss_db:
         reason += f", within {max(plan.loss_db):.2f} dB of all lines"
@@ -124,7 +125,8 @@ def _most_tones(plan: Plan) -> int:
 def _group_steps(plan: Plan) -> Iterator[Step]:
     """Steps that run per phase group: tens of times per second."""
     scene, rate = plan.require_scene(), 1 / plan.group_period_s
-    tones, ends = len(plan.table.tones), 2 * len(plan.clocks)
+    tags = len(plan.clocks) + len(plan.others)
+    tones, ends = len(plan.table.tones), 2 * tags
     subcarriers = len(plan.waveform.bins)
     yield Step(
         "channel", True, "derotation, FFT and division per tone", _estimator_operations(plan)
@@ -132,7 +134,7 @@ def _group_steps(plan: Plan) -> Iterator[Step]:
     yield Step(
         "separation",
         True,
-        f"{len(plan.clocks)} clock(s) tracked; mixing matrix of {tones} x {ends} per group",
+        f"{tags} clock(s) tracked; mixing matrix of {tones} x {ends} per group",
         rate
         * (
             4 * tones * plan.group_length * ends
