@@ -15,17 +15,25 @@ from .group_tones import GroupTones, GroupWeights
 from .groups import Array
 from .likelihood import PhaseLikelihood
 
+# Clocks of a wider tolerance than the first are searched for in the survey of a recording. This is
+# what remains of their tolerance: they wander by some 20 ppm per root of a second. Those of a wider
+# tolerance than the second cannot be read without a survey, since the weights of a run are fixed.
+ACQUIRED_PPM = 300.0
+WIDEST_PPM = 1000.0
+
 
 @dataclass(frozen=True)
 class TagClock:
-    """Nominal clock of one tag.
+    """Clock of one tag, as far as it is known before a run.
 
     Attributes
     ----------
     clock_hz : float
-        fs, in Hz.
+        fs, in Hz: nominal, or as a survey has measured it.
     tolerance_ppm : float
-        Largest offset of the clock.
+        Largest offset of the clock from that.
+    nominal_hz : float or None
+        What offsets are reported against; None for ``clock_hz``.
 
     Examples
     --------
@@ -35,6 +43,22 @@ class TagClock:
 
     clock_hz: float
     tolerance_ppm: float = 100.0
+    nominal_hz: float | None = None
+
+    @property
+    def stated_hz(self) -> float:
+        """Clock that the scene states, in Hz."""
+        return self.clock_hz if self.nominal_hz is None else self.nominal_hz
+
+    @property
+    def wide(self) -> bool:
+        """Whether the clock is searched for in a survey."""
+        return self.tolerance_ppm > ACQUIRED_PPM
+
+    @property
+    def planned_ppm(self) -> float:
+        """Largest offset that weights have to allow for, in ppm."""
+        return self.tolerance_ppm if self.tolerance_ppm <= WIDEST_PPM else ACQUIRED_PPM
 
 
 class TrackedTag:

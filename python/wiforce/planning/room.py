@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import InputError
+from ..estimation.clock_lines import measured
 from ..estimation.sources import Source
 from ..estimation.survey import Survey
 from ..estimation.tracked_tag import TagClock
@@ -28,7 +29,7 @@ _RESERVE = 1.5
 
 
 def adapted(plan: Plan, survey: Survey | None) -> Plan:
-    """Adapt the weights of a plan to a room.
+    """Adapt the clocks and weights of a plan to a room.
 
     Parameters
     ----------
@@ -40,7 +41,13 @@ def adapted(plan: Plan, survey: Survey | None) -> Plan:
     Returns
     -------
     Plan
-        The same plan where the room holds nothing that its weights let through.
+        The same plan where the room holds nothing that its weights let through. Clocks of wide
+        tolerance are replaced by what the survey has measured, and the tones designed for them.
+
+    Raises
+    ------
+    InputError
+        When the lines of two clocks nearly coincide at their measured frequencies.
 
     Examples
     --------
@@ -50,7 +57,12 @@ def adapted(plan: Plan, survey: Survey | None) -> Plan:
     >>> adapted(settings, None) is settings
     True
     """
-    if survey is None or plan.estimator != "harmonic":
+    if survey is None:
+        return plan
+    clocks = tuple(map(measured, plan.clocks, survey.clocks))
+    if clocks != plan.clocks:
+        plan = plan.with_clocks(clocks)
+    if plan.estimator != "harmonic":
         return plan
     plan = _with_band(plan, survey)
     length, clutter_hz = plan.group_length, plan.clutter_hz
