@@ -81,6 +81,10 @@ class TrackedTag:
         Its two ends among those of all tags.
     tracker : ClockTracker or None
         None while the clock is not known.
+    likelihood : PhaseLikelihood
+        Of the clock's phase, with the duty cycles found and without a delay of clock 2.
+    pulses_known : bool
+        Whether the duty cycles have been estimated.
     last_seen_s : float
         Centre of the last group in which the tag was received, in s.
     waiting : list of GroupTones
@@ -101,7 +105,7 @@ class TrackedTag:
         self.rate = 2 * np.pi * clock.clock_hz
         self._half_window = self.rate * averaging_s / 2
         self.likelihood = PhaseLikelihood(table, index, clock.clock_hz * averaging_s)
-        self.overlapping = False
+        self.overlapping = self.pulses_known = False
         self.tracker: ClockTracker | None = None
         self.last_seen_s = -np.inf
         self.waiting: list[GroupTones] = []
@@ -133,6 +137,11 @@ class TrackedTag:
         """Delay of clock 2's pulses, in radians of clock 1."""
         return self.tracker.likelihood.clock2_delay if self.tracker else 0.0
 
+    @property
+    def duty(self) -> tuple[float, float]:
+        """Duty cycles of clocks 1 and 2."""
+        return self.likelihood.duty
+
     def waveforms(self, center_s: float, weights: GroupWeights) -> Array:
         """s_1 and s_2 averaged over every snapshot of a group; shape (n, 2)."""
         return switch_averages(*self._at(center_s, weights))
@@ -141,10 +150,13 @@ class TrackedTag:
         """The same, and their derivatives by the clock's phase; shape (n, 2) each."""
         return switch_averages_and_slopes(*self._at(center_s, weights))
 
-    def _at(self, center_s: float, weights: GroupWeights) -> tuple[Array, float, float]:
-        """Clock phase of every snapshot, half the phase of Ta, and the delay of clock 2."""
+    def _at(
+        self, center_s: float, weights: GroupWeights
+    ) -> tuple[Array, float, float, tuple[float, float]]:
+        """Clock phase of every snapshot, half the phase of Ta, delay of clock 2, duty cycles."""
         if self.tracker is None:
             raise ValueError("the clock of the tag is not known")
         phase, rate = self.tracker.predict(center_s)
         phases = phase + (self.rate + rate) * weights.times_s
-        return phases, self._half_window * (1 + rate / self.rate), self.clock2_delay
+        half_window = self._half_window * (1 + rate / self.rate)
+        return phases, half_window, self.clock2_delay, self.duty
