@@ -17,24 +17,32 @@ from ..signal.switching import DUTY, duty_slopes
 from .acquisition import DELAY_EVIDENCE, OVERLAP
 from .group_tones import GroupTones, power_of
 from .groups import Array
-from .least_squares import ToneModel
+from .least_squares import GroupFit, ToneModel
 from .tracked_tag import TrackedTag
 
 # Gauss-Newton steps: the model is almost linear in these numbers.
 _STEPS = 4
-# Largest duty-cycle error that is believed; more is not a switch that is a little slow.
-_LARGEST_ERROR = 0.02
+# Largest duty-cycle error that is believed: a second tag on almost the same clock can look like
+# more. Smaller ones than the second number do not matter, they change phases by 0.01 deg; a delay
+# by this many rad neither.
+_LARGEST_ERROR = 0.0125
+_NEGLIGIBLE = 1e-4
+_NEGLIGIBLE_RAD = 1e-3
+# Part of the residual along the ends' own channels that may remain. Disturbances by the room leave
+# such a residual too, of which the pulses explain little.
+_MAY_REMAIN = 0.5
 
 
 @dataclass
 class _Sums:
     """Sums over groups, the phase of the clock in each being fitted as well.
 
-    Misfit, its gradient and information by the three numbers, and how much later the clock is in
-    every group, at the present numbers and by their steps.
+    Misfit, and its part along the tag's own channels above noise; gradient and information by the
+    three numbers; how much later the clock is in every group, at the present numbers and by steps.
     """
 
     energy: float
+    coherent: float
     gradient: Array
     information: Array
     shifts: Array
@@ -92,24 +100,29 @@ def fit_pulses(
         return False
     before = tag.likelihood, tracker.likelihood
     values = np.array([*tag.duty, tag.clock2_delay])
-    shifts = np.zeros(len(items))
-    energies: list[float] = []
+    # The phases first: what they leave of the residual would hide how much the pulses explain.
+    shifts = _sums(model, tag, items, inverse_noise, np.zeros(len(items))).shifts
+    sums: list[_Sums] = []
     for _ in range(_STEPS):
-        sums = _sums(model, tag, items, inverse_noise, shifts)
-        step = np.linalg.lstsq(sums.information, sums.gradient, rcond=1e-9)[0]
-        if not energies and sums.gradient @ step / 2 < DELAY_EVIDENCE:
+        now = _sums(model, tag, items, inverse_noise, shifts)
+        step = np.linalg.lstsq(now.information, now.gradient, rcond=1e-9)[0]
+        if not sums and now.gradient @ step / 2 < DELAY_EVIDENCE:
             return False
-        energies.append(sums.energy)
+        sums.append(now)
         values = values + step
-        shifts = shifts + sums.shifts - sums.shifts_by_value @ step
+        shifts = shifts + now.shifts - now.shifts_by_value @ step
         if np.abs(values[:2] - DUTY).max() > _LARGEST_ERROR or abs(values[2]) > OVERLAP:
             break
         duty, delay = (float(values[0]), float(values[1])), float(values[2])
         tag.likelihood = before[0].delayed(0.0, duty)
         tracker.likelihood = before[0].delayed(delay, duty)
     else:
-        energies.append(_sums(model, tag, items, inverse_noise, shifts).energy)
-        if energies[0] - energies[-1] > DELAY_EVIDENCE:
+        sums.append(_sums(model, tag, items, inverse_noise, shifts))
+        change = np.abs(values - [*before[0].duty, before[1].clock2_delay])
+        matters = np.any(change > (_NEGLIGIBLE, _NEGLIGIBLE, _NEGLIGIBLE_RAD))
+        clear = sums[0].energy - sums[-1].energy > DELAY_EVIDENCE
+        if matters and clear and sums[-1].coherent < _MAY_REMAIN * sums[0].coherent:
+            tracker.phase += float(shifts.mean())
             return True
     tag.likelihood, tracker.likelihood = before
     return False
@@ -127,7 +140,7 @@ def _sums(
     if tracker is None:
         raise ValueError("the clock of the tag is not known")
     phase, count = tracker.phase, len(items)
-    found = _Sums(0.0, np.zeros(3), np.zeros((3, 3)), np.zeros(count), np.zeros((count, 3)))
+    found = _Sums(0.0, 0.0, np.zeros(3), np.zeros((3, 3)), np.zeros(count), np.zeros((count, 3)))
     for row, item in enumerate(items):
         tracker.phase = phase + shifts[row]
         fit = model.fit(item)
@@ -157,6 +170,21 @@ def _sums(
         found.gradient += gradient[:3] - across * gradient[3] / own
         found.information += information[:3, :3] - np.outer(across, across) / own
         misfit = float(power_of(fit.residual).sum(axis=0) @ weights)
+        found.coherent += _coherent(fit, place, weights)
         found.energy += misfit - float(gradient[3] ** 2 / own) / 2
     tracker.phase = phase
     return found
+
+
+def _coherent(fit: GroupFit, place: int, weights: Array) -> float:
+    """Energy of a residual along the channels of a tag's ends, above that of noise.
+
+    Noise is what the residual holds on average in all other directions.
+    """
+    own = (fit.ends[2 * place : 2 * place + 2] * np.sqrt(weights)).T
+    basis = np.linalg.qr(own)[0]
+    residual = fit.residual * np.sqrt(weights)
+    along = float(power_of(residual @ basis.conj()).sum())
+    subcarriers, columns = basis.shape
+    across = float(power_of(residual).sum()) - along
+    return along - across * columns / max(subcarriers - columns, 1)

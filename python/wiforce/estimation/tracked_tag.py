@@ -56,6 +56,11 @@ class TagClock:
         return self.tolerance_ppm > ACQUIRED_PPM
 
     @property
+    def wanders(self) -> bool:
+        """Whether the phase of the clock changes inside a group, as without a crystal."""
+        return self.tolerance_ppm >= ACQUIRED_PPM
+
+    @property
     def planned_ppm(self) -> float:
         """Largest offset that weights have to allow for, in ppm."""
         return self.tolerance_ppm if self.tolerance_ppm <= WIDEST_PPM else ACQUIRED_PPM
