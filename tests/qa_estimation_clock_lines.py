@@ -10,18 +10,19 @@ from gnuradio.wiforce.estimation.survey import survey_channel
 from gnuradio.wiforce.estimation.tracked_tag import TagClock
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.plan import plan
+from gnuradio.wiforce.planning.room import adapted
 from gnuradio.wiforce.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
 from wiforce_app.bench.air import TagOnAir
 
-COUNT = 4096
+COUNT = 8192
 NARROW = {"name": "arm", "model": "line-900mhz-calibrated"}
 WIDE = NARROW | {"clock_tolerance_ppm": 20_000.0}
 
 
-def surveyed(tags, clocks, seed=1, gamma_db=20.0, lamps_db=None):
-    """Frequencies that a survey of 0.24 s finds for the first tags, in Hz."""
+def survey_of(tags, clocks, seed=1, gamma_db=20.0, lamps_db=None):
+    """Survey of 0.47 s."""
     rng = np.random.default_rng([seed, 5])
     ends_deg = rng.uniform(-180, 180, (len(tags), 2))
     tags = [
@@ -34,7 +35,13 @@ def surveyed(tags, clocks, seed=1, gamma_db=20.0, lamps_db=None):
         t = np.arange(COUNT) * plain.T
         light = sum(np.cos(200 * np.pi * k * t + k) / k for k in range(1, 60))
         channel += 0.225 * 10 ** (lamps_db / 20) * light[:, None] * air.channels[0]
-    found = survey_channel(channel, plain.WAVEFORM, clocks)
+    return survey_channel(channel, plain.WAVEFORM, clocks)
+
+
+def surveyed(tags, clocks, *args, **more):
+    """Frequencies that a survey finds for the first tags, in Hz; none has a rival."""
+    found = survey_of(tags, clocks, *args, **more)
+    assert [line.rival_hz for line in found.clocks] == [None] * len(clocks)
     return np.array([line.clock_hz if line.found else np.nan for line in found.clocks])
 
 
@@ -69,6 +76,21 @@ def test_clock_is_not_taken_from_lamps(offset_ppm):
     own = {"clock_hz": 1000.0, "offset_ppm": offset_ppm}
     (found,) = surveyed([own], [TagClock(1000.0, 20_000.0)], lamps_db=40.0)
     assert found == pytest.approx(1000 * (1 + offset_ppm * 1e-6), rel=1e-4)
+
+
+@pytest.mark.parametrize("level_db", [-15.0, 15.0])
+@pytest.mark.parametrize("rival_hz", [1009.0, 985.0])
+def test_second_tag_within_tolerance_is_reported(rival_hz, level_db):
+    """Nobody can say which of both is pressed: to read either would be a guess."""
+    tags = [{"clock_hz": 1003.0}, {"clock_hz": rival_hz, "level_db": level_db}]
+    (line,) = survey_of(tags, [TagClock(1000.0, 20_000.0)]).clocks
+    found = sorted((line.clock_hz, line.rival_hz))
+    np.testing.assert_allclose(found, sorted((1003.0, rival_hz)), rtol=3e-4)
+    (narrow,) = survey_of(tags, [TagClock(1003.0, 100.0)]).clocks
+    assert narrow.rival_hz is None
+    scene = load_scene({"sensors": [WIDE]})
+    with pytest.raises(InputError, match=r"sensors\[0\].clock_hz: must say which tag is meant"):
+        adapted(plan(scene), survey_of(tags, [TagClock(1000.0, 20_000.0)]))
 
 
 def test_lamps_alone_are_no_tag():

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,10 +27,14 @@ _TRIALS_PER_BIN = 2
 # of that comb's lines on both sides. Combs: lamps, and tags at a half to a fifth of the clock.
 _ABOVE_COMB = 4.0
 _LAMPS_HZ = (100.0, 120.0)
-_SLOWER = (2, 3, 4, 5)
+_SLOWER = np.arange(2, 6)
 # Half width of what is masked around the lines of a tag that was found, and how far a line may lie
 # from its place, in bins.
 _MASK_BINS = 4.5
+# A second tag within a wide tolerance counts down to this power relative to line 1 of the first.
+_RIVAL = 1e-3
+# All of these lines of it that are not masked must be there: both ends cannot cancel on them.
+_ALWAYS = (1, 3, 4)
 _APART_BINS = 0.3
 
 
@@ -46,6 +50,8 @@ class ClockLine:
         Its uncertainty; the tolerance where no line stands out.
     height : float
         Power of the line over the floor; 0 where none stands out.
+    rival_hz : float or None
+        Another clock within a wide tolerance, that of a second tag; None where there is none.
 
     Examples
     --------
@@ -56,6 +62,7 @@ class ClockLine:
     clock_hz: float
     error_hz: float
     height: float
+    rival_hz: float | None = None
 
     @property
     def found(self) -> bool:
@@ -108,6 +115,11 @@ def find_clocks(
         found[tag] = trials[tag][1]
         _mask(frequency_hz, rest, found[tag])
         missing.remove(tag)
+    for tag, clock in enumerate(clocks):
+        if clock.wide and found[tag].found:
+            rival = _recognise(frequency_hz, rest, clock, found[tag].height)[1]
+            if rival.found:
+                found[tag] = replace(found[tag], rival_hz=rival.clock_hz)
     return tuple(found[tag] for tag in range(len(clocks)))
 
 
@@ -161,8 +173,13 @@ def _line_near(frequency_hz: Array, spectrum: Array, clock: TagClock) -> ClockLi
     return ClockLine(found, min(tolerance_hz, error_hz), peak)
 
 
-def _recognise(frequency_hz: Array, spectrum: Array, clock: TagClock) -> tuple[float, ClockLine]:
-    """The clock within a wide tolerance that explains most lines, and the evidence for it."""
+def _recognise(
+    frequency_hz: Array, spectrum: Array, clock: TagClock, above: float = 0.0
+) -> tuple[float, ClockLine]:
+    """The clock within a wide tolerance that explains most lines, and the evidence for it.
+
+    Where the lines of a tag with a line 1 of height ``above`` are masked, it is that of a rival.
+    """
     step_hz = float(frequency_hz[1])
     tolerance_hz = clock.clock_hz * clock.tolerance_ppm * 1e-6
     highest_hz = float(frequency_hz[-1]) - 4 * step_hz
@@ -175,7 +192,7 @@ def _recognise(frequency_hz: Array, spectrum: Array, clock: TagClock) -> tuple[f
         return np.interp(hertz, frequency_hz, levels)
 
     lines = candidates[:, None] * orders
-    least = np.full_like(lines, np.log(_VISIBLE))
+    least = np.full_like(lines, np.log(max(_VISIBLE, _RIVAL * above)))
     spacings = [candidates[:, None] / k for k in _SLOWER]
     # A clock may be as slow as the lamps.
     spacings += [np.array([[hz]]) for hz in _LAMPS_HZ if hz < 0.9 * candidates[0]]
@@ -186,7 +203,15 @@ def _recognise(frequency_hz: Array, spectrum: Array, clock: TagClock) -> tuple[f
     enough = np.count_nonzero(evidence, axis=1) >= min(_LEAST_LINES, len(orders))
     # A tag at twice the clock has no odd lines.
     odd = (evidence[:, orders % 2 == 1] > 0).any(axis=1)
-    evidence[~(enough & odd) | (level(candidates) < np.log(_VISIBLE))] = 0.0
+    evidence[~(enough & odd)] = 0.0
+    if above:
+        masked = np.interp(lines, frequency_hz, (spectrum == 1.0).astype(float)) > 0
+        shown = (evidence > 0) | masked | ~np.isin(orders, _ALWAYS)
+        # The strongest line of a slower tag is its first.
+        slower = level(candidates[:, None] / _SLOWER).max(axis=1) > level(lines).max(axis=1)
+        evidence[~shown.all(axis=1) | slower] = 0.0
+    else:
+        evidence[level(candidates) < np.log(_VISIBLE)] = 0.0
     best = int(np.argmax(evidence.sum(axis=1)))
     total = float(evidence[best].sum())
     if total == 0:
@@ -197,7 +222,7 @@ def _recognise(frequency_hz: Array, spectrum: Array, clock: TagClock) -> tuple[f
         peak = around - 2 + int(np.argmax(spectrum[around - 2 : around + 3]))
         places[m] = (peak + vertex(spectrum, peak)[0]) * step_hz
     clock_hz, error_hz = _clock_through(places, step_hz)
-    height = float(np.exp(level(np.array([clock_hz]))[0]))
+    height = float(np.exp(level(np.array([clock_hz]))[0]))  # 1 where it is masked
     return total, ClockLine(clock_hz, min(tolerance_hz, error_hz), height)
 
 

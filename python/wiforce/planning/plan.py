@@ -173,7 +173,11 @@ class Plan:
                     f"must be at most {WIDEST_PPM:g} here: only in a recording, of one antenna and "
                     "0.1 s or more, is a clock of a wider tolerance searched for"
                 )
-                raise InputError(_key_of(self.require_scene(), key), rule, clock.tolerance_ppm)
+                raise self.error(key, rule, clock.tolerance_ppm)
+
+    def error(self, key: str, rule: str, value: object) -> InputError:
+        """Error that names the scene's file, key, rule and value."""
+        return InputError(_key_of(self.require_scene(), key), rule, value)
 
     def with_clocks(self, clocks: tuple[TagClock, ...]) -> "Plan":
         """The plan for other clocks of the scene's tags.

@@ -47,7 +47,8 @@ def adapted(plan: Plan, survey: Survey | None) -> Plan:
     Raises
     ------
     InputError
-        When the lines of two clocks nearly coincide at their measured frequencies.
+        When the lines of two clocks nearly coincide at their measured frequencies, or two tags lie
+        within the tolerance of one clock.
 
     Examples
     --------
@@ -59,6 +60,7 @@ def adapted(plan: Plan, survey: Survey | None) -> Plan:
     """
     if survey is None:
         return plan
+    _require_one_tag_each(plan, survey)
     clocks = tuple(map(measured, plan.clocks, survey.clocks))
     if clocks != plan.clocks:
         plan = plan.with_clocks(clocks)
@@ -87,6 +89,17 @@ def adapted(plan: Plan, survey: Survey | None) -> Plan:
     except InputError:  # too many lines are disturbed: their residual will say so
         return plan
     return colored
+
+
+def _require_one_tag_each(plan: Plan, survey: Survey) -> None:
+    """Refuse to guess which of two tags a sensor's is."""
+    for tag, line in enumerate(survey.clocks):
+        if line.rival_hz is not None:
+            rule = (
+                f"must say which tag is meant, as must its tolerance: there is one at "
+                f"{line.clock_hz:.1f} Hz and one at {line.rival_hz:.1f} Hz"
+            )
+            raise plan.error(f"sensors[{tag}].clock_hz", rule, plan.clocks[tag].clock_hz)
 
 
 def _clock_of(source: Source, survey: Survey) -> TagClock:
