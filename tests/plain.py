@@ -16,19 +16,21 @@ T = WAVEFORM.snapshot_period_s
 TA = WAVEFORM.averaging_s
 
 
-def switches_on(cycles, delay_cycles=0.0):
+def switches_on(cycles, delay_cycles=0.0, duty=(0.25, 0.25)):
     """Whether each switch is on at these instants, straight from the signal model; (..., 2)."""
-    first = np.abs((cycles + 0.5) % 1 - 0.5) < 1 / 8
+    first = np.abs((cycles + 0.5) % 1 - 0.5) < duty[0] / 2
     lagging = cycles - delay_cycles
-    near_quarter = np.abs((lagging - 0.25 + 0.25) % 0.5 - 0.25) < 1 / 16
+    near_quarter = np.abs((lagging - 0.25 + 0.25) % 0.5 - 0.25) < duty[1] / 4
     return np.stack([first, near_quarter], axis=-1).astype(float)
 
 
-def averaged_switches(centre_cycles, width_cycles, delay_cycles=0.0, points=4001):
+def averaged_switches(
+    centre_cycles, width_cycles, delay_cycles=0.0, points=4001, duty=(0.25, 0.25)
+):
     """Both switches averaged over windows by counting ``points`` instants; (n, 2)."""
     inside = (np.arange(points) + 0.5) / points - 0.5
     instants = np.asarray(centre_cycles)[:, None] + width_cycles * inside
-    return switches_on(instants, delay_cycles).mean(axis=1)
+    return switches_on(instants, delay_cycles, duty).mean(axis=1)
 
 
 def make_plan(clocks_hz=(1000.0,), group_length=625, clutter_hz=0.0, reference_groups=12, **more):

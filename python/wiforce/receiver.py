@@ -42,6 +42,11 @@ class Receiver:
     counts : GroupCounts
         Outcomes of the readings given so far.
 
+    Raises
+    ------
+    InputError
+        When a clock's tolerance exceeds 1000 ppm and no survey has measured it.
+
     Notes
     -----
     A batch passes five stages, each of which adds arrays to it (docs/estimation.md; step by step in
@@ -69,6 +74,7 @@ class Receiver:
         derotated: bool = True,
         on_groups: Callable[[Groups], None] | None = None,
     ) -> None:
+        plan.check_clocks()
         self.plan = plan
         estimator = estimator_named(plan.estimator)
         self.separation = estimator.separation(

@@ -31,6 +31,7 @@ class end_separation(ToneBlock):
     """
 
     def __init__(self, plan: Plan, derotated: bool = True) -> None:
+        plan.check_clocks()
         self._bins = plan.waveform.bins
         self.stage = estimator_named(plan.estimator).separation(
             plan.table, plan.clocks, plan.waveform, derotated, plan.others

@@ -14,6 +14,7 @@ from .groups import Array
 from .joint_clock import likelihood_bias, phase_errors, phase_information
 from .least_squares import GroupFit, ToneModel
 from .noise import OUTLIER_RATIO, NoiseEstimate
+from .pulse_fit import fit_pulses
 from .tracked_tag import TrackedTag
 
 # A search takes at least this many groups and this much time: within 0.4 s a clock that drifts by
@@ -86,6 +87,8 @@ class ClockSearch:
             for tag in self._model.locked:
                 if tag.clock2_delay and not tag.overlapping:
                     self._verify_delay(tag, usable)
+        for tag in self._model.locked:
+            self._fit_pulses(tag, usable)
         self._noise.set(self._noise.variance, usable, len(usable))
 
     def retry(self, tag: TrackedTag, item: GroupTones) -> None:
@@ -93,7 +96,16 @@ class ClockSearch:
         tag.waiting.append(item)
         del tag.waiting[: -self.groups]
         if len(tag.waiting) == self.groups and self.acquire(tag, without_loud(tag.waiting)):
+            self._fit_pulses(tag, without_loud(tag.waiting))
             tag.waiting = []
+
+    def _fit_pulses(self, tag: TrackedTag, items: Sequence[GroupTones]) -> None:
+        """Fit the pulses of a tag over a block of groups, once."""
+        if tag.pulses_known or tag.overlapping:
+            return
+        tag.pulses_known = True
+        if fit_pulses(self._model, tag, items, self._noise.inverse):
+            self._take_residuals(items)
 
     def acquire(self, tag: TrackedTag, items: Sequence[GroupTones]) -> bool:
         """Acquire one tag over a block of usable groups; whether it was found."""

@@ -19,6 +19,7 @@ from .clock_tracker import ClockTracker
 from .group_tones import GroupTones, GroupWeights, power_of
 from .groups import Array, Groups
 from .tracked_tag import TrackedTag
+from .wander import without_wander
 
 # Noise gain of an end, relative to a perfect one, above which it counts as not separable (20 dB).
 _WORST_GAIN = 100.0
@@ -39,7 +40,7 @@ class GroupFit:
     gain : ndarray, shape (E,)
         Variance of V over that of H.
     residual : ndarray of complex, shape (M, K)
-        Whitened.
+        Whitened; without what the wander of a clock explains where ``solve`` made the fit.
     white : ndarray of complex, shape (M, E)
         The whitened mixing matrix.
     solver : ndarray of complex, shape (E, M)
@@ -222,7 +223,22 @@ class ToneModel:
         # In units of the whole group: a perfect end would have 1/N.
         gain[gain * self.table.group_length >= _WORST_GAIN] = np.inf
         freedom = max(len(fit.residual) - len(fit.rows), 1)
+        self._remove_wander(fit, item)
         return ends, gain, power_of(fit.residual).sum(axis=0) / freedom, fit
+
+    def _remove_wander(self, fit: GroupFit, item: GroupTones) -> None:
+        """Remove from a residual what the wander of clocks without a crystal explains."""
+        locked = self.locked
+        places = [place for place, tag in enumerate(locked) if tag.clock.wanders]
+        if places:
+            slopes = [
+                locked[place].waveforms_and_slopes(item.center_s, item.weights)[1]
+                for place in places
+            ]
+            rows = [row for place in places for row in (2 * place, 2 * place + 1)]
+            fit.residual = without_wander(
+                item, slopes, fit.ends[rows], fit.white, fit.solver, fit.residual
+            )
 
     def without_others(self, tag: TrackedTag, item: GroupTones, fit: GroupFit | None) -> Array:
         """The group's tones minus those of the other tags in a fit."""

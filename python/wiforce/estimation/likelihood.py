@@ -17,7 +17,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..signal.lines import Tone
-from ..signal.switching import harmonics
+from ..signal.switching import DUTY, harmonics
 from ..signal.weights import ToneTable
 from .groups import Array
 
@@ -53,6 +53,8 @@ class PhaseLikelihood:
         Harmonic number of each.
     scale : ndarray, shape (L,)
         Factors by which these tones have unit noise.
+    duty : (float, float)
+        Duty cycles of clocks 1 and 2.
     projection : ndarray of complex, shape (L, L)
         Pi(0), for the scaled tones.
 
@@ -79,7 +81,7 @@ class PhaseLikelihood:
         self, table: ToneTable, tag: int, averaging_phase: float, clock2_delay: float = 0.0
     ) -> None:
         self.rows, self.lines = _own_lines(table.tones, tag)
-        self.clock2_delay = clock2_delay
+        self.clock2_delay, self.duty = clock2_delay, DUTY
         self._averaging_phase = averaging_phase
         # Rows of unit noise; the lines are then close enough to orthogonal.
         self.scale = 1 / np.linalg.norm(table.weights[self.rows], axis=1)
@@ -89,18 +91,21 @@ class PhaseLikelihood:
             raise InputError(f"clock_hz of tag {tag + 1}", rule + shown)
         self._set_basis()
 
-    def delayed(self, clock2_delay: float) -> PhaseLikelihood:
-        """The same likelihood for another delay of clock 2, in radians of clock 1."""
+    def delayed(
+        self, clock2_delay: float, duty: tuple[float, float] | None = None
+    ) -> PhaseLikelihood:
+        """The same likelihood for another delay of clock 2, in rad of clock 1, or other duties."""
         other = object.__new__(PhaseLikelihood)
         other.rows, other.lines, other.scale = self.rows, self.lines, self.scale
         other._averaging_phase = self._averaging_phase
         other.clock2_delay = clock2_delay
+        other.duty = self.duty if duty is None else duty
         other._set_basis()
         return other
 
     def _spectra(self, clock2_delay: float) -> Array:
         """Fourier coefficients of both ends at the tag's own lines, scaled; shape (L, 2)."""
-        coefficients = harmonics(self.lines, self._averaging_phase).astype(complex)
+        coefficients = harmonics(self.lines, self._averaging_phase, self.duty).astype(complex)
         coefficients[:, 1] *= np.exp(-1j * self.lines * clock2_delay)
         return coefficients * self.scale[:, None]
 

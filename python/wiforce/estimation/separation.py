@@ -218,5 +218,6 @@ def _clock_of(tag: TrackedTag, item: GroupTones) -> tuple[float, float, float, f
     if tag.tracker is None or not (received and item.usable):
         return 0.0, 0.0, 0.0, 0.0, 0.0
     phase, rate = tag.tracker.predict(item.center_s)
-    ppm = 1e6 * rate / tag.rate
+    stated = 2 * np.pi * tag.clock.stated_hz
+    ppm = 1e6 * (tag.rate - stated + rate) / stated
     return 1.0, phase % (2 * np.pi), ppm, tag.clock2_delay, float(tag.overlapping)

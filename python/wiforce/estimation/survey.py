@@ -17,6 +17,7 @@ from ..signal.lines import aliased_hz
 from ..signal.room_noise import RoomNoise, room_noise
 from ..signal.switching import line_envelope
 from ..signal.waveform import FFT_LENGTH, Waveform
+from .clock_lines import ClockLine, find_clocks, vertex
 from .groups import Array
 from .sources import MAINS_HZ, RoomLine, Source, identify
 from .tracked_tag import TagClock
@@ -39,9 +40,6 @@ _INVISIBLE = 0.1
 _SIDE_LOBES = 10**-9.2
 _OWN_MARGIN = 4.0
 _MOST_HARMONICS = 2000
-# Accuracy of the vertex of a line in bins, and the harmonics that refine the frequency of a clock.
-_VERTEX_BINS = 0.05
-_REFINING = (2, 4, 6)
 # A line whose surroundings hold this many times its power is not a line.
 _BROAD = 1.6
 # How far a line may move after the survey: the mains drift by some 0.05 %, clocks by less.
@@ -66,8 +64,8 @@ class Survey:
         being 1.
     sources : list of Source
         What the excess outside the clutter around zero consists of, as far as it is lines.
-    line_power : ndarray, shape (S,)
-        Power of line 1 of each tag in the same units; 0 where none stands out.
+    clocks : tuple of ClockLine, length S
+        Line 1 of each of the scene's tags.
     snapshot_period_s : float
         T, in s.
     static_power : float
@@ -92,9 +90,15 @@ class Survey:
     own: Array = field(repr=False)
     excess: Array = field(repr=False)
     sources: list[Source]
-    line_power: Array
+    clocks: tuple[ClockLine, ...]
     snapshot_period_s: float
     static_power: float = 0.0
+
+    @property
+    def line_power(self) -> Array:
+        """Power of line 1 of each tag in the units of ``excess``, (S,); 0 where none stands out."""
+        heights = np.array([line.height for line in self.clocks])
+        return heights * _enbw() / len(self.frequency_hz) / 2
 
     @property
     def resolution_hz(self) -> float:
@@ -213,7 +217,8 @@ def survey_channel(
     spectrum = mean[: half + 1].copy()
     spectrum[1:] = (mean[1 : half + 1] + mean[: -half - 1 : -1]) / 2
     frequency_hz = np.arange(half + 1) / (count * period_s)
-    own, line_power = _own_lines(frequency_hz, spectrum, clocks, waveform)
+    found = find_clocks(frequency_hz, spectrum, clocks)
+    own = _own_lines(frequency_hz, found, waveform)
     above = spectrum - 1 > _SIGNIFICANT - 1 + _OWN_MARGIN * own
     excess = np.where(above, spectrum - 1, 0) / count
     excess[: int(2 * _LOBE_BINS)] = 0
@@ -221,7 +226,7 @@ def survey_channel(
     least = (_SIGNIFICANT - 1 + _OWN_MARGIN * own) * _enbw() / count
     sources = identify(lines, float(frequency_hz[1]), least, waveform, mains_hz)
     static_power = float(np.mean((still.real**2 + still.imag**2) / floor))
-    return Survey(frequency_hz, spectrum, own, excess, sources, line_power, period_s, static_power)
+    return Survey(frequency_hz, spectrum, own, excess, sources, found, period_s, static_power)
 
 
 def survey_samples(
@@ -274,7 +279,7 @@ def _take_lines(frequency_hz: Array, spectrum: Array, excess: Array, count: int)
         if spectrum[best] < max(spectrum[best - 1], spectrum[best + 1]):
             continue  # the slope of a broader one
         lobe = slice(max(best - reach, 0), best + reach + 1)
-        offset, top = _vertex(spectrum, best)
+        offset, top = vertex(spectrum, best)
         power = (top - 1) * _enbw() / count
         if excess[lobe].sum() > _BROAD * power:
             continue
@@ -284,33 +289,19 @@ def _take_lines(frequency_hz: Array, spectrum: Array, excess: Array, count: int)
     return lines
 
 
-def _vertex(spectrum: Array, best: int) -> tuple[float, float]:
-    """Position of a maximum between bins and its height: the main lobe is a parabola in dB."""
-    left, top, right = np.log(np.maximum(spectrum[best - 1 : best + 2], 1e-30))
-    curvature = left - 2 * top + right
-    if curvature >= 0:
-        return 0.0, float(np.exp(top))
-    offset = float(np.clip(0.5 * (left - right) / curvature, -0.5, 0.5))
-    return offset, float(np.exp(top - 0.25 * (left - right) * offset))
-
-
 def _blackman_harris(count: int) -> Array:
     phase = 2 * np.pi * (np.arange(count) + 0.5) / count
     terms = (0.35875, -0.48829, 0.14128, -0.01168)
     return sum(a * np.cos(i * phase) for i, a in enumerate(terms))
 
 
-def _own_lines(
-    frequency_hz: Array, spectrum: Array, clocks: Sequence[TagClock], waveform: Waveform
-) -> tuple[Array, Array]:
-    """Expected height (F,) of the tags' lines above the floor, and the power of line 1 of each."""
+def _own_lines(frequency_hz: Array, clocks: Sequence[ClockLine], waveform: Waveform) -> Array:
+    """Expected height (F,) of the tags' lines above the floor."""
     step_hz = float(frequency_hz[1])
     rate = 1 / waveform.snapshot_period_s
     own = np.zeros(len(frequency_hz))
-    powers = np.zeros(len(clocks))
-    for tag, clock in enumerate(clocks):
-        clock_hz, error_hz, peak = _line_near(frequency_hz, spectrum, clock)
-        powers[tag] = peak * _enbw() / len(frequency_hz) / 2
+    for line in clocks:
+        clock_hz, error_hz, peak = line.clock_hz, line.error_hz, line.height
         orders = np.arange(1, _MOST_HARMONICS)
         heights = peak * line_envelope(orders, clock_hz, waveform)
         visible = np.flatnonzero((heights >= _INVISIBLE) | (orders <= 4))
@@ -321,34 +312,10 @@ def _own_lines(
             bins = np.arange(low, min(int(center + reach + 3 * _LOBE_BINS) + 1, len(own)))
             apart = np.maximum(np.abs(bins - center) - reach, 0)
             own[bins] += height * np.maximum(10 ** (-0.33 * apart**2), _SIDE_LOBES)
-    return own, powers
+    return own
 
 
 def _enbw() -> float:
     """Equivalent noise bandwidth of the window in bins: n sum w^2 / (sum w)^2."""
     window = _blackman_harris(1024)
     return float(1024 * np.sum(window**2) / window.sum() ** 2)
-
-
-def _line_near(frequency_hz: Array, spectrum: Array, clock: TagClock) -> tuple[float, float, float]:
-    """Frequency of a tag's first line, its uncertainty, and its height above the floor."""
-    step_hz = float(frequency_hz[1])
-    tolerance_hz = clock.clock_hz * clock.tolerance_ppm * 1e-6
-    near = np.abs(frequency_hz - clock.clock_hz) <= tolerance_hz + step_hz
-    rows = np.flatnonzero(near)
-    best = int(rows[np.argmax(spectrum[rows])])
-    if spectrum[best] < 4 * _SIGNIFICANT or not 0 < best < len(spectrum) - 1:
-        return clock.clock_hz, tolerance_hz, 0.0
-    offset, top = _vertex(spectrum, best)
-    found, peak = (best + offset) * step_hz, top - 1
-    error_hz = _VERTEX_BINS * step_hz
-    for m in _REFINING:
-        expected = m * found / step_hz
-        around = int(round(expected))
-        if m * error_hz > step_hz or around + 3 >= len(spectrum):
-            break
-        best = around - 2 + int(np.argmax(spectrum[around - 2 : around + 3]))
-        if spectrum[best] > 4 * _SIGNIFICANT:
-            found = (best + _vertex(spectrum, best)[0]) * step_hz / m
-            error_hz = _VERTEX_BINS * step_hz / m
-    return found, min(tolerance_hz, error_hz), peak

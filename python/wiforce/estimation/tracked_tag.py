@@ -15,17 +15,25 @@ from .group_tones import GroupTones, GroupWeights
 from .groups import Array
 from .likelihood import PhaseLikelihood
 
+# Clocks of a wider tolerance than the first are searched for in the survey of a recording. This is
+# what remains of their tolerance: they wander by some 20 ppm per root of a second. Those of a wider
+# tolerance than the second cannot be read without a survey, since the weights of a run are fixed.
+ACQUIRED_PPM = 300.0
+WIDEST_PPM = 1000.0
+
 
 @dataclass(frozen=True)
 class TagClock:
-    """Nominal clock of one tag.
+    """Clock of one tag, as far as it is known before a run.
 
     Attributes
     ----------
     clock_hz : float
-        fs, in Hz.
+        fs, in Hz: nominal, or as a survey has measured it.
     tolerance_ppm : float
-        Largest offset of the clock.
+        Largest offset of the clock from that.
+    nominal_hz : float or None
+        What offsets are reported against; None for ``clock_hz``.
 
     Examples
     --------
@@ -35,6 +43,27 @@ class TagClock:
 
     clock_hz: float
     tolerance_ppm: float = 100.0
+    nominal_hz: float | None = None
+
+    @property
+    def stated_hz(self) -> float:
+        """Clock that the scene states, in Hz."""
+        return self.clock_hz if self.nominal_hz is None else self.nominal_hz
+
+    @property
+    def wide(self) -> bool:
+        """Whether the clock is searched for in a survey."""
+        return self.tolerance_ppm > ACQUIRED_PPM
+
+    @property
+    def wanders(self) -> bool:
+        """Whether the phase of the clock changes inside a group, as without a crystal."""
+        return self.tolerance_ppm >= ACQUIRED_PPM
+
+    @property
+    def planned_ppm(self) -> float:
+        """Largest offset that weights have to allow for, in ppm."""
+        return self.tolerance_ppm if self.tolerance_ppm <= WIDEST_PPM else ACQUIRED_PPM
 
 
 class TrackedTag:
@@ -57,6 +86,10 @@ class TrackedTag:
         Its two ends among those of all tags.
     tracker : ClockTracker or None
         None while the clock is not known.
+    likelihood : PhaseLikelihood
+        Of the clock's phase, with the duty cycles found and without a delay of clock 2.
+    pulses_known : bool
+        Whether the duty cycles have been estimated.
     last_seen_s : float
         Centre of the last group in which the tag was received, in s.
     waiting : list of GroupTones
@@ -77,7 +110,7 @@ class TrackedTag:
         self.rate = 2 * np.pi * clock.clock_hz
         self._half_window = self.rate * averaging_s / 2
         self.likelihood = PhaseLikelihood(table, index, clock.clock_hz * averaging_s)
-        self.overlapping = False
+        self.overlapping = self.pulses_known = False
         self.tracker: ClockTracker | None = None
         self.last_seen_s = -np.inf
         self.waiting: list[GroupTones] = []
@@ -109,6 +142,11 @@ class TrackedTag:
         """Delay of clock 2's pulses, in radians of clock 1."""
         return self.tracker.likelihood.clock2_delay if self.tracker else 0.0
 
+    @property
+    def duty(self) -> tuple[float, float]:
+        """Duty cycles of clocks 1 and 2."""
+        return self.likelihood.duty
+
     def waveforms(self, center_s: float, weights: GroupWeights) -> Array:
         """s_1 and s_2 averaged over every snapshot of a group; shape (n, 2)."""
         return switch_averages(*self._at(center_s, weights))
@@ -117,10 +155,13 @@ class TrackedTag:
         """The same, and their derivatives by the clock's phase; shape (n, 2) each."""
         return switch_averages_and_slopes(*self._at(center_s, weights))
 
-    def _at(self, center_s: float, weights: GroupWeights) -> tuple[Array, float, float]:
-        """Clock phase of every snapshot, half the phase of Ta, and the delay of clock 2."""
+    def _at(
+        self, center_s: float, weights: GroupWeights
+    ) -> tuple[Array, float, float, tuple[float, float]]:
+        """Clock phase of every snapshot, half the phase of Ta, delay of clock 2, duty cycles."""
         if self.tracker is None:
             raise ValueError("the clock of the tag is not known")
         phase, rate = self.tracker.predict(center_s)
         phases = phase + (self.rate + rate) * weights.times_s
-        return phases, self._half_window * (1 + rate / self.rate), self.clock2_delay
+        half_window = self._half_window * (1 + rate / self.rate)
+        return phases, half_window, self.clock2_delay, self.duty

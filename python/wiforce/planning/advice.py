@@ -92,7 +92,7 @@ def warnings(plan: Plan) -> list[str]:
 
 
 def _assess(plan: Plan) -> ClockReport:
-    tolerance_ppm = max(clock.tolerance_ppm for clock in plan.clocks)
+    tolerance_ppm = max(clock.planned_ppm for clock in plan.clocks)
     return assess_clocks(
         plan.clocks_hz,
         plan.waveform,
@@ -286,7 +286,7 @@ def _clock_changes(scene: Scene, plan: Plan) -> Iterator[tuple[str, str, Scene]]
             plan.waveform,
             min(plan.group_length, _LONGEST_SEARCHED),
             others,
-            tolerance_ppm=sensor.clock_tolerance_ppm,
+            tolerance_ppm=plan.clocks[i].planned_ppm,
             clutter_hz=plan.clutter_hz,
             mains_hz=scene.environment.possible_mains_hz,
         )

@@ -112,7 +112,7 @@ def _waveforms(
     """Switching waveforms as columns, shape (N, 2S); clocks off in alternating directions."""
     columns = []
     for tag, clock in enumerate(clocks):
-        clock_hz = clock.clock_hz * (1 + (-1) ** tag * sign * clock.tolerance_ppm * 1e-6)
+        clock_hz = clock.clock_hz * (1 + (-1) ** tag * sign * clock.planned_ppm * 1e-6)
         cycles = clock_hz * times_s + phase * (1 + tag * _PHASE_STEP)
         columns.append(switch_averages(2 * np.pi * cycles, np.pi * clock_hz * averaging_s))
     return np.hstack(columns)

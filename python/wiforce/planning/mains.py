@@ -234,7 +234,7 @@ def lines_near_lamps(plan: Plan) -> Iterator[LampLines]:
             mains_hz,
             plan.waveform,
             plan.group_length,
-            clock.tolerance_ppm,
+            clock.planned_ppm,
             plan.clutter_hz,
             partial(_usable, plan),
         )

@@ -11,7 +11,7 @@ from ..errors import InputError
 from ..estimation.compression import Compression
 from ..estimation.estimators import estimator_named
 from ..estimation.likelihood import PhaseLikelihood
-from ..estimation.tracked_tag import TagClock
+from ..estimation.tracked_tag import WIDEST_PPM, TagClock
 from ..scene import Scene, load_scene
 from ..sensor import SensorModel
 from ..signal.lines import tag_lines
@@ -62,7 +62,7 @@ class Plan:
     waveform : Waveform
         The sounding frame.
     clocks : tuple of TagClock, length S
-        Nominal clock and tolerance of each tag.
+        Clock of each tag, nominal or as a survey has measured it, and its tolerance.
     group_length : int
         Snapshots per phase group, N.
     clutter_hz : float
@@ -111,7 +111,7 @@ class Plan:
 
     @property
     def clocks_hz(self) -> tuple[float, ...]:
-        """Nominal fs of each tag, in Hz; length S."""
+        """fs that the weights are designed for, in Hz, per tag; length S."""
         return tuple(clock.clock_hz for clock in self.clocks)
 
     @property
@@ -157,6 +157,54 @@ class Plan:
             estimator_named(self.estimator).rectangular,
             self.room,
         )
+
+    def check_clocks(self) -> None:
+        """Refuse clocks that are known too roughly to be read.
+
+        Raises
+        ------
+        InputError
+            When a tolerance exceeds 1000 ppm and no survey has measured the clock.
+        """
+        for tag, clock in enumerate(self.clocks):
+            if clock.tolerance_ppm > WIDEST_PPM:
+                key = f"sensors[{tag}].clock_tolerance_ppm"
+                rule = (
+                    f"must be at most {WIDEST_PPM:g} here: only in a recording, of one antenna and "
+                    "0.1 s or more, is a clock of a wider tolerance searched for"
+                )
+                raise self.error(key, rule, clock.tolerance_ppm)
+
+    def error(self, key: str, rule: str, value: object) -> InputError:
+        """Error that names the scene's file, key, rule and value."""
+        return InputError(_key_of(self.require_scene(), key), rule, value)
+
+    def with_clocks(self, clocks: tuple[TagClock, ...]) -> "Plan":
+        """The plan for other clocks of the scene's tags.
+
+        Parameters
+        ----------
+        clocks : tuple of TagClock, length S
+
+        Returns
+        -------
+        Plan
+
+        Raises
+        ------
+        InputError
+            When the lines of two of these clocks nearly coincide; the message names the scene's
+            file and key.
+        """
+        scene = self.require_scene()
+        changed = replace(self, clocks=clocks, clutter_hz=_clutter_band_hz(scene, clocks))
+        try:
+            if self.estimator == "harmonic":
+                return _with_fewest_harmonics(changed)
+            changed.check_lines()
+        except InputError as error:
+            raise error.renamed(_scene_keys(scene)) from error
+        return changed
 
     def check_lines(self) -> None:
         """Refuse settings whose lines nearly coincide.
@@ -216,7 +264,7 @@ def plan(scene: Any, snapshots: int | None = None, estimator: str | None = None)
         scene.waveform(),
         clocks,
         scene.phase_group.snapshots,
-        _clutter_band_hz(scene, clocks),
+        0.0,
         HARMONICS[0],
         reference_groups,
         # What is compared with the group before must not be averaged over groups.
@@ -224,13 +272,7 @@ def plan(scene: Any, snapshots: int | None = None, estimator: str | None = None)
         scene.phase_group.estimator,
         scene=scene,
     )
-    try:
-        if settings.estimator == "harmonic":
-            return _with_fewest_harmonics(settings)
-        settings.check_lines()
-    except InputError as error:
-        raise error.renamed(_scene_keys(scene)) from error
-    return settings
+    return settings.with_clocks(clocks)
 
 
 def _clutter_band_hz(scene: Scene, clocks: tuple[TagClock, ...]) -> float:

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import InputError
+from ..estimation.clock_lines import measured
 from ..estimation.sources import RoomLine, Source
 from ..estimation.survey import Survey
 from ..estimation.tracked_tag import TagClock
@@ -29,7 +30,7 @@ _RESERVE = 1.5
 
 
 def adapted(plan: Plan, survey: Survey | None) -> Plan:
-    """Adapt the weights of a plan to a room.
+    """Adapt the clocks and weights of a plan to a room.
 
     Parameters
     ----------
@@ -41,7 +42,14 @@ def adapted(plan: Plan, survey: Survey | None) -> Plan:
     Returns
     -------
     Plan
-        The same plan where the room holds nothing that its weights let through.
+        The same plan where the room holds nothing that its weights let through. Clocks of wide
+        tolerance are replaced by what the survey has measured, and the tones designed for them.
+
+    Raises
+    ------
+    InputError
+        When the lines of two clocks nearly coincide at their measured frequencies, or two tags lie
+        within the tolerance of one clock.
 
     Examples
     --------
@@ -51,7 +59,13 @@ def adapted(plan: Plan, survey: Survey | None) -> Plan:
     >>> adapted(settings, None) is settings
     True
     """
-    if survey is None or plan.estimator != "harmonic":
+    if survey is None:
+        return plan
+    _require_one_tag_each(plan, survey)
+    clocks = tuple(map(measured, plan.clocks, survey.clocks))
+    if clocks != plan.clocks:
+        plan = plan.with_clocks(clocks)
+    if plan.estimator != "harmonic":
         return plan
     plan = _with_band(plan, survey)
     length, clutter_hz = plan.group_length, plan.clutter_hz
@@ -76,6 +90,17 @@ def adapted(plan: Plan, survey: Survey | None) -> Plan:
     except InputError:  # too many lines are disturbed: their residual will say so
         return plan
     return colored
+
+
+def _require_one_tag_each(plan: Plan, survey: Survey) -> None:
+    """Refuse to guess which of two tags a sensor's is."""
+    for tag, line in enumerate(survey.clocks):
+        if line.rival_hz is not None:
+            rule = (
+                f"must say which tag is meant, as must its tolerance: there is one at "
+                f"{line.clock_hz:.1f} Hz and one at {line.rival_hz:.1f} Hz"
+            )
+            raise plan.error(f"sensors[{tag}].clock_hz", rule, plan.clocks[tag].clock_hz)
 
 
 def _clock_of(source: Source, survey: Survey) -> TagClock:

@@ -15,8 +15,13 @@ from numpy.typing import ArrayLike
 
 from .waveform import FFT_LENGTH, Waveform
 
+# Duty cycles of clocks 1 and 2, as parts of their own periods.
+DUTY = (0.25, 0.25)
 
-def harmonics(m: ArrayLike, averaging_phase: float = 0.0) -> np.ndarray:
+
+def harmonics(
+    m: ArrayLike, averaging_phase: float = 0.0, duty: tuple[float, float] = DUTY
+) -> np.ndarray:
     """Fourier coefficients of the two averaged waveforms at harmonics of fs.
 
     Parameters
@@ -25,6 +30,8 @@ def harmonics(m: ArrayLike, averaging_phase: float = 0.0) -> np.ndarray:
         Harmonic numbers.
     averaging_phase : float
         fs Ta, the part of a clock period that a snapshot averages over.
+    duty : (float, float)
+        Duty cycles d1 and d2 of clocks 1 and 2.
 
     Returns
     -------
@@ -33,9 +40,9 @@ def harmonics(m: ArrayLike, averaging_phase: float = 0.0) -> np.ndarray:
 
     Notes
     -----
-    c1[m] = 1/4 sinc(m/4) sinc(m fs Ta);
-    c2[m] = 1/4 sinc(m/8) cos(pi m/2) sinc(m fs Ta) for even m, 0 for odd m. End 1 is alone at
-    m = +-1, end 2 alone at m = +-4.
+    c1[m] = d1 sinc(m d1) sinc(m fs Ta);
+    c2[m] = d2 sinc(m d2/2) cos(pi m/2) sinc(m fs Ta) for even m, 0 for odd m. With duty cycles of
+    1/4 end 1 is alone at m = +-1, end 2 alone at m = +-4.
 
     Examples
     --------
@@ -45,8 +52,9 @@ def harmonics(m: ArrayLike, averaging_phase: float = 0.0) -> np.ndarray:
     """
     m = np.asarray(m)
     smear = np.sinc(m * averaging_phase)
-    c1 = 0.25 * np.sinc(m / 4) * smear
-    c2 = np.where(m % 2 == 0, 0.25 * np.sinc(m / 8) * np.cos(np.pi * m / 2), 0.0) * smear
+    c1 = duty[0] * np.sinc(m * duty[0]) * smear
+    pulse = duty[1] * np.sinc(m * (duty[1] / 2))
+    c2 = np.where(m % 2 == 0, pulse * np.cos(np.pi * m / 2), 0.0) * smear
     return np.stack([c1, c2], axis=-1)
 
 
@@ -84,7 +92,12 @@ def line_envelope(m: ArrayLike, clock_hz: float, waveform: Waveform) -> np.ndarr
     return np.minimum(edges, 1.0) ** 2 / rolled**2
 
 
-def switch_averages(phase: np.ndarray, half_window: float, clock2_delay: float = 0.0) -> np.ndarray:
+def switch_averages(
+    phase: np.ndarray,
+    half_window: float,
+    clock2_delay: float = 0.0,
+    duty: tuple[float, float] = DUTY,
+) -> np.ndarray:
     """Both switching waveforms averaged over a window of clock phase.
 
     Parameters
@@ -95,6 +108,8 @@ def switch_averages(phase: np.ndarray, half_window: float, clock2_delay: float =
         Half the window, pi fs Ta, in radians; at most pi/8, the half width of the narrower pulse.
     clock2_delay : float
         Phase of clock 1, in radians, by which clock 2's pulses come late.
+    duty : (float, float)
+        Duty cycles of clocks 1 and 2, about a quarter.
 
     Returns
     -------
@@ -110,17 +125,20 @@ def switch_averages(phase: np.ndarray, half_window: float, clock2_delay: float =
            [0. , 1. ],
            [0. , 0. ]])
     """
-    return _ramps(_cycles_from_pulse(phase, clock2_delay), half_window).T
+    return _ramps(_cycles_from_pulse(phase, clock2_delay), half_window, duty).T
 
 
 def switch_averages_and_slopes(
-    phase: np.ndarray, half_window: float, clock2_delay: float = 0.0
+    phase: np.ndarray,
+    half_window: float,
+    clock2_delay: float = 0.0,
+    duty: tuple[float, float] = DUTY,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The averages of :func:`switch_averages` and their derivatives by the clock's phase.
 
     Parameters
     ----------
-    phase, half_window, clock2_delay
+    phase, half_window, clock2_delay, duty
         As in :func:`switch_averages`.
 
     Returns
@@ -138,7 +156,7 @@ def switch_averages_and_slopes(
            [-0.5,  0. ]])
     """
     cycles = _cycles_from_pulse(phase, clock2_delay)
-    averages = _ramps(cycles.copy(), half_window)
+    averages = _ramps(cycles.copy(), half_window, duty)
     # Both clocks' ramps are as steep: the second runs twice as fast and so does its window.
     slopes = np.sign(cycles)
     slopes *= -0.5 / half_window
@@ -146,8 +164,34 @@ def switch_averages_and_slopes(
     return averages.T, slopes.T
 
 
+def duty_slopes(slopes: np.ndarray) -> np.ndarray:
+    """Derivatives of the averages by the clocks' duty cycles.
+
+    A wider pulse moves both of its edges outwards.
+
+    Parameters
+    ----------
+    slopes : ndarray of float, shape (n, 2)
+        By the clock's phase, from :func:`switch_averages_and_slopes`.
+
+    Returns
+    -------
+    ndarray of float, shape (n, 2)
+        Of s1 by the duty cycle of clock 1, and of s2 by that of clock 2.
+
+    Examples
+    --------
+    >>> phase, wider = np.array([np.pi / 4, -np.pi / 2 + np.pi / 8]), (0.2501, 0.2501)
+    >>> averages, slopes = switch_averages_and_slopes(phase, np.pi / 16)
+    >>> difference = switch_averages(phase, np.pi / 16, duty=wider) - averages
+    >>> bool(np.allclose(difference, 1e-4 * duty_slopes(slopes), atol=1e-9))
+    True
+    """
+    return np.abs(slopes) * (np.pi, np.pi / 2)
+
+
 def _cycles_from_pulse(phase: np.ndarray, clock2_delay: float) -> np.ndarray:
-    """Cycles from the nearest pulse's centre, each clock in its own; pulses are 1/4 wide. (2, n)"""
+    """Cycles from the nearest pulse's centre, each clock in its own; (2, n)."""
     cycles = np.empty((2, len(phase)))
     np.multiply(phase, 1 / (2 * np.pi), out=cycles[0])
     np.multiply(cycles[0], 2, out=cycles[1])
@@ -156,12 +200,12 @@ def _cycles_from_pulse(phase: np.ndarray, clock2_delay: float) -> np.ndarray:
     return cycles
 
 
-def _ramps(cycles: np.ndarray, half_window: float) -> np.ndarray:
+def _ramps(cycles: np.ndarray, half_window: float, duty: tuple[float, float]) -> np.ndarray:
     """Averages of both waveforms at these cycles from the pulses' centres, in place."""
     np.abs(cycles, out=cycles)
     # A window that is shorter than pulse and gap sees one edge at most: the average is a ramp.
     half = half_window / (2 * np.pi) * np.array([[1.0], [2.0]])
-    cycles -= 1 / 8 + half
+    cycles -= np.array([[duty[0] / 2], [duty[1] / 2]]) + half
     cycles *= -1 / (2 * half)
     np.maximum(cycles, 0.0, out=cycles)
     return np.minimum(cycles, 1.0, out=cycles)
