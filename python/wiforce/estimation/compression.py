@@ -16,13 +16,16 @@ import numpy as np
 from ..signal.waveform import FFT_LENGTH, PREAMBLE_LENGTH, Waveform
 from .groups import Array, Groups
 
-# Samples at the end of a frame that are free of the preamble's echoes, and how many must lie
-# between: 12.8 us at 12.5 Msps.
-_QUIET = 96
+# Samples behind the preamble in which its echoes fade and filters ring, samples before the next one
+# in which they ring, and how many must lie between.
 _ECHOES = 160
+_RINGING = 64
+_QUIET = 96
 # Share of compression at the largest static sample below which it is neither certain nor of
 # consequence: 0.1 deg of a reading.
 _LEAST = 0.003
+# Part of |s|^2 s that must fall on subcarrier 0 for it to tell.
+_LEAST_SHARE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,19 +64,27 @@ class Compression:
 
 
 def measure_compression(samples: Array, waveform: Waveform) -> Compression | None:
-    """Measure compression at the start of a run.
+    """Measure compression at the start of a run, from the subcarrier that is never sent.
 
     Parameters
     ----------
     samples : ndarray of complex, shape (n,)
-        Whole frames; some hundred of them, so that noise does not matter.
+        Whole frames; some hundred of them, so that noise does not matter. The static path is by
+        far the strongest.
     waveform : Waveform
+        Subcarrier 0 is not occupied.
 
     Returns
     -------
     Compression or None
-        None where none was found. Its doubt is half of what the result depends on whether the DC
-        offset is there before the signal is compressed, or added behind.
+        None where it is below 0.3 % at the largest sample, or the guard is too short for the echoes
+        to fade. Its doubt is half of what the result depends on whether the DC offset is there
+        before the signal is compressed, or added behind.
+
+    Notes
+    -----
+    What is received on subcarrier 0 is c sum_n |s[n]|^2 s[n] and the offset. Filters ring at the
+    edges of the preamble, so that only its middle and that of the guard are used.
 
     Examples
     --------
@@ -83,66 +94,29 @@ def measure_compression(samples: Array, waveform: Waveform) -> Compression | Non
     True
     """
     offset = offset_of(samples, waveform)
-    if offset is None:
+    if offset is None or 0 in waveform.bins:
         return None
-    length, first = waveform.frame_length, waveform.first_averaged
-    frames = samples[: len(samples) // length * length].reshape(-1, length)
-    averaged = frames[:, first : first + waveform.repetitions * FFT_LENGTH].mean(axis=0)
-    symbol = averaged.reshape(-1, FFT_LENGTH).mean(axis=0).astype(complex)
-    before = compression_of(symbol, offset, waveform)
-    behind = compression_of(symbol - offset, 0j, waveform)
-    if not before and not behind:
+    length, first, count = waveform.frame_length, waveform.first_averaged, waveform.repetitions
+    frame = samples[: len(samples) // length * length].reshape(-1, length).mean(axis=0)
+    repetitions = frame[first : first + count * FFT_LENGTH].reshape(count, FFT_LENGTH)
+    symbol = repetitions[count // 4 : count - count // 4].mean(axis=0).astype(complex)
+    before, behind = _compression(symbol, offset), _compression(symbol - offset, 0j)
+    if max(-before, -behind) * np.abs(symbol).max() ** 2 < _LEAST:
         return None
     doubt = abs(before - behind) / 2 * float(np.mean(np.abs(symbol) ** 2))
     return Compression(image_operator(symbol, (before + behind) / 2, waveform), doubt)
 
 
-def compression_of(symbol: Array, offset: complex, waveform: Waveform) -> float:
-    """Coefficient c of third-order compression, from the subcarrier that is never sent.
-
-    Parameters
-    ----------
-    symbol : ndarray of complex, shape (64,)
-        Mean folded symbol, in which the static path is by far the strongest.
-    offset : complex
-        DC offset of the receiver, the mean of samples in which nothing is received.
-    waveform : Waveform
-        Subcarrier 0 is not occupied.
-
-    Returns
-    -------
-    float
-        c, in 1 over squared samples, negative: compression of the amplitude. 0 where it is below
-        0.3 % at the largest sample.
-
-    Notes
-    -----
-    What is received on subcarrier 0 is c sum_n |s[n]|^2 s[n] and the offset, which is assumed to be
-    there before the signal is compressed. The imaginary part of that quotient is left out, because
-    the ringing of filters at the edges of the preamble adds to it; a conversion of amplitude to
-    phase is not found.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> waveform = sounding_waveform()
-    >>> paths = np.fft.fft(waveform.preamble[64:128]) * np.exp(2j * np.arange(64) ** 0.5)
-    >>> sent = np.fft.ifft(paths)
-    >>> received = sent * (1 - 0.01 * np.abs(sent / np.abs(sent).max()) ** 2)
-    >>> c = compression_of(received, 0j, waveform)
-    >>> round(c * np.abs(sent).max() ** 2, 2)
-    -0.01
-    """
-    cubed = np.abs(symbol) ** 2 * symbol
-    share = np.mean(cubed) - abs(offset) ** 2 * offset
-    if 0 in waveform.bins or abs(share) < 1e-3 * np.mean(np.abs(cubed)):
+def _compression(symbol: Array, offset: complex) -> float:
+    """Coefficient c, at most 0: amplifiers convert amplitude to phase much less."""
+    share = np.mean(np.abs(symbol) ** 2 * symbol) - abs(offset) ** 2 * offset
+    if abs(share) < _LEAST_SHARE * np.mean(np.abs(symbol) ** 3):
         return 0.0
-    found = float((np.mean(symbol - offset) / share).real)
-    return found if -found * np.abs(symbol).max() ** 2 >= _LEAST else 0.0
+    return min(0.0, float((np.mean(symbol - offset) / share).real))
 
 
 def offset_of(samples: Array, waveform: Waveform) -> complex | None:
-    """DC offset of the receiver from the guards of whole frames.
+    """DC offset of the receiver from the middle of the guards.
 
     Parameters
     ----------
@@ -163,10 +137,11 @@ def offset_of(samples: Array, waveform: Waveform) -> complex | None:
     (0.25+0j)
     """
     length = waveform.frame_length
-    if length < PREAMBLE_LENGTH + _ECHOES + _QUIET or len(samples) < length:
+    quiet = slice(PREAMBLE_LENGTH + _ECHOES, length - _RINGING)
+    if quiet.stop - quiet.start < _QUIET or len(samples) < length:
         return None
     frames = samples[: len(samples) // length * length].reshape(-1, length)
-    return complex(np.mean(frames[:, -_QUIET:]))
+    return complex(np.mean(frames[:, quiet]))
 
 
 def image_operator(symbol: Array, coefficient: float, waveform: Waveform) -> Array:
