@@ -17,7 +17,7 @@ _LAGS = (1, 4, 12)
 # Changes count for about this long, in s.
 _MEMORY_S = 20.0
 # Standard deviations by which the mean square of the changes must exceed that of noise.
-_SIGNIFICANT = 3.0
+_SIGNIFICANT = 4.0
 _LEAST_CHANGES = 4
 # Relative standard deviation of a mean square below which it may set such a limit.
 _CERTAIN = 0.5
@@ -142,8 +142,10 @@ class DriftRate:
         after: tuple[float, list[float], list[float]],
     ) -> None:
         """Learn from what a touch hid: a change of the untouched phases from before to after."""
-        for end in (0, 1):
-            change = 180.0 - (180.0 - (after[1][end] - before[1][end])) % 360.0
+        changes = [180.0 - (180.0 - (after[1][i] - before[1][i])) % 360.0 for i in (0, 1)]
+        if max(map(abs, changes)) > _EVENT_DEG:
+            return  # the tag was moved
+        for end, change in enumerate(changes):
             new = after[0] - before[0], change * change, after[2][end] + before[2][end]
             for sums, value in zip(self._across, new, strict=True):
                 sums[end] += value
