@@ -9,6 +9,8 @@ sigma_k^2: noise alone leaves sum_k |V_k|^2 / sigma_k^2 of it on every tone.
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
 
 from .groups import Array
@@ -55,12 +57,12 @@ class CoherentResidual:
     """
 
     def __init__(self, ends: int) -> None:
-        self._latest = np.zeros((_MEDIAN_GROUPS, ends))
-        self._groups = np.zeros(ends, int)
+        self._latest = [deque[float](maxlen=_MEDIAN_GROUPS) for _ in range(ends)]
 
     def reset(self) -> None:
         """Forget the groups so far, when the clocks were acquired again."""
-        self._groups[:] = 0
+        for latest in self._latest:
+            latest.clear()
 
     def update(self, fit: GroupFit, inverse_noise: Array) -> Array:
         """Take the fit of a group.
@@ -88,12 +90,13 @@ class CoherentResidual:
         own = np.sum(along.real**2 + along.imag**2, axis=0) / freedom
         spread = freedom**-0.5
         factors = np.where(own > 1 + _GROUP_STDS * spread, own, 1)
-        for i, row in enumerate(fit.rows.tolist()):
-            self._latest[self._groups[row] % _MEDIAN_GROUPS, row] = sandwich[i]
-            self._groups[row] += 1
-            count = min(int(self._groups[row]), _MEDIAN_GROUPS)
+        for i, (row, ratio) in enumerate(zip(fit.rows.tolist(), sandwich.tolist(), strict=True)):
+            latest = self._latest[row]
+            latest.append(ratio)
+            count = len(latest)
+            ranked = sorted(latest)
             # The median of a gamma distribution lies below its mean.
-            lasting = float(np.median(self._latest[:count, row]))
+            lasting = (ranked[(count - 1) // 2] + ranked[count // 2]) / 2
             lasting /= 1 - _FREEDOM_SHARE / (3 * freedom)
             if lasting > 1 + _LASTING_STDS * spread * (_FREEDOM_SHARE / count) ** 0.5:
                 factors[i] = max(factors[i], lasting)
