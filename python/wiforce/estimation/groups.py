@@ -89,6 +89,8 @@ class Groups:
         of clock 1 the pulses of clock 2 come late.
     overlapping : ndarray of bool, shape (G, S)
         Whether the tag's two switches are on together.
+    disturbed : ndarray of bool, shape (G, S)
+        Whether something lasting is received on the tag's own lines that is no noise.
     changes : ndarray of complex, shape (G, 2S, K)
         By the reference: V_i conj(V_ref,i) over the reference's power.
     new_reference : ndarray of bool, shape (G,)
@@ -138,6 +140,7 @@ class Groups:
     clock_offset_ppm: Array = _set_by_stage()
     clock2_delay: Array = _set_by_stage()
     overlapping: Array = _set_by_stage()
+    disturbed: Array = _set_by_stage()
     changes: Array = _set_by_stage()
     new_reference: Array = _set_by_stage()
     in_reference: Array = _set_by_stage()

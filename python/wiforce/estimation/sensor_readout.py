@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from ..sensor.model import SensorModel
 
 _NAN = math.nan
+# Phase std above which a disturbance of the tag's own lines is flagged: most of it may be hidden.
+_DISTURBED_DEG = 1.0
 
 
 class SensorReadout:
@@ -100,6 +102,9 @@ class SensorReadout:
         with np.errstate(invalid="ignore"):
             phases, slope = corrected_phase_deg(level, self._untouched, self._off)
             std = std * slope
+        if groups.disturbed is not None:
+            unsure = groups.disturbed[:, sensor] & (std.max(axis=1) > _DISTURBED_DEG)
+            flags[readable & unsure] |= Flag.INCONSISTENT.value
         weak = readable & (std.max(axis=1) > WEAK_PHASE_DEG)
         flags[weak] |= Flag.WEAK.value
         values = np.full((len(groups), 4), _NAN)

@@ -139,6 +139,7 @@ class EndSeparator:
         white = gain.copy()
         noise = np.ones((count, subcarriers))
         clocks = np.zeros((5, count, len(tags)))
+        disturbed = np.zeros((count, len(tags)), bool)
         for row, item in enumerate(self._model.prepare(groups)):
             if update and item.usable:
                 self._track(item)
@@ -153,6 +154,7 @@ class EndSeparator:
                     if ratio > _SIGNIFICANT_RESIDUAL:
                         factor = np.maximum(factor, ratio)
                     gain[row, fit.rows] *= factor
+                    disturbed[row] = self._coherence.disturbed.reshape(-1, 2).any(axis=1)
                 if update and not item.missing:
                     self._learn(residual, ratio, item)
             if self._noise.known:
@@ -171,6 +173,7 @@ class EndSeparator:
             clock_offset_ppm=offset_ppm,
             clock2_delay=delay,
             overlapping=overlapping > 0,
+            disturbed=disturbed[:, : self._tags],
         )
 
     def _track(self, item: GroupTones) -> None:
