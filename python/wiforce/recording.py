@@ -19,7 +19,7 @@ from .estimation.compression import measure_compression
 from .estimation.folded_groups import FoldedGroups
 from .estimation.groups import Groups, is_clipped
 from .estimation.recorded_frames import find_frames, first_frame, require_frames
-from .estimation.survey import LONGEST_S, Survey, survey_channel
+from .estimation.survey import LONGEST_S, Survey, survey_folded
 from .io.capture import Capture, open_capture, second_antenna
 from .io.readings import COLUMNS, NUMBERS, GroupCounts, Reading
 from .planning.plan import Plan
@@ -167,7 +167,7 @@ class RecordingReader:
             raise InputError("frame_offset", "must be an integer of at least 0", frame_offset)
         scene = plan.require_scene()
         recording.check_against(scene)
-        self._recording, self._plan = recording, plan
+        self._recording, self.plan = recording, plan
         if frame_offset is None:
             place = require_frames(recording, plan.waveform)
             frame_offset = first_frame(recording, plan.waveform, place)
@@ -179,13 +179,13 @@ class RecordingReader:
         self.survey = None
         if scene.environment.receive_antennas == 1:
             self.survey = survey_recording(recording, plan, frame_offset)
-            plan = self._plan = adapted(plan, self.survey)
+            plan = adapted(plan, self.survey)
             samples = recording.read(
                 frame_offset + _COMPRESSION_FRAMES * plan.waveform.frame_length
             )
             samples = samples[frame_offset : recording.segments[0].length]
             found = measure_compression(samples, plan.waveform)
-            plan = self._plan = replace(plan, compression=found)
+            plan = replace(plan, compression=found)
         self.plan = plan
         self.receiver = Receiver(plan, tracked, on_groups=on_groups)
         self.source: _Tones | _AntennaRatio
@@ -196,24 +196,24 @@ class RecordingReader:
 
     def _check_length(self) -> None:
         groups = self.groups
-        needed = self._plan.reference_groups + 1
+        needed = self.plan.reference_groups + 1
         if groups < needed:
             rule = (
                 f"must hold {needed} phase groups after its first frame, the untouched reference "
-                f"and one more ({needed * self._plan.group_period_s:.3g} s)"
+                f"and one more ({needed * self.plan.group_period_s:.3g} s)"
             )
             raise InputError(self._recording.path, rule, max(0, groups))
 
     @property
     def groups(self) -> int:
         """Whole phase groups that the recording spans."""
-        samples = self._plan.group_length * self._plan.waveform.frame_length
+        samples = self.plan.group_length * self.plan.waveform.frame_length
         return (self._recording.span - self.frame_offset) // samples
 
     @property
     def leftover(self) -> int:
         """Samples after the last whole frame."""
-        return (self._recording.span - self.frame_offset) % self._plan.waveform.frame_length
+        return (self._recording.span - self.frame_offset) % self.plan.waveform.frame_length
 
     @property
     def counts(self) -> GroupCounts:
@@ -268,9 +268,8 @@ def survey_recording(recording: Capture, plan: Plan, frame_offset: int) -> Surve
     whole = np.isfinite(found["folded"]).all(axis=1)
     snapshots, folded = found["snapshot"][whole], found["folded"][whole]
     folded = max(np.split(folded, np.flatnonzero(np.diff(snapshots) > 1) + 1), key=len)
-    channel = np.fft.fft(folded, axis=1)[:, waveform.bins] * waveform.equalizer()[waveform.bins]
     mains_hz = plan.require_scene().environment.possible_mains_hz
-    return survey_channel(channel, waveform, plan.clocks, mains_hz)
+    return survey_folded(folded, waveform, plan.clocks, mains_hz)
 
 
 def _frame_settings(recording: Capture, plan: Plan, frame_offset: int) -> dict[str, Any]:

@@ -25,7 +25,11 @@ from .tracked_tag import TagClock
 # Length of the survey: 0.5 s resolve 8 Hz, longer ones smear what wanders.
 LONGEST_S = 0.6
 SHORTEST_S = 0.1
-# Half width of the main lobe of the Blackman-Harris window, in bins; its side lobes are at -92 dB.
+# Terms of the Blackman-Harris window, and its equivalent noise bandwidth in bins,
+# n sum w^2 / (sum w)^2.
+_WINDOW = (0.35875, -0.48829, 0.14128, -0.01168)
+_ENBW = (_WINDOW[0] ** 2 + sum(a**2 for a in _WINDOW[1:]) / 2) / _WINDOW[0] ** 2
+# Half width of the window's main lobe, in bins; its side lobes are at -92 dB.
 _LOBE_BINS = 4.5
 # A floor below this part of the static power is that of rounding and not noise: 16-bit samples
 # round at 1e-10 of full scale, single precision at 1e-15.
@@ -98,7 +102,7 @@ class Survey:
     def line_power(self) -> Array:
         """Power of line 1 of each tag in the units of ``excess``, (S,); 0 where none stands out."""
         heights = np.array([line.height for line in self.clocks])
-        return heights * _enbw() / len(self.frequency_hz) / 2
+        return heights * _ENBW / len(self.frequency_hz) / 2
 
     @property
     def resolution_hz(self) -> float:
@@ -223,7 +227,7 @@ def survey_channel(
     excess = np.where(above, spectrum - 1, 0) / count
     excess[: int(2 * _LOBE_BINS)] = 0
     lines = _take_lines(frequency_hz, spectrum, excess, count)
-    least = (_SIGNIFICANT - 1 + _OWN_MARGIN * own) * _enbw() / count
+    least = (_SIGNIFICANT - 1 + _OWN_MARGIN * own) * _ENBW / count
     sources = identify(lines, float(frequency_hz[1]), least, waveform, mains_hz)
     static_power = float(np.mean((still.real**2 + still.imag**2) / floor))
     return Survey(frequency_hz, spectrum, own, excess, sources, found, period_s, static_power)
@@ -264,6 +268,35 @@ def survey_samples(
     frames = samples[: len(samples) // length * length].reshape(-1, length)
     averaged = frames[:, first : first + waveform.repetitions * FFT_LENGTH]
     folded = averaged.reshape(-1, waveform.repetitions, FFT_LENGTH).mean(axis=1)
+    return survey_folded(folded, waveform, clocks, mains_hz)
+
+
+def survey_folded(
+    folded: Array,
+    waveform: Waveform,
+    clocks: Sequence[TagClock],
+    mains_hz: Sequence[float] = MAINS_HZ,
+) -> Survey | None:
+    """Survey the room from the folded frames of consecutive snapshots.
+
+    Parameters
+    ----------
+    folded : ndarray of complex, shape (n, 64)
+        While nothing is touched.
+    waveform, clocks, mains_hz
+        As for :func:`survey_channel`.
+
+    Returns
+    -------
+    Survey or None
+        See :func:`survey_channel`.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
+    >>> survey_folded(np.ones((20, 64)), sounding_waveform(), [TagClock(1000.0)]) is None
+    True
+    """
     bins = waveform.bins
     channel = np.fft.fft(folded, axis=1)[:, bins] * waveform.equalizer()[bins]
     return survey_channel(channel, waveform, clocks, mains_hz)
@@ -280,7 +313,7 @@ def _take_lines(frequency_hz: Array, spectrum: Array, excess: Array, count: int)
             continue  # the slope of a broader one
         lobe = slice(max(best - reach, 0), best + reach + 1)
         offset, top = vertex(spectrum, best)
-        power = (top - 1) * _enbw() / count
+        power = (top - 1) * _ENBW / count
         if excess[lobe].sum() > _BROAD * power:
             continue
         frequency = (best + offset) * float(frequency_hz[1])
@@ -291,8 +324,7 @@ def _take_lines(frequency_hz: Array, spectrum: Array, excess: Array, count: int)
 
 def _blackman_harris(count: int) -> Array:
     phase = 2 * np.pi * (np.arange(count) + 0.5) / count
-    terms = (0.35875, -0.48829, 0.14128, -0.01168)
-    return sum(a * np.cos(i * phase) for i, a in enumerate(terms))
+    return sum(a * np.cos(i * phase) for i, a in enumerate(_WINDOW))
 
 
 def _own_lines(frequency_hz: Array, clocks: Sequence[ClockLine], waveform: Waveform) -> Array:
@@ -313,9 +345,3 @@ def _own_lines(frequency_hz: Array, clocks: Sequence[ClockLine], waveform: Wavef
             apart = np.maximum(np.abs(bins - center) - reach, 0)
             own[bins] += height * np.maximum(10 ** (-0.33 * apart**2), _SIDE_LOBES)
     return own
-
-
-def _enbw() -> float:
-    """Equivalent noise bandwidth of the window in bins: n sum w^2 / (sum w)^2."""
-    window = _blackman_harris(1024)
-    return float(1024 * np.sum(window**2) / window.sum() ** 2)

@@ -14,7 +14,7 @@ from ..estimation.sources import RoomLine, Source
 from ..estimation.survey import Survey
 from ..estimation.tracked_tag import TagClock
 from ..signal.lines import CLUTTER_MARGIN
-from ..signal.room_noise import RoomNoise
+from ..signal.room_noise import RoomNoise, room_noise
 from ..signal.weights import ToneTable
 from .plan import Plan
 
@@ -69,8 +69,7 @@ def adapted(plan: Plan, survey: Survey | None) -> Plan:
         return plan
     plan = _with_band(plan, survey)
     length, clutter_hz = plan.group_length, plan.clutter_hz
-    room = survey.noise(length, clutter_hz)
-    if room_noise_of_tones(plan.table, room).max() < NEGLIGIBLE:
+    if room_noise_of_tones(plan.table, survey.noise(length, clutter_hz)).max() < NEGLIGIBLE:
         return plan
     solved = []
     for source in [source for source in survey.sources if source.kind == "tag"][:_MOST_TAGS]:
@@ -131,9 +130,13 @@ def room_noise_of_tones(table: ToneTable, room: RoomNoise) -> np.ndarray:
     >>> abs(table.tones[disturbed].frequency_hz)
     1000.0
     """
-    weights = table.weights
-    power = np.einsum("mn,nm->m", weights @ room.covariance(), weights.conj().T).real
-    return power / np.sum(np.abs(weights) ** 2, axis=1) - 1
+    length = table.group_length
+    # Autocorrelation of each row: its product with the covariance needs the lags alone.
+    spectra = np.fft.fft(table.weights, 2 * length, axis=1)
+    correlation = np.fft.ifft(spectra.real**2 + spectra.imag**2, axis=1).real[:, :length]
+    excess = 2 * room.autocovariance
+    excess[0] = room.autocovariance[0] - 1
+    return np.asarray(correlation @ excess / correlation[:, 0])
 
 
 def _with_band(plan: Plan, survey: Survey) -> Plan:
@@ -179,9 +182,5 @@ def added_noise(table: ToneTable, lines: Sequence[RoomLine]) -> np.ndarray:
     """
     hertz = np.array([line.frequency_hz for line in lines])
     power = np.array([line.power for line in lines])
-    turns = 2j * np.pi * np.outer(table.times_s, hertz)
-    response = np.zeros(len(table.tones))
-    for sign in (1, -1):
-        seen = np.abs(table.weights @ np.exp(turns * sign)) ** 2
-        response += seen @ power
-    return np.asarray(response / np.sum(np.abs(table.weights) ** 2, axis=1))
+    noise = room_noise(hertz, power, table.group_length, table.snapshot_period_s)
+    return room_noise_of_tones(table, noise)
