@@ -348,7 +348,7 @@ ROOMS = {
 
 @pytest.mark.parametrize("name", ROOMS)
 def test_room_is_undescribed_and_has_its_effects(name):
-    """A scene that told the reader what to expect would not test whether it finds out."""
+    """A scene that stated what the reader should expect would not test whether it finds out."""
     scene = load_scene(name)
     assert "environment" not in yaml.safe_load(scene.path.read_text())
     clock = scene.sensors[0].clock_hz

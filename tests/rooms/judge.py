@@ -130,7 +130,7 @@ def judge(room, rows):
     """Compare the readings of one capture, rows of the product's CSV, with the truth."""
     tally = Tally()
     times = [float(row["time_s"]) for row in rows]
-    # The reader's groups are shorter than ours where it was told another frame length.
+    # The reader's groups are shorter than ours where its scene states another frame length.
     group_s = min(np.diff(times)) if len(times) > 1 else room.group * FRAME / RATE
     rest = phases_at_rest(rows)
     rest -= phases(room.tag, np.zeros(1), np.full(1, 40.0))[0]

@@ -223,7 +223,7 @@ class Capture:
 
 
 def scene_of(room):
-    """What the reader is told: only our tag, nothing about the room."""
+    """What the reader knows: only our tag, nothing about the room."""
     scene = {
         "sensors": [{"name": "finger", "model": "finger.yaml", "clock_hz": room.clock_hz}],
         "radio": {"center_frequency_hz": CARRIER_HZ, "sample_rate_hz": RATE},

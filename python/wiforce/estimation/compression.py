@@ -4,7 +4,7 @@
 A third-order amplifier gives y = x + c |x|^2 x. For a tag v beside a static path s this is
 v (1 + 2 c |s|^2) + c s^2 conj(v). The first part rotates touched and untouched sensor alike. The
 second is an image that turns the opposite way, with nearly the tag's own profile over the
-subcarriers: it cannot be told from the tag in a group, but it can be computed.
+subcarriers: it cannot be distinguished from the tag in a group, but it can be computed.
 """
 
 from __future__ import annotations

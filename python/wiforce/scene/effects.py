@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What real rooms and radios add to a simulated scene: one optional mapping per effect.
 
-Only the simulator and the software device use it; a reader is told none of it.
+Only the simulator and the software device use it; a reader does not know it.
 """
 
 from ..io.schema import declared, key
