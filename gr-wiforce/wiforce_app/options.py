@@ -18,6 +18,12 @@ class FiniteRange(click.FloatRange):
 
 CARRIER_HZ = FiniteRange(0, 1e12, min_open=True)
 
+capture_scene = click.option(
+    "--scene",
+    "scene_path",
+    type=click.Path(),
+    help="Scene file, or name of a shipped scene. Default: the scene in the capture's metadata.",
+)
 readings_output = click.option(
     "-o",
     "--output",

@@ -9,7 +9,7 @@ from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.recording import RecordingReader
 from gnuradio.wiforce.scene import scene_of
 
-from .options import readings_output, tracked_presses
+from .options import capture_scene, readings_output, tracked_presses
 from .progress import progress
 from .room_report import finding_line
 from .stream_events import describe_events
@@ -17,12 +17,7 @@ from .stream_events import describe_events
 
 @click.command()
 @click.argument("capture", type=click.Path())
-@click.option(
-    "--scene",
-    "scene_path",
-    type=click.Path(),
-    help="Scene file, or name of a shipped scene. Default: the scene in the capture's metadata.",
-)
+@capture_scene
 @readings_output
 @click.option(
     "--plot",

@@ -14,6 +14,7 @@ from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.recording import RecordingReader
 from gnuradio.wiforce.scene import scene_of
 
+from .options import capture_scene
 from .read import warn
 from .room_report import (
     changes_of,
@@ -27,12 +28,7 @@ from .room_report import (
 
 @click.command()
 @click.argument("capture", type=click.Path())
-@click.option(
-    "--scene",
-    "scene_path",
-    type=click.Path(),
-    help="Scene file, or name of a shipped scene. Default: the scene in the capture's metadata.",
-)
+@capture_scene
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
 @click.option(
     "--plot",

@@ -185,13 +185,8 @@ def make_readout(
     period_s, carrier_hz = plan.group_period_s, plan.center_frequency_hz
     sensors = {
         s.name: SensorReadout(
-            s.model,
-            carrier_hz,
-            s.off_reflection,
-            period_s,
-            tracked,
-            listed.drift_deg_per_sqrt_s,
+            s.model, carrier_hz, s.off_reflection, period_s, tracked, s.drift_deg_per_sqrt_s
         )
-        for s, listed in zip(plan.sensors, plan.require_scene().sensors, strict=True)
+        for s in plan.sensors
     }
     return Readout(sensors, period_s, estimator_named(plan.estimator).ratios, on_groups)

@@ -5,6 +5,7 @@ import numpy as np
 from gnuradio.wiforce.estimation.average import SubcarrierAverage
 from gnuradio.wiforce.estimation.estimators import RatioUnfolder, estimator_named
 from gnuradio.wiforce.estimation.groups import Groups
+from gnuradio.wiforce.signal.partial_weights import tones_of
 
 
 class SnapshotChain:
@@ -19,10 +20,10 @@ class SnapshotChain:
 
     def __init__(self, plan, derotated=False):
         self.table = plan.table
-        upper = self.table.weights[len(self.table.tones) // 2 :]
-        self._upper = np.concatenate([upper.real, upper.imag])
         estimator = estimator_named(plan.estimator)
-        self.separator = estimator.separator(plan.table, plan.clocks, plan.waveform, derotated)
+        self.separator = estimator.separation(
+            plan.table, plan.clocks, plan.waveform, derotated, plan.others
+        )
         self.difference = estimator.difference(
             len(plan.clocks), plan.reference_groups, plan.waveform
         )
@@ -35,11 +36,13 @@ class SnapshotChain:
         ``present`` (N,) bool says which snapshots there are.
         """
         if present is None or np.all(present):
-            return self.process_tones(Groups([index], self._whole_group(snapshots)[None]))
+            return self.process_tones(
+                Groups([index], tones_of(self.table.weights, snapshots)[None])
+            )
         partial = self.table.for_present(present)
         tones = np.zeros((len(self.table.tones), snapshots.shape[1]), complex)
         if partial is not None:
-            tones = partial.weights @ snapshots[present]
+            tones = partial.apply(snapshots[present])
         missing = np.array([np.sum(~present)])
         return self.process_tones(
             Groups([index], tones[None], missing, snapshot_weights=present[None])
@@ -48,13 +51,6 @@ class SnapshotChain:
     def process_tones(self, groups):
         """As `process`, of a batch with tones (G, M, K)."""
         return self._onward(self.separator.process(groups))
-
-    def _whole_group(self, snapshots):
-        """Tones by the table's weights, those of -m from the same sums as those of +m."""
-        half = len(self._upper) // 2
-        sums = self._upper @ np.ascontiguousarray(snapshots).view(float)
-        real, imaginary = sums[:half].view(complex), 1j * sums[half:].view(complex)
-        return np.concatenate([(real - imaginary)[::-1], real + imaginary])
 
     def flush(self):
         """Give the groups still held back."""

@@ -40,6 +40,8 @@ class PlannedSensor:
         Loaded.
     off_reflection : ndarray of complex, shape (2,)
         G_off / rho per switch.
+    drift_deg_per_sqrt_s : float or None
+        Stated random walk of the untouched phases; None where it is learned.
 
     Examples
     --------
@@ -51,6 +53,7 @@ class PlannedSensor:
     name: str
     model: SensorModel = field(repr=False)
     off_reflection: np.ndarray
+    drift_deg_per_sqrt_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -129,7 +132,12 @@ class Plan:
         """The scene's sensors with their models."""
         scene = self.require_scene()
         return tuple(
-            PlannedSensor(s.name, s.load_model(scene), np.asarray(s.off_reflection))
+            PlannedSensor(
+                s.name,
+                s.load_model(scene),
+                np.asarray(s.off_reflection),
+                s.drift_deg_per_sqrt_s,
+            )
             for s in scene.sensors
         )
 

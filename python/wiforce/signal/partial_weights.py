@@ -68,13 +68,9 @@ class PartialWeights:
         Returns
         -------
         ndarray of complex, shape (M, n)
-            ``weights @ snapshots``; tones of opposite frequency share two real products.
+            As :func:`tones_of`.
         """
-        upper = self.weights[len(self.weights) // 2 :]
-        samples = np.ascontiguousarray(snapshots, complex).view(float)
-        products = (np.vstack([upper.real, upper.imag]) @ samples).view(complex)
-        in_phase, quadrature = products[: len(upper)], 1j * products[len(upper) :]
-        return np.vstack([(in_phase - quadrature)[::-1], in_phase + quadrature])
+        return tones_of(self.weights, snapshots)
 
 
 class PartialSolver:
@@ -151,6 +147,32 @@ class PartialSolver:
         if pivot < _REFINED_PIVOT:
             rows += (np.eye(tones, len(gram)) - rows @ present) @ solver @ present.T
         return rows
+
+
+def tones_of(weights: np.ndarray, snapshots: np.ndarray) -> np.ndarray:
+    """Apply weights whose rows of opposite frequency are conjugates of each other.
+
+    Parameters
+    ----------
+    weights : ndarray of complex, shape (M, N)
+        As those of :class:`~.weights.ToneTable`.
+    snapshots : ndarray of complex, shape (N, n)
+
+    Returns
+    -------
+    ndarray of complex, shape (M, n)
+        ``weights @ snapshots``; tones of opposite frequency share two real products.
+
+    Examples
+    --------
+    >>> tones_of(np.array([[1 - 1j], [1 + 1j]]), np.array([[2j]])).ravel().tolist()
+    [(2+2j), (-2+2j)]
+    """
+    upper = weights[len(weights) // 2 :]
+    samples = np.ascontiguousarray(snapshots, complex).view(float)
+    products = (np.vstack([upper.real, upper.imag]) @ samples).view(complex)
+    in_phase, quadrature = products[: len(upper)], 1j * products[len(upper) :]
+    return np.vstack([(in_phase - quadrature)[::-1], in_phase + quadrature])
 
 
 def whitener_of(weights: np.ndarray, covariance: np.ndarray | None = None) -> np.ndarray:

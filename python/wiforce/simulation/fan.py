@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .paths import BASE_DELAY, LAST_DELAY, delay_taps
+from .paths import random_taps
 from .sources import Seeds
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ class FanBlades:
         self._turns_hz = stated.blade_hz / BLADES
         self._index = stated.highest_hz / self._turns_hz
         self._start = rng.random()
-        self.taps = delay_taps(rng.uniform(BASE_DELAY + 0.5, LAST_DELAY), 4)
+        self.taps = random_taps(rng)
         period = self._sum(np.arange(_POINTS) / _POINTS)
         self._scale = np.exp(2j * np.pi * rng.random()) / np.sqrt(np.mean(np.abs(period) ** 2))
 

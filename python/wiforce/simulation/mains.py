@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .paths import BASE_DELAY, LAST_DELAY, delay_taps
+from .paths import random_taps
 from .sources import Seeds
 from .walk import RandomWalk
 
@@ -52,7 +52,7 @@ class MainsLamps:
         cycles = np.outer(np.arange(_POINTS) / _POINTS, harmonics)
         waveform = np.cos(2 * np.pi * cycles + phases) @ (2 / harmonics)
         self._waveform = np.r_[waveform, waveform[0]] * np.exp(2j * np.pi * rng.random())
-        self.taps = delay_taps(rng.uniform(BASE_DELAY + 0.5, LAST_DELAY), 4)
+        self.taps = random_taps(rng)
         most = _MOST_DEVIATION * stated.mains_hz
         self._wander = RandomWalk(stated.wander_hz_per_sqrt_s, rng, most)
 

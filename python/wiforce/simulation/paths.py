@@ -43,6 +43,26 @@ def delay_taps(delay: float, count: int) -> np.ndarray:
     return taps
 
 
+def random_taps(rng: np.random.Generator) -> np.ndarray:
+    """FIR taps of a path with a random delay, as that of anything that reflects in a room.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    ndarray of float, shape (n,)
+        As from :func:`delay_taps`.
+
+    Examples
+    --------
+    >>> bool(len(random_taps(np.random.default_rng(1))) > BASE_DELAY)
+    True
+    """
+    return delay_taps(rng.uniform(BASE_DELAY + 0.5, LAST_DELAY), 4)
+
+
 def response(taps: np.ndarray, waveform: Waveform) -> np.ndarray:
     """Frequency response of FIR taps on the occupied subcarriers.
 
@@ -193,7 +213,7 @@ class MovingPath:
         self._swing_hz = reach * (1 - share)
         self._swing_rate_hz = min(1.0, doppler_hz / 60) * rng.uniform(0.4, 0.9)
         self._phases = 2 * np.pi * rng.random(2)
-        self.taps = delay_taps(rng.uniform(BASE_DELAY + 0.5, LAST_DELAY), 4)
+        self.taps = random_taps(rng)
 
     def gain(self, time_s: np.ndarray) -> np.ndarray:
         """exp(j phi) at the given times.
