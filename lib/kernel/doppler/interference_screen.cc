@@ -16,8 +16,9 @@ constexpr int WINDOW = 4096;
 // Quantile over the groups of the window that is their level. Short groups that are hit
 // as a whole are then rejected as long as they are fewer than three quarters.
 constexpr double GROUP_QUANTILE = 0.25;
-// Quantiles over the snapshots of a group: the level, and two whose ratio is the spread.
-constexpr double LEVEL = 0.20, LOW = 0.10, HIGH = 0.25;
+// Quantiles over the snapshots of a group: the level, two whose ratio is the spread, and
+// one that is noise even where many tags leave an edge in most snapshots.
+constexpr double LEVEL = 0.20, LOW = 0.10, HIGH = 0.25, FLOOR = 0.03;
 // Smallest difference above the level at which a snapshot is rejected. An edge of a
 // tag leaves the smaller of two differences, about twice the smallest of three. Noise has
 // a standard deviation of 15 to 20 % (of 128 smallest values), so that this is some seven
@@ -40,6 +41,14 @@ constexpr float COARSE_RATIO = 0.08f;
 // Ratio of their levels above which the repetitions differ by a carrier offset between
 // separate clocks, equally in all differences, and an edge does not raise the smallest.
 constexpr float OFFSET_RATIO = 0.2f;
+// Ratio of the levels of noise, by which the smallest difference says what the largest
+// would be without edges.
+constexpr float NOISE_RATIO = 0.11f;
+// Share of the coincidences of three edges that raise the smallest difference as far as
+// interference does (a third to a half with four to eight tags), and standard deviations
+// of their number.
+constexpr double RAISING = 0.5;
+constexpr double EDGE_MARGIN = 3.0;
 // Differences between snapshots that are compared for the level of the tags, how far
 // apart at most, and the quantile that counts. Tags are in different states in six pairs
 // of ten, two tags both in the states farthest apart in three of a hundred. A snapshot
@@ -57,7 +66,7 @@ float quantile(std::vector<float>& values, std::size_t sorted_below, double part
 }
 
 struct statistics {
-    float level;
+    float floor, level;
     float spread; // of the amplitude between LOW and HIGH, over that of the level
 };
 
@@ -67,8 +76,9 @@ statistics statistics_of(std::vector<float>& values)
     const float high = quantile(values, values.size(), HIGH);
     const float level = quantile(values, below, LEVEL);
     const float low = quantile(values, below, LOW);
+    const float floor = quantile(values, below, FLOOR);
     const float spread = std::sqrt(high) - std::sqrt(low);
-    return { level, level > 0 ? spread / std::sqrt(level) : 0.0f };
+    return { floor, level, level > 0 ? spread / std::sqrt(level) : 0.0f };
 }
 
 // Highest noise that is no interference.
@@ -80,18 +90,26 @@ float limit_of(const statistics& of, float limit)
 
 float smallest_limit(const statistics& smallest, const statistics& largest)
 {
-    const float ratio = largest.level > 0 ? smallest.level / largest.level : 0;
+    const float ratio = largest.floor > 0 ? smallest.level / largest.floor : 0;
     if (ratio < COARSE_RATIO)
         return limit_of(largest, LARGEST_LIMIT);
     return limit_of(smallest, ratio > OFFSET_RATIO ? LARGEST_LIMIT : SMALLEST_LIMIT);
 }
 
-float remember(std::deque<float>& limits, float limit, std::size_t window)
+// Largest difference that noise has at most, by the smallest one of most snapshots. Where
+// that is below the converter's steps it says nothing.
+float edge_limit(const statistics& smallest, const statistics& largest)
 {
-    limits.push_back(limit);
-    if (limits.size() > window)
-        limits.pop_front();
-    std::vector<float> sorted(limits.begin(), limits.end());
+    const float level = std::max(smallest.level / NOISE_RATIO, largest.floor);
+    return limit_of({ level, level, smallest.spread }, LARGEST_LIMIT);
+}
+
+float remember(std::deque<float>& of_groups, float value, std::size_t window)
+{
+    of_groups.push_back(value);
+    if (of_groups.size() > window)
+        of_groups.pop_front();
+    std::vector<float> sorted(of_groups.begin(), of_groups.end());
     return quantile(sorted, sorted.size(), GROUP_QUANTILE);
 }
 
@@ -130,7 +148,7 @@ void interference_screen::learn(const phase_group& group)
         for (int n = 0; n < d_length; n++)
             if (group.mask()[n] && is_known(group.noise_of(n)))
                 d_values.push_back(group.noise_of(n).*member);
-        return d_values.empty() ? statistics{ 0, 0 } : statistics_of(d_values);
+        return d_values.empty() ? statistics{} : statistics_of(d_values);
     };
     const statistics largest = of(&snapshot_noise::largest);
     if (d_values.empty())
@@ -140,6 +158,20 @@ void interference_screen::learn(const phase_group& group)
         remember(d_largest_limits, limit_of(largest, LARGEST_LIMIT), d_window);
     d_smallest_limit =
         remember(d_smallest_limits, smallest_limit(smallest, largest), d_window);
+    const float limit = edge_limit(smallest, largest);
+    const float edges = count_if(
+        group, [&](const snapshot_noise& noise) { return noise.largest > limit; });
+    d_edge_share = remember(d_edge_shares, edges / d_values.size(), d_window);
+}
+
+template <class Condition>
+int interference_screen::count_if(const phase_group& group,
+                                  const Condition& condition) const
+{
+    int count = 0;
+    for (int n = 0; n < d_length; n++)
+        count += group.mask()[n] && condition(group.noise_of(n));
+    return count;
 }
 
 void interference_screen::mark(int n)
@@ -150,15 +182,28 @@ void interference_screen::mark(int n)
 
 bool interference_screen::mark_whole(const phase_group& group)
 {
-    for (int n = 0; n < d_length; n++) {
-        const snapshot_noise& noise = group.noise_of(n);
+    float limit = d_smallest_limit;
+    const auto is_hit = [&](const snapshot_noise& noise) {
         // A single difference (both are the same) shows every edge.
-        if (group.mask()[n] && noise.smallest > d_smallest_limit &&
-            noise.smallest > LEAST_RATIO * noise.largest &&
-            noise.smallest < noise.largest)
+        return noise.smallest > limit && noise.smallest > LEAST_RATIO * noise.largest &&
+               noise.smallest < noise.largest;
+    };
+    const int hits = count_if(group, is_hit);
+    if (hits > 0 && hits <= edges_in_all_differences(group))
+        limit = std::max(limit, tag_level(group));
+    for (int n = 0; hits > 0 && n < d_length; n++)
+        if (group.mask()[n] && is_hit(group.noise_of(n)))
             mark(n);
-    }
     return d_rejected > 0;
+}
+
+// Most snapshots of the group in which edges of several tags raise all three differences,
+// an edge being in each of them independently.
+double interference_screen::edges_in_all_differences(const phase_group& group) const
+{
+    const double in_one = 1 - std::cbrt(1 - d_edge_share);
+    const double expected = RAISING * std::pow(in_one, 3) * group.present();
+    return expected + EDGE_MARGIN * std::sqrt(expected);
 }
 
 bool interference_screen::mark_beyond_tags(const phase_group& group)

@@ -16,7 +16,9 @@ namespace gr::wiforce::kernel {
  * that of other snapshots. A burst over a part of it raises the largest one, which an
  * edge of a tag does as well. Such a snapshot is rejected beside one that is hit as a
  * whole, and where the difference exceeds what the tags can explain: the differences
- * between snapshots, in most of which the tags are in different states.
+ * between snapshots, in most of which the tags are in different states. Where many tags
+ * switch, their edges sometimes raise all differences of a snapshot: as many snapshots as
+ * they explain by chance are rejected only beyond what the tags can explain.
  *
  * What counts as noise is learned from the lower quantiles of some thousand snapshots, so
  * that it is valid with up to about 70 % of them hit. Everything is decided at the end of
@@ -38,6 +40,9 @@ private:
     bool mark_whole(const phase_group& group);
     bool mark_beyond_tags(const phase_group& group);
     void mark_neighbours(const phase_group& group);
+    template <class Condition>
+    int count_if(const phase_group& group, const Condition& condition) const;
+    double edges_in_all_differences(const phase_group& group) const;
     float tag_level(const phase_group& group);
     void mark(int n);
 
@@ -48,6 +53,9 @@ private:
     std::deque<float> d_smallest_limits, d_largest_limits;
     float d_smallest_limit = 0;
     float d_largest_limit = 0;
+    // Share of the snapshots in which a tag changes state, in the same way.
+    std::deque<float> d_edge_shares;
+    float d_edge_share = 0;
     std::vector<std::uint8_t> d_marks;
     int d_rejected = 0;
     std::vector<float> d_values; // scratch
