@@ -84,6 +84,12 @@ def test_plan_short_group_falls_back_to_fewer_lines(snapshots):
     assert np.all(np.isfinite(chosen.table.weights))
 
 
+@pytest.mark.parametrize("smoothing_s, groups", [(0.036, 5), (0.0, 1), (0.072, 10)])
+def test_plan_averages_over_groups_as_long_as_the_scene_states(smoothing_s, groups):
+    settings = plan(scene_of(phase_group={"snapshots": 125, "smoothing_s": smoothing_s}))
+    assert settings.smoothing_groups == groups
+
+
 def test_steps_not_needed_are_skipped_with_reason():
     nothing = {"moving_clutter_hz": 0}
     still = {s.name: s for s in steps(plan(scene_of(environment=nothing)))}

@@ -40,9 +40,18 @@ _REQUESTS_A_LOOK = 100
 )
 @tracked_presses
 @click.option(
+    "--latency",
+    type=click.Choice(["low", "relaxed"]),
+    default="low",
+    show_default=True,
+    help="How soon readings come: 'relaxed' takes less processor time and 20 ms more.",
+)
+@click.option(
     "--duration", type=FiniteRange(0, min_open=True), help="Seconds to read. Default: until Ctrl-C."
 )
-def live(scene_path, args, output, record, zmq_endpoint, control, tracked, duration, **radio):
+def live(
+    scene_path, args, output, record, zmq_endpoint, control, tracked, latency, duration, **radio
+):
     """Transmit, receive and read with a UHD device, until interrupted.
 
     SIGUSR1 measures the untouched reference again (tare).
@@ -58,7 +67,7 @@ def live(scene_path, args, output, record, zmq_endpoint, control, tracked, durat
         with open_writer(output) as writer:
             opened = open_radio(args, scene, **radio)
             with _Outputs(writer, zmq_endpoint) as outputs:
-                session = _make_session(scene, opened, outputs, amplitude, tracked, record)
+                session = _make_session(scene, opened, outputs, amplitude, tracked, record, latency)
                 outputs.start_s = lambda: session.start_s
                 _run(session, args, outputs, control, duration)
     except DeviceLost as lost:
@@ -76,10 +85,10 @@ def open_radio(args, scene, tx_gain, rx_gain, antenna, tx_antenna, reference):
     return radio
 
 
-def _make_session(scene, radio, outputs, amplitude, tracked, record):
+def _make_session(scene, radio, outputs, amplitude, tracked, record, latency):
     from .live_session import LiveSession
 
-    return LiveSession(scene, radio, outputs.take, amplitude, tracked, record)
+    return LiveSession(scene, radio, outputs.take, amplitude, tracked, record, latency)
 
 
 class _Outputs:

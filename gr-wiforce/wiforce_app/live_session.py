@@ -23,7 +23,10 @@ _START_LEADS_S = (0.5, 1.5, 4.0)
 _START_GRACE_S = 1.0
 _START_LOOK_S = 0.02
 _BUFFER_SAMPLES = 1 << 18
-_RECEIVE_SAMPLES = 1 << 16  # 5 ms: handling every packet by itself would cost two cores
+# Samples that are received at once, as a time, by the option --latency. Handling every packet by
+# itself would cost two cores.
+RECEIVE_S = {"low": 2e-3, "relaxed": 20e-3}
+_MOST_RECEIVE_SAMPLES = 1 << 17  # half the buffer
 _RECEIVE_TIMEOUT_S = 0.1
 _LAST_READINGS_S = 2.0  # for the chain to process what has been received
 _KEPT_BATCHES = 64
@@ -48,6 +51,8 @@ class LiveSession:
         Track each press over time.
     recording : str or Path, optional
         Record to this SigMF pair.
+    latency : str
+        How many samples are received at once, a key of ``RECEIVE_S``.
     """
 
     def __init__(
@@ -58,6 +63,7 @@ class LiveSession:
         amplitude: float = 0.5,
         tracked: bool = False,
         recording: str | Path | None = None,
+        latency: str = "low",
     ):
         self.waveform = waveform = scene.waveform()
         sounding = {
@@ -78,12 +84,13 @@ class LiveSession:
         self.recorder = self._make_recorder(recording, amplitude) if recording else None
         # UHD's blocks throw when a device disappears, which must not end the process.
         self._flowgraph = gr.top_block("gr-wiforce live", catch_exceptions=True)
-        self._connect()
+        self._connect(RECEIVE_S[latency])
 
-    def _connect(self):
+    def _connect(self, receive_s):
         radio, flowgraph = self._radio, self._flowgraph
         radio.source.set_recv_timeout(_RECEIVE_TIMEOUT_S, False)
-        radio.source.set_max_noutput_items(_RECEIVE_SAMPLES)
+        received = int(receive_s * self.waveform.sample_rate_hz)
+        radio.source.set_max_noutput_items(min(received, _MOST_RECEIVE_SAMPLES))
         for block in (radio.source, self.alignment, self.meter):
             block.set_min_output_buffer(_BUFFER_SAMPLES)
         flowgraph.connect(self._transmitted, radio.sink)

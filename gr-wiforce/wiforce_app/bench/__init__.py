@@ -8,6 +8,7 @@ from ..lazy import LazyGroup
 BENCHMARKS = {
     "accuracy": "Compare phase errors with the Cramer-Rao bound.",
     "read": "Time from a capture's file to readings, and its stages.",
+    "live": "Measure the delay of readings behind the samples.",
     "speed": "Measure samples per second, compared with stock blocks.",
     "inversion": "Measure the inversion time of every sensor model.",
     "tradeoff": "Compare run time with error for many settings.",

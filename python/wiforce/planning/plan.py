@@ -21,8 +21,6 @@ from ..signal.weights import ToneTable, design_weights
 from .clutter_band import automatic_band_hz
 from .loss import line_loss_db
 
-# Readings are averaged over this time while nothing changes: that of the default phase group.
-_SMOOTHING_S = 0.036
 # Numbers of harmonics to choose from, and how much worse than the best the choice may be. More
 # lines cost processor time in proportion; 0.1 dB is 1 % of a standard deviation.
 HARMONICS = (8, 12, 16, 24)
@@ -276,7 +274,7 @@ def plan(scene: Any, snapshots: int | None = None, estimator: str | None = None)
         HARMONICS[0],
         reference_groups,
         # What is compared with the group before must not be averaged over groups.
-        max(1, round(_SMOOTHING_S / period)) if against == "untouched" else 1,
+        max(1, round(scene.phase_group.smoothing_s / period)) if against == "untouched" else 1,
         scene.phase_group.estimator,
         scene=scene,
     )

@@ -88,6 +88,12 @@ class PhaseGroup:
         doc="`harmonic`: this project's estimator. For comparison `paper`, as published, and "
         "`sideband`, half the angle of P(+m) P(-m).",
     )
+    smoothing_s: float = key(
+        Number(unit="s", low=0, high=1),
+        default=0.036,
+        doc="Time over which groups shorter than this are averaged while nothing changes; 0 makes "
+        "readings independent of their neighbours.",
+    )
 
 
 @declared
