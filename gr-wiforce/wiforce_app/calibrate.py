@@ -68,11 +68,12 @@ def calibrate(table, output, frequency_hz, kind, name, refined, plot_path, **set
 
     if Path(output).suffix.lower() not in (".yaml", ".yml"):
         raise InputError(output, "sensor file must end in .yaml")
-    check_output(output)
+    inputs = [table, *([refined] if refined else [])]
+    check_output(output, inputs)
     if plot_path is not None:
         from .plots import check_picture
 
-        check_picture(plot_path)
+        check_picture(plot_path, inputs)
     name = name or Path(output).stem
     data = _read(sensor, table, kind or sensor.table_kind(table), frequency_hz)
     if refined is not None:

@@ -46,7 +46,7 @@ def invert(phases, model, output, frequency_hz, std_deg, tracked, smoothed):
     if frequency_hz is None and len(sensor.frequencies_hz) > 1:
         held = ", ".join(f"{frequency:g}" for frequency in sensor.frequencies_hz)
         raise InputError("--frequency-hz", f"must be one of the sensor's carriers, {held}")
-    writer = open_writer(output)
+    writer = open_writer(output, (phases, model))
     rows = _read(phases)
     std = DEFAULT_STD_DEG if std_deg is None else std_deg
     if tracked or smoothed:
