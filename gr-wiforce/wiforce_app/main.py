@@ -24,7 +24,7 @@ COMMANDS = {
     "simulate": "Simulate a scene and write its capture.",
     "read": "Read force and location from a capture.",
     "live": "Read force and location live from a USRP.",
-    "check": "Check levels, noise, delay and tag clocks of a USRP.",
+    "check": "Check a USRP before a measurement, or the files of a capture.",
     "calibrate": "Make a sensor model from known presses.",
     "transfer": "Transfer a sensor model to another carrier.",
     "off-reflection": "Estimate the off state of the switches from a capture.",

@@ -61,6 +61,8 @@ class Capture:
         In order of time; a gap lies between two of them.
     scene : object
         The scene that the metadata hold (``wiforce:scene``), unchecked; None without one.
+    sha512 : str or None
+        Checksum of the data file that the metadata state (``core:sha512``), not verified.
 
     Examples
     --------
@@ -76,6 +78,7 @@ class Capture:
     center_frequency_hz: float | None
     segments: tuple[Segment, ...]
     scene: Any = field(default=None, repr=False, compare=False)
+    sha512: str | None = field(default=None, repr=False, compare=False)
 
     @property
     def samples(self) -> int:
@@ -249,7 +252,8 @@ def _open_sigmf(meta: Path, data: Path) -> Capture:
     if any(other != carriers[0] for other in carriers):
         raise InputError(meta, "core:frequency must be the same in all captures", carriers[1])
     segments = _segments(meta, captures, total)
-    return Capture(data, datatype, rate, carrier, segments, fields.get("wiforce:scene"))
+    scene, sha512 = fields.get("wiforce:scene"), fields.get("core:sha512")
+    return Capture(data, datatype, rate, carrier, segments, scene, sha512)
 
 
 def _metadata(meta: Path) -> tuple[Mapping[str, Any], Sequence[Mapping[str, Any]]]:
