@@ -3,11 +3,13 @@
 
 import atexit
 import errno
+import logging
 import os
 import shutil
 import sys
 import tempfile
 import traceback
+import warnings
 
 import click
 from gnuradio.wiforce.errors import InputError, OutputError
@@ -60,6 +62,8 @@ def _print_version(ctx, _, asked):
 
 def _set_debug(ctx, _, asked):
     ctx.find_root().obj["debug"] = asked
+    if asked:
+        warnings.simplefilter("default")
 
 
 @click.command(
@@ -140,6 +144,7 @@ def run():
     """Run the command as a process, whatever streams and environment it was started with."""
     _open_standard_streams()
     _find_home()
+    _silence_libraries()
     terminate_by_exception()
     return main()
 
@@ -149,6 +154,15 @@ def _find_home():
     if not os.access(os.environ.get("HOME", ""), os.W_OK):
         os.environ["HOME"] = tempfile.mkdtemp(prefix=f"{PROGRAM}-")
         atexit.register(shutil.rmtree, os.environ["HOME"], ignore_errors=True)
+
+
+def _silence_libraries():
+    """Discard warnings of NumPy and Matplotlib, which name none of the user's files or options.
+
+    --debug shows them.
+    """
+    warnings.simplefilter("ignore")
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
 
 
 def _open_standard_streams():

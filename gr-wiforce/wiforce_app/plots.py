@@ -83,10 +83,11 @@ def _plot_sensor(axes, readings, color, label):
         (axes[0], "force_n", "force_std_n"),
         (axes[1], "location_mm", "location_std_mm"),
     ):
+        known = np.isfinite(_column(readings, value))  # of rows without values Matplotlib warns
         axis.errorbar(
-            time,
-            _column(readings, value),
-            2 * _column(readings, std),
+            time[known],
+            _column(readings, value)[known],
+            2 * _column(readings, std)[known],
             fmt=".",
             ms=4,
             lw=0.7,

@@ -4,6 +4,7 @@
 import csv
 import io
 import os
+from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -65,7 +66,8 @@ def read_csv(path: str | Path) -> tuple[tuple[str, ...], list[tuple[int, dict[st
     Raises
     ------
     InputError
-        When it cannot be read, is larger than 32 MB, is not CSV or has no rows.
+        When it cannot be read, is larger than 32 MB, is not CSV or has no rows; when two columns
+        have one name, or a row has more fields than there are columns.
 
     Examples
     --------
@@ -77,7 +79,16 @@ def read_csv(path: str | Path) -> tuple[tuple[str, ...], list[tuple[int, dict[st
     try:
         reader = csv.DictReader(io.StringIO(data.decode("utf-8-sig"), newline=""))
         header = tuple(reader.fieldnames or ())
-        rows = [(reader.line_num, row) for row in reader if any(row.values())]
+        repeated = [name for name, count in Counter(header).items() if name and count > 1]
+        if repeated:
+            raise InputError(path, "columns must have different names", repeated[0])
+        rows = []
+        for row in reader:
+            if (surplus := row.pop(None, None)) is not None:
+                rule = f"must have as many fields as there are columns, {len(header)}"
+                raise InputError(f"{path}: row {reader.line_num}", rule, len(header) + len(surplus))
+            if any(row.values()):
+                rows.append((reader.line_num, row))
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(path, f"is not a CSV file ({error})") from error
     if not rows:
