@@ -27,6 +27,12 @@ endforeach()
 file(RELATIVE_PATH DATA_FROM_PACKAGE ${package} ${PROJECT_SOURCE_DIR}/gr-wiforce)
 configure_file(cmake/_config.py.in ${package}/_config.py @ONLY)
 
+# In single quotes, so that a shell takes a $ or a space in a path as it is.
+string(REPLACE "'" "'\\''" SOURCE_DIR_IN_SHELL "${PROJECT_SOURCE_DIR}")
+set(SOURCE_DIR_IN_SHELL "'${SOURCE_DIR_IN_SHELL}'")
+string(REPLACE "'" "'\\''" PYTHON_IN_SHELL "${PYTHON_EXECUTABLE}")
+set(PYTHON_IN_SHELL "'${PYTHON_IN_SHELL}'")
+
 set(PACKAGES_FROM_BIN ../python)
 set(LAUNCHER_INTERPRETER "/usr/bin/env python3")
 configure_file(cmake/gr-wiforce.in ${PROJECT_BINARY_DIR}/bin/gr-wiforce @ONLY)

@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Two receive antennas: their ratio is read where one antenna on a clock of its own is not."""
 
+import os
 import shutil
+import subprocess
 
 import numpy as np
 import pytest
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.antennas import channel_ratio
-from gnuradio.wiforce.io.capture import open_capture, second_antenna
+from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.io.capture_files import second_antenna
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.signal.waveform import sounding_waveform
@@ -144,3 +147,19 @@ def test_antenna_ratio_stream_with_bursts_is_read_as_the_recording(captures, int
 def test_reader_samples_of_one_antenna_are_refused_for_two():
     with pytest.raises(InputError, match="environment.receive_antennas: must be 1 where samples"):
         wiforce.reader(SCENE, input_type="sc16")
+
+
+def test_shorter_file_of_one_antenna_is_reported(captures, tmp_path):
+    """Its groups were dropped without a word about the file."""
+    first, copied = captures[0], tmp_path / "short"
+    for name, copy in ((first, copied), (second_antenna(first), second_antenna(copied))):
+        for suffix in (".sigmf-data", ".sigmf-meta"):
+            shutil.copy(f"{name}{suffix}", f"{copy}{suffix}")
+    path = second_antenna(copied) + ".sigmf-data"
+    os.truncate(path, os.path.getsize(path) - 4 * 125_000)
+    done = subprocess.run(
+        ["gr-wiforce", "read", str(copied)], capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 0, done.stderr
+    assert f"{path}: ends 125000 samples" in done.stderr and "before" in done.stderr
+    assert "groups that lack one antenna cannot be read" in done.stderr

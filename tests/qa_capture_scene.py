@@ -194,7 +194,7 @@ def test_read_tail_that_is_not_finite_counts_as_dropped(press, tmp_path):
     done = run(tmp_path / "tail.cf32", "--datatype", "cf32_le", "--scene", scene)
     assert "read 37 groups" in done.stderr and "17 dropped" in done.stderr, done.stderr
     rows = done.stdout.splitlines()[1:]
-    assert len(rows) == 37 and all(row.split(",")[-2] == "gap" for row in rows[20:])
+    assert len(rows) == 37 and all(row.split(",")[-3] == "gap" for row in rows[20:])
 
 
 def test_plan_reference_that_is_too_short_names_the_scene_file(tmp_path):

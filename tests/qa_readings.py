@@ -18,7 +18,7 @@ UNKNOWN = Reading(0.054, "arm", None, None, None, None, None, None, None, None, 
 def test_columns_equal_documented_order():
     assert ",".join(COLUMNS) == (
         "time_s,sensor,touch,force_n,force_std_n,location_mm,location_std_mm,"
-        "phase1_deg,phase2_deg,snr_db,flags,interference"
+        "phase1_deg,phase2_deg,snr_db,flags,group,interference"
     )
 
 
@@ -71,7 +71,7 @@ def test_writer_existing_file_is_kept_until_first_reading(earlier):
     with open_writer(earlier) as writer:
         assert earlier.read_text() == "precious\n"
         writer.write(UNKNOWN)
-        assert earlier.read_text() == f"{','.join(COLUMNS)}\n0.054,arm,,,,,,,,,gap,\n"
+        assert earlier.read_text() == f"{','.join(COLUMNS)}\n0.054,arm,,,,,,,,,gap,,\n"
 
 
 def test_writer_closed_without_reading_leaves_header_only(earlier):

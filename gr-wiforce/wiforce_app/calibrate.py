@@ -68,29 +68,54 @@ def calibrate(table, output, frequency_hz, kind, name, refined, plot_path, **set
 
     if Path(output).suffix.lower() not in (".yaml", ".yml"):
         raise InputError(output, "sensor file must end in .yaml")
-    check_output(output)
+    inputs = [table, *([refined] if refined else [])]
+    check_output(output, inputs)
     if plot_path is not None:
         from .plots import check_picture
 
-        check_picture(plot_path)
+        check_picture(plot_path, inputs)
     name = name or Path(output).stem
     data = _read(sensor, table, kind or sensor.table_kind(table), frequency_hz)
-    if refined is not None:
-        bench = sensor.load_sensor(refined, frequency_hz=frequency_hz)
-        model = sensor.refine(bench, data, name)
-    else:
-        model = sensor.calibrate(data, name, **settings)
-    lines = report(model)  # refuses a model that cannot be inverted
+    bench = None if refined is None else sensor.load_sensor(refined, frequency_hz=frequency_hz)
+    line = (
+        (settings["length_mm"], settings["permittivity"])
+        if bench is None
+        else (bench.length_mm, bench.permittivity)
+    )
+    suspected = sensor.suspicions(data, *line)
+    try:
+        model = (
+            sensor.calibrate(data, name, **settings)
+            if bench is None
+            else sensor.refine(bench, data, name)
+        )
+        lines = report(model)  # refuses a model that cannot be inverted
+    except InputError as error:
+        raise _with_suspicions(error, suspected) from None
     sensor.write_sensor(model, output)
-    for line in lines:
-        click.echo(line)
-    for warning in sensor.calibration_warnings(model):
+    for text in [*lines, *_line_assumed(sensor, data, *line)]:
+        click.echo(text)
+    for warning in [*suspected, *sensor.calibration_warnings(model)]:
         click.echo(f"warning: {warning}")
     if plot_path is not None:
         from .calibration_plot import plot_calibration
 
         plot_calibration(data, model, plot_path)
     click.echo(f"written: {output}")
+
+
+def _with_suspicions(error, suspected):
+    """The error, with the mistake in the table that may be its cause."""
+    rule = str(error).removeprefix(f"{error.where}: ")
+    return InputError(error.where, "; ".join([rule, *suspected]))
+
+
+def _line_assumed(sensor, data, length_mm, permittivity):
+    """What is assumed of the line, beside what the data say of it."""
+    yield ""
+    yield f"line: {length_mm:g} mm and effective permittivity {permittivity:g} are assumed"
+    for found in sensor.estimate_line(data, length_mm, permittivity):
+        yield f"  {found.frequency_hz / 1e6:g} MHz: {found.text()}"
 
 
 def _read(sensor, table, kind, frequency_hz):

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``gr-wiforce check``: measures levels, delay and tag clocks, and advises what to change."""
+"""``gr-wiforce check``: measures levels, delay and tag clocks, and advises what to change.
+
+For a device; a capture's files are checked in :mod:`.check_capture`.
+"""
 
 import json
 from dataclasses import asdict, dataclass, field
@@ -17,7 +20,7 @@ from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.schema import Scene
 
 from .live import leave, open_radio
-from .options import radio_options
+from .options import optional_radio_options
 from .room_report import finding_line, finding_rows, measure_tag, sensor_text
 from .stream_events import describe_events
 
@@ -46,13 +49,22 @@ class Findings:
 
 
 @click.command()
-@radio_options
+@click.argument("capture", type=click.Path(), required=False)
+@optional_radio_options
 @click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
-def check(scene_path, args, as_json, amplitude, **radio):
+def check(capture, scene_path, args, as_json, amplitude, **radio):
     """Measure levels, noise, delay and the tags' clocks, and advise what to change.
 
-    No sensor may be pressed meanwhile.
+    With --args and --scene the check receives from a device; no sensor may be pressed meanwhile.
+    With a CAPTURE instead it verifies the files: checksum, length, gaps, frames and levels.
     """
+    if capture is not None:
+        if args is not None:
+            raise click.UsageError("CAPTURE and --args exclude each other")
+        _check_files(capture, scene_path, as_json)
+        return
+    if args is None or scene_path is None:
+        raise click.UsageError("give --scene and --args for a device, or a CAPTURE")
     from .live_session import DeviceLost
 
     scene = load_scene(scene_path)
@@ -71,6 +83,13 @@ def check(scene_path, args, as_json, amplitude, **radio):
         click.echo(json.dumps(report, indent=2))
     else:
         click.echo(_text(findings))
+
+
+def _check_files(capture, scene_path, as_json):
+    from .check_capture import check_capture, report
+
+    found = check_capture(capture, scene_path)
+    click.echo(json.dumps(found, indent=2) if as_json else report(found))
 
 
 def _receive(scene, radio, amplitude, args):

@@ -117,6 +117,11 @@ def _wait_for_frames(recording, capture, datatype, waveform):
 
 
 def _on_interrupt(call):
-    """Call a function when the process is asked to end, instead of ending it."""
+    """Call a function when the process is asked to end; asked again, the process ends at once."""
+
+    def end(number, _):
+        signal.signal(number, signal.SIG_DFL)
+        call()
+
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: call())
+        signal.signal(number, end)

@@ -10,6 +10,7 @@ from gnuradio.wiforce.io.readings import ESTIMATES, WEAK_FORCE_N, WEAK_PHASE_DEG
 from gnuradio.wiforce.io.textfile import read_csv
 from gnuradio.wiforce.io.writers import open_writer
 from gnuradio.wiforce.sensor.inversion import DEFAULT_STD_DEG
+from gnuradio.wiforce.sensor.touch_test import touch_of
 from gnuradio.wiforce.signal.carrier import wrap_deg
 
 from .options import CARRIER_HZ
@@ -36,7 +37,7 @@ def invert(phases, model, output, frequency_hz, std_deg, tracked, smoothed):
     Where location_mm is given it is taken as known, unless location_std_mm says that it is a
     reading itself: readings can be inverted again.
     """
-    from gnuradio.wiforce.sensor import load_sensor
+    from gnuradio.wiforce.sensor import load_sensor, phase_suspicions
 
     if std_deg is not None and not (math.isfinite(std_deg) and std_deg > 0):
         raise InputError("--std-deg", "must be positive", std_deg)
@@ -46,9 +47,12 @@ def invert(phases, model, output, frequency_hz, std_deg, tracked, smoothed):
     if frequency_hz is None and len(sensor.frequencies_hz) > 1:
         held = ", ".join(f"{frequency:g}" for frequency in sensor.frequencies_hz)
         raise InputError("--frequency-hz", f"must be one of the sensor's carriers, {held}")
-    writer = open_writer(output)
+    writer = open_writer(output, (phases, model))
     rows = _read(phases)
     std = DEFAULT_STD_DEG if std_deg is None else std_deg
+    known = np.array([row["location_mm"] for row in rows])
+    for text in phase_suspicions(sensor, _phases(rows), std, known, frequency_hz):
+        click.echo(f"gr-wiforce: warning: {phases}: {text}", err=True)
     if tracked or smoothed:
         readings = _over_time(phases, rows, sensor, frequency_hz, std, smoothed)
     else:
@@ -67,7 +71,8 @@ def _read(path):
 
 
 def _numbers(path, number, row):
-    parsed = {"sensor": row.get("sensor") or ""}
+    group = (row.get("group") or "").strip()
+    parsed = {"sensor": row.get("sensor") or "", "group": int(group) if group.isdigit() else None}
     for column in (*_NEEDED, "time_s", "location_mm", "location_std_mm"):
         cell = (row.get(column) or "").strip()
         if not cell and column not in _NEEDED:
@@ -84,19 +89,26 @@ def _numbers(path, number, row):
     return parsed
 
 
+def _phases(rows):
+    """Phases of both ports, in degrees; (n, 2)."""
+    return np.array([[row[column] for column in _NEEDED] for row in rows])
+
+
 def _one_by_one(rows, sensor, frequency_hz, std):
     """A reading per row, each by itself."""
-    phases = np.array([[row[column] for column in _NEEDED] for row in rows])
+    phases = _phases(rows)
     known = np.array([row["location_mm"] for row in rows])
-    untouched = sensor.is_untouched(phases, std, frequency_hz)
-    readings = [_reading(row, sensor) for row in rows]
+    touch = touch_of(sensor, phases, std, frequency_hz)
+    readings = [
+        _reading(row, sensor, std, state) for row, state in zip(rows, touch.tolist(), strict=True)
+    ]
     for given in (True, False):
-        chosen = np.flatnonzero((np.isfinite(known) == given) & ~untouched)
+        chosen = np.flatnonzero((np.isfinite(known) == given) & (touch == 1))
         if len(chosen):
             places = known[chosen] if given else None
             result = sensor.invert(phases[chosen], std, places, frequency_hz)
             for i, index in enumerate(chosen):
-                readings[index] = _reading(rows[index], sensor, _values(result, i), std)
+                readings[index] = _reading(rows[index], sensor, std, 1, _values(result, i))
     return readings
 
 
@@ -106,12 +118,12 @@ def _over_time(path, rows, sensor, frequency_hz, std, smoothed):
     for name in dict.fromkeys(row["sensor"] for row in rows):
         own = [i for i, row in enumerate(rows) if row["sensor"] == name]
         period = _period(path, [rows[i]["time_s"] for i in own])
-        phases = np.array([[rows[i][column] for column in _NEEDED] for i in own])
-        touched = ~sensor.is_untouched(phases, std, frequency_hz)
+        phases = _phases([rows[i] for i in own])
+        touch = touch_of(sensor, phases, std, frequency_hz)
         follow = _smoothed if smoothed else _tracked
-        values = follow(sensor, phases, std, touched, period, frequency_hz)
-        for i, found in zip(own, values, strict=True):
-            readings[i] = _reading(rows[i], sensor, found, std)
+        values = follow(sensor, phases, std, touch == 1, period, frequency_hz)
+        for i, found, state in zip(own, values, touch.tolist(), strict=True):
+            readings[i] = _reading(rows[i], sensor, std, state, found)
     return readings
 
 
@@ -147,15 +159,18 @@ def _values(result, i):
     return (*(float(getattr(result, name)[i]) for name in ESTIMATES), result.flags[i])
 
 
-def _reading(row, sensor, found=None, std=None):
+def _reading(row, sensor, std, touch, found=None):
+    """A row's reading; ``touch`` is -1 where it is unknown, ``found`` None where not touched."""
     common = {
         "time_s": row["time_s"],
         "sensor": row["sensor"] or sensor.name,
         "phase1_deg": float(wrap_deg(row["phase1_deg"])),
         "phase2_deg": float(wrap_deg(row["phase2_deg"])),
+        "group": row["group"],
     }
     if found is None:
-        return Reading(**common, touch=0)
+        flags = ("weak",) if std > WEAK_PHASE_DEG or touch < 0 else ()
+        return Reading(**common, touch=None if touch < 0 else touch, flags=flags)
     *numbers, flags = found
     values = {
         key: value if math.isfinite(value) else None

@@ -7,6 +7,7 @@ import threading
 
 import click
 from gnuradio.wiforce.errors import OutputError
+from gnuradio.wiforce.io.capture_files import recording_stem
 from gnuradio.wiforce.io.writers import open_writer
 from gnuradio.wiforce.io.zmq_sockets import (
     ReadingsPublisher,
@@ -59,12 +60,14 @@ def live(
     from .live_session import DeviceLost
 
     scene = load_scene(scene_path)
+    if record is not None:
+        record = recording_stem(record, "--record")
     for endpoint, option in ((zmq_endpoint, "--zmq"), (control, "--control")):
         if endpoint is not None:
             endpoint_of(endpoint, option)
     amplitude = radio.pop("amplitude")
     try:
-        with open_writer(output) as writer:
+        with open_writer(output, scene.files) as writer:
             opened = open_radio(args, scene, **radio)
             with _Outputs(writer, zmq_endpoint) as outputs:
                 session = _make_session(scene, opened, outputs, amplitude, tracked, record, latency)

@@ -81,7 +81,7 @@ class LiveSession:
         )
         self._latest = deque(maxlen=_KEPT_BATCHES)
         self.reader.receiver.readout.on_groups = self._latest.append
-        self.recorder = self._make_recorder(recording, amplitude) if recording else None
+        self.recorder = self._make_recorder(recording, amplitude) if recording is not None else None
         # UHD's blocks throw when a device disappears, which must not end the process.
         self._flowgraph = gr.top_block("gr-wiforce live", catch_exceptions=True)
         self._connect(RECEIVE_S[latency])

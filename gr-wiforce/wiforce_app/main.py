@@ -3,15 +3,18 @@
 
 import atexit
 import errno
+import logging
 import os
 import shutil
 import sys
 import tempfile
 import traceback
+import warnings
 
 import click
 from gnuradio.wiforce.errors import InputError, OutputError
 
+from .interrupts import Interrupted, Terminated, terminate_by_exception
 from .lazy import LazyGroup
 
 PROGRAM = "gr-wiforce"
@@ -23,7 +26,7 @@ COMMANDS = {
     "simulate": "Simulate a scene and write its capture.",
     "read": "Read force and location from a capture.",
     "live": "Read force and location live from a USRP.",
-    "check": "Check levels, noise, delay and tag clocks of a USRP.",
+    "check": "Check a USRP before a measurement, or the files of a capture.",
     "calibrate": "Make a sensor model from known presses.",
     "transfer": "Transfer a sensor model to another carrier.",
     "off-reflection": "Estimate the off state of the switches from a capture.",
@@ -44,7 +47,9 @@ _PATH_ERRORS = {
     errno.ENOTDIR,
     errno.EROFS,
 }
-DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+DONE, FAILED, BAD_INPUT = 0, 1, 2
+# 128 + the number of the signal, as a shell reports a process that a signal ended.
+INTERRUPTED, TERMINATED = 130, 143
 
 
 def _print_version(ctx, _, asked):
@@ -57,6 +62,8 @@ def _print_version(ctx, _, asked):
 
 def _set_debug(ctx, _, asked):
     ctx.find_root().obj["debug"] = asked
+    if asked:
+        warnings.simplefilter("default")
 
 
 @click.command(
@@ -66,7 +73,7 @@ def _set_debug(ctx, _, asked):
     elsewhere={"emulate": "software_n210.command"},
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog="Exit status: 0 success; 2 bad usage or bad input, explained in one line; "
-    "1 any other failure.",
+    "1 any other failure; 130 interrupted by Ctrl-C, 143 by SIGTERM.",
 )
 @click.option(
     "--version",
@@ -99,8 +106,8 @@ def main(argv=None):
     Returns
     -------
     int
-        Exit status: 0 success; 2 bad usage or bad input; 130 interrupted; 1 any other failure.
-        Every failure prints one line on standard error.
+        Exit status: 0 success; 2 bad usage or bad input; 130 interrupted; 143 terminated; 1 any
+        other failure. Every failure prints one line on standard error.
     """
     state = {"debug": False}
     try:
@@ -115,8 +122,8 @@ def main(argv=None):
         return _fail(BAD_INPUT, str(error))
     except OutputError as error:
         return _fail(FAILED, str(error))
-    except (click.Abort, KeyboardInterrupt):
-        return _fail(INTERRUPTED, "interrupted")
+    except (click.Abort, KeyboardInterrupt, Interrupted) as error:
+        return _end_of_interruption(error)
     except BrokenPipeError:
         _silence_stdout()
         return FAILED
@@ -137,6 +144,8 @@ def run():
     """Run the command as a process, whatever streams and environment it was started with."""
     _open_standard_streams()
     _find_home()
+    _silence_libraries()
+    terminate_by_exception()
     return main()
 
 
@@ -145,6 +154,15 @@ def _find_home():
     if not os.access(os.environ.get("HOME", ""), os.W_OK):
         os.environ["HOME"] = tempfile.mkdtemp(prefix=f"{PROGRAM}-")
         atexit.register(shutil.rmtree, os.environ["HOME"], ignore_errors=True)
+
+
+def _silence_libraries():
+    """Discard warnings of NumPy and Matplotlib, which name none of the user's files or options.
+
+    --debug shows them.
+    """
+    warnings.simplefilter("ignore")
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
 
 
 def _open_standard_streams():
@@ -162,6 +180,15 @@ def _open_standard_streams():
             setattr(sys, name, open(number, "w" if number else "r", closefd=False))
     # A file name that the terminal cannot encode must not end the command.
     sys.stdout.reconfigure(errors="backslashreplace")
+
+
+def _end_of_interruption(error):
+    """Say what interrupted the command; click raises Abort from Ctrl-C."""
+    causes = (error, error.__cause__, error.__context__)
+    terminated = any(isinstance(cause, Terminated) for cause in causes)
+    word, status = ("terminated", TERMINATED) if terminated else ("interrupted", INTERRUPTED)
+    partial = f"; {error}" if isinstance(error, Interrupted) else ""
+    return _fail(status, word + partial)
 
 
 def _with_command(error):

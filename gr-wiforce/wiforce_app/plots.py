@@ -10,18 +10,24 @@ from gnuradio.wiforce.io.textfile import check_output
 _SUFFIXES = (".png", ".pdf", ".svg")
 
 
-def check_picture(path):
+def check_picture(path, inputs=()):
     """Check the path of a picture before any work is done for it.
+
+    Parameters
+    ----------
+    path : str or Path
+    inputs : iterable of str or Path, optional
+        Files that the picture is made from.
 
     Raises
     ------
     InputError
-        For an unknown suffix, a missing folder or a file that cannot be written.
+        For an unknown suffix, a missing folder, a file that cannot be written, or an input.
     """
     path = Path(path)
     if path.suffix.lower() not in _SUFFIXES:
         raise InputError(path, f"name of a picture must end in {', '.join(_SUFFIXES)}")
-    check_output(path)
+    check_output(path, inputs)
 
 
 def figure(rows, title, height_in=2.1):
@@ -77,10 +83,11 @@ def _plot_sensor(axes, readings, color, label):
         (axes[0], "force_n", "force_std_n"),
         (axes[1], "location_mm", "location_std_mm"),
     ):
+        known = np.isfinite(_column(readings, value))  # of rows without values Matplotlib warns
         axis.errorbar(
-            time,
-            _column(readings, value),
-            2 * _column(readings, std),
+            time[known],
+            _column(readings, value)[known],
+            2 * _column(readings, std)[known],
             fmt=".",
             ms=4,
             lw=0.7,

@@ -9,6 +9,7 @@ from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.recording import RecordingReader
 from gnuradio.wiforce.scene import scene_of
 
+from .interrupts import Interrupted
 from .options import capture_scene, readings_output, tracked_presses
 from .progress import progress
 from .room_report import finding_line
@@ -43,10 +44,12 @@ def read(capture, scene_path, output, plot_path, datatype, frame_offset, tracked
     recording = open_capture(capture, datatype)
     scene, differences = scene_of(recording, scene_path)
     settings = plan(scene)
+    inputs = [*recording.files, *scene.files]
     if plot_path is not None:
         from .plots import check_picture
 
-        check_picture(plot_path)
+        check_picture(plot_path, inputs)
+    writer = open_writer(output, inputs)
     if follow:
         from .follow import GrowingCapture
 
@@ -64,13 +67,16 @@ def read(capture, scene_path, output, plot_path, datatype, frame_offset, tracked
         click.echo(f"gr-wiforce: {recording.path}: {first}", err=True)
     kept = []
     rows = 0 if follow else reader.groups * len(scene.sensors)
-    with open_writer(output) as writer, progress("reading", rows) as step:
-        for batch in reader:
-            for reading in batch:
-                writer.write(reading)
-            if plot_path is not None:
-                kept += batch
-            step(len(batch))
+    try:
+        with writer, progress("reading", rows) as step:
+            for batch in reader:
+                for reading in batch:
+                    writer.write(reading)
+                if plot_path is not None:
+                    kept += batch
+                step(len(batch))
+    except KeyboardInterrupt as interrupt:
+        raise Interrupted(_partial(writer, output, rows)) from interrupt
     warn_of_events(reader)
     counts = reader.counts
     click.echo(f"gr-wiforce: read {counts}", err=True)
@@ -83,6 +89,13 @@ def read(capture, scene_path, output, plot_path, datatype, frame_offset, tracked
         from .plots import plot_readings
 
         plot_readings(kept, plot_path, title=str(capture))
+
+
+def _partial(writer, output, rows):
+    """What an interrupted run has written."""
+    if not writer.rows:
+        return "nothing has been written"
+    return f"{output or 'the output'} is partial: it holds the first {writer.rows} of {rows} rows"
 
 
 def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False, on_groups=None):
@@ -129,7 +142,13 @@ def warn_of_events(reader):
 
 
 def warn_of_leftover(recording, reader):
-    """Warn of samples behind the last whole frame."""
+    """Warn of samples behind the last whole frame, and of antennas recorded for different times."""
+    antennas = sorted(reader.source.captures, key=lambda capture: capture.span)
+    lacking = antennas[-1].span - antennas[0].span
+    if lacking:
+        seconds = lacking / reader.plan.waveform.sample_rate_hz
+        rule = f"ends {lacking} samples ({seconds:.3g} s) before {antennas[-1].path}"
+        warn(antennas[0].path, f"{rule}; groups that lack one antenna cannot be read")
     if reader.leftover:
         rule = "after the last whole frame); only whole phase groups are read"
         warn(recording.path, f"ends inside a frame ({reader.leftover} samples {rule}")

@@ -23,10 +23,11 @@ from .progress import progress
     type=click.IntRange(0, 2**63 - 1),
     help="Seed of all random numbers. Default: that of the scene.",
 )
-def simulate(scene, name, datatype, seed):
+@click.option("--force", is_flag=True, help="Replace existing files.")
+def simulate(scene, name, datatype, seed, force):
     """Simulate a scene: write the capture NAME.sigmf-data and NAME.sigmf-meta, and the applied
     presses as NAME.truth.csv."""
-    from gnuradio.wiforce.scene import load_scene
+    from gnuradio.wiforce.scene import load_scene, truth_warnings
     from gnuradio.wiforce.simulation import simulator
 
     scene = load_scene(scene)
@@ -35,9 +36,11 @@ def simulate(scene, name, datatype, seed):
         scene = dataclasses.replace(scene, simulation=simulation)
     samples = simulator.frame_count(scene) * scene.sounding.frame_length
     with progress("simulating", samples * scene.environment.receive_antennas) as done:
-        paths = simulator.simulate(scene, name, datatype, done)
+        paths = simulator.simulate(scene, name, datatype, done, overwrite=force)
     for path in paths:
         click.echo(path)
+    for warning in truth_warnings(scene):
+        click.echo(f"gr-wiforce: warning: {warning}", err=True)
     settings = scene.simulation
     click.echo(
         f"gr-wiforce: {samples / scene.radio.sample_rate_hz:.3g} s, "

@@ -46,7 +46,7 @@ def survey(capture, scene_path, as_json, plot_path):
     if plot_path is not None:
         from .plots import check_picture
 
-        check_picture(plot_path)
+        check_picture(plot_path, [*recording.files, *scene.files])
     settings = plan(scene)
     groups = []
     reader = RecordingReader(recording, settings, on_groups=groups.append)

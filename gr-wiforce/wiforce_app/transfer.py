@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.textfile import check_output
 
 from .options import CARRIER_HZ
 
@@ -24,6 +25,7 @@ def transfer(sensor, frequency_hz, output, name):
 
     if Path(output).suffix.lower() not in (".yaml", ".yml"):
         raise InputError(output, "sensor file must end in .yaml")
+    check_output(output, [sensor])
     moved = load_sensor(sensor).transferred(frequency_hz, name or Path(output).stem)
     added = moved.transfer_std_deg
     click.echo(

@@ -20,7 +20,8 @@ from .estimation.folded_groups import FoldedGroups
 from .estimation.groups import Groups, is_clipped
 from .estimation.recorded_frames import find_frames, first_frame, require_frames
 from .estimation.survey import LONGEST_S, Survey, survey_folded
-from .io.capture import Capture, open_capture, second_antenna
+from .io.capture import Capture, open_capture
+from .io.capture_files import second_antenna
 from .io.readings import COLUMNS, NUMBERS, GroupCounts, Reading
 from .planning.plan import Plan
 from .planning.plan import plan as plan_of
@@ -67,9 +68,9 @@ def read(
     pandas.DataFrame
         A row per phase group and sensor with the columns of a readings file: ``time_s``,
         ``sensor``, ``touch``, ``force_n``, ``force_std_n``, ``location_mm``, ``location_std_mm``,
-        ``phase1_deg``, ``phase2_deg``, ``snr_db``, ``flags`` (words with spaces between),
-        ``interference`` (share of the group that was left out because of it). Numbers are not
-        rounded; unknown values are NaN.
+        ``phase1_deg``, ``phase2_deg``, ``snr_db``, ``flags`` (words with spaces between), ``group``
+        (index of the group), ``interference`` (share of the group that was left out because of
+        it). Numbers are not rounded; unknown values are NaN.
 
     Raises
     ------
@@ -135,7 +136,7 @@ class RecordingReader:
         and for recordings that are too short.
     source : object
         Its ``read()`` gives the next Groups of tones, an empty one at the end; ``kernels`` are the
-        readers of the files, by path.
+        readers of the files, by path, and ``captures`` the recordings.
     times_ignored : int
         Implausible ``rx_time`` tags; 0, since a recording has no tags.
 
@@ -296,6 +297,7 @@ class _Tones:
             rotation=table.derotation(waveform.sample_rate_hz),
             bins=waveform.bins,
         )
+        self.captures: tuple[Capture, ...] = (recording,)
         self.kernels = {recording.path: self._kernel}
 
     def read(self) -> Groups:
@@ -327,9 +329,10 @@ class _AntennaRatio:
         self._waveform = plan.waveform
         self._folded = FoldedGroups(plan.table, plan.waveform)
         self._screen = interference_screen(plan.group_length)
+        self.captures = recording, beside
         self.kernels = {
             each.path: folded_reader(**_frame_settings(each, plan, frame_offset))
-            for each in (recording, beside)
+            for each in self.captures
         }
         self._kept: tuple[np.ndarray, ...] = self._read_frames()
 

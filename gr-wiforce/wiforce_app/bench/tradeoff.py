@@ -36,20 +36,21 @@ def tradeoff(scenes, as_json, quick, folder, fresh, plot_path, page_path):
     Varies group length, lines, clutter band, estimator, subcarriers, sample type, file or stream,
     and the order of the blocks, and compares with stock blocks.
     """
-    from gnuradio.wiforce.scene import shipped_scenes
+    from gnuradio.wiforce.scene import load_scene, shipped_scenes
 
     from ..evaluation.runs import keep_result, mark_of, result_of
 
-    if plot_path is not None:
-        from ..plots import check_picture
-
-        check_picture(plot_path)
-    if page_path is not None:
-        check_output(page_path)
     names = list(dict.fromkeys(scenes or shipped_scenes()))
     marks = {
         name: mark_of(name) for name in names
     }  # refuses invalid scenes before any work is done
+    inputs = [file for name in names for file in load_scene(name).files]
+    if plot_path is not None:
+        from ..plots import check_picture
+
+        check_picture(plot_path, inputs)
+    if page_path is not None:
+        check_output(page_path, inputs)
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     results = {name: None if fresh else result_of(folder, name, marks[name]) for name in names}

@@ -12,8 +12,8 @@ import click
 import yaml
 from gnuradio.wiforce._config import DATA_DIR, VERSION
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.textfile import write_whole
-from gnuradio.wiforce.scene import load_scene, shipped_scenes
+from gnuradio.wiforce.io.textfile import check_output, write_whole
+from gnuradio.wiforce.scene import load_scene, shipped_scenes, truth_warnings
 from gnuradio.wiforce.sensor.file import sensor_to_dict
 
 from ..progress import progress
@@ -43,7 +43,15 @@ def evaluate_scenes(names, folder, jobs=None, fresh=False):
     marks = {
         name: mark_of(name) for name in names
     }  # refuses invalid scenes before any work is done
+    inputs = [file for name in names for file in load_scene(name).files]
+    for name in names:
+        for warning in truth_warnings(load_scene(name)):
+            click.echo(f"gr-wiforce: warning: {name}: {warning}", err=True)
     folder.mkdir(parents=True, exist_ok=True)
+    for name in names:
+        for output in (_file(folder, name), _file(folder, name).with_suffix(".png")):
+            check_output(output, inputs)
+    check_output(folder / "report.md", inputs)
     missing = [name for name in names if fresh or result_of(folder, name, marks[name]) is None]
     jobs = min(jobs or os.cpu_count() or 1, max(len(missing), 1))
     # A fork is safe: this process has not started any flowgraph, and so no threads.

@@ -13,7 +13,7 @@ from gnuradio import gr
 from .. import names
 from ..errors import InputError
 from ..estimation.groups import Array
-from ..io.capture import open_capture
+from ..io.capture import Capture, open_capture
 from ..io.samples import DATATYPES
 from .stream_time import time_value
 
@@ -25,7 +25,8 @@ class capture_stream(gr.sync_block):
     """Samples of a growing capture, with ``rx_time`` at its start and after every gap.
 
     A gap must be in the metadata before the samples after it are in the data, as
-    ``sigmf_recorder`` writes them.
+    ``sigmf_recorder`` writes them. A gap that is reported later ends the stream with an error,
+    since samples have been sent with a wrong time; so does another sample rate or carrier.
 
     Parameters
     ----------
@@ -100,10 +101,38 @@ class capture_stream(gr.sync_block):
 
     def _reopen(self) -> bool:
         """Whether the capture has grown. Its size is read before its metadata."""
-        known, self._known = self._known.samples, open_capture(*self._source)
-        if self._known.samples < known:
+        known, self._known = self._known, open_capture(*self._source)
+        if self._known.samples < known.samples:
             raise InputError(self._known.path, "was cut short while it was read")
-        return self._known.samples > known
+        self._check_unchanged(known)
+        return self._known.samples > known.samples
+
+    def _check_unchanged(self, known: Capture) -> None:
+        """Refuse metadata that contradict what has been sent."""
+        for what, before, now in (
+            ("datatype", known.datatype, self._known.datatype),
+            ("sample rate", known.sample_rate_hz, self._known.sample_rate_hz),
+            ("carrier", known.center_frequency_hz, self._known.center_frequency_hz),
+        ):
+            if before is not None and now != before:
+                rule = f"{what} must not change while the capture is read, was {before}"
+                raise InputError(self._known.path, rule, now)
+        sent, stated = self._times(known), self._times(self._known)
+        if sent != stated:
+            late = next((time[0] for time in stated if time not in sent), self._at)
+            rule = (
+                f"metadata report a gap at sample {late} only after that sample was read (a "
+                "recorder must write its metadata first)"
+            )
+            raise InputError(self._known.path, rule)
+
+    def _times(self, capture: Capture) -> list[tuple[int, int]]:
+        """First sample and device count of the segments that have been sent."""
+        return [
+            (segment.file_sample, segment.global_index)
+            for segment in capture.segments
+            if segment.file_sample < self._at
+        ]
 
     def _tag_segment(self) -> None:
         segment = self._known.segments[self._segment]

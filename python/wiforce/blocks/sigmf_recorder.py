@@ -14,6 +14,7 @@ from gnuradio import gr
 from .. import names
 from ..errors import InputError
 from ..estimation.groups import Array
+from ..io.capture_files import recording_stem
 from ..io.samples import item_type_named
 from ..io.textfile import check_output, write_whole
 from .stream_time import Timeline
@@ -38,7 +39,7 @@ class sigmf_recorder(gr.sync_block):
     Parameters
     ----------
     path : str or Path
-        Without suffix. Nothing is overwritten.
+        ``.sigmf-data`` or ``.sigmf-meta`` at its end is left out. Nothing is overwritten.
     sample_rate : float
         Samples per second.
     center_frequency : float
@@ -89,7 +90,8 @@ class sigmf_recorder(gr.sync_block):
             "core:num_channels": 1,
             **(fields or {}),
         }
-        self._meta, self._data = Path(f"{path}.sigmf-meta"), Path(f"{path}.sigmf-data")
+        stem = recording_stem(path, "path")
+        self._meta, self._data = Path(f"{stem}.sigmf-meta"), Path(f"{stem}.sigmf-data")
         _check_new(self._meta, self._data)
         self._file: FileIO | None = None
 

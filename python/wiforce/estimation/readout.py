@@ -148,8 +148,8 @@ class Readout:
         touches = [None if value < 0 else value for value in touch.tolist()]
         numbers = [[None if math.isnan(v) else v for v in a.tolist()] for a in arrays]
         words = map(flag_words, groups.flags[:, sensor].tolist())
-        interference = groups.interference.tolist()
-        return list(zip(touches, *numbers, words, interference, strict=True))
+        index, interference = groups.index.tolist(), groups.interference.tolist()
+        return list(zip(touches, *numbers, words, index, interference, strict=True))
 
     def _fill(self, index: int) -> list[Reading]:
         first = self._next
@@ -157,7 +157,7 @@ class Readout:
         if index - first > _LONGEST_GAP_S / self._period_s:
             return []
         return [
-            Reading((absent + 0.5) * self._period_s, name, flags=_GAP)
+            Reading((absent + 0.5) * self._period_s, name, flags=_GAP, group=absent)
             for absent in range(first, index)
             for name in self._sensors
         ]

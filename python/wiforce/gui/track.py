@@ -38,6 +38,7 @@ def as_reading(reading: Any) -> Reading | None:
     if time_s is None or not isinstance(sensor, str) or not sensor:
         return None
     touch = _number(reading.get("touch"))
+    group = _number(reading.get("group"))
     flags = reading.get("flags") or ()
     flags = flags.split() if isinstance(flags, str) else flags
     return Reading(
@@ -45,6 +46,7 @@ def as_reading(reading: Any) -> Reading | None:
         sensor=sensor,
         touch=None if touch is None else int(touch == 1),
         flags=tuple(flag for flag in flags if flag in _FLAGS),
+        group=None if group is None else int(group),
         **numbers,
     )
 

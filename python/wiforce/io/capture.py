@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..signal.carrier import same_carrier
+from .capture_files import files_of, require_sigmf
 from .samples import DATATYPES, samples_of
 from .textfile import read_bytes
 
@@ -60,6 +61,8 @@ class Capture:
         In order of time; a gap lies between two of them.
     scene : object
         The scene that the metadata hold (``wiforce:scene``), unchecked; None without one.
+    sha512 : str or None
+        Checksum of the data file that the metadata state (``core:sha512``), not verified.
 
     Examples
     --------
@@ -75,11 +78,17 @@ class Capture:
     center_frequency_hz: float | None
     segments: tuple[Segment, ...]
     scene: Any = field(default=None, repr=False, compare=False)
+    sha512: str | None = field(default=None, repr=False, compare=False)
 
     @property
     def samples(self) -> int:
         """Number of samples in the file."""
         return sum(segment.length for segment in self.segments)
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """All files of the recording that exist, those of a second antenna included."""
+        return files_of(self.path)
 
     @property
     def span(self) -> int:
@@ -202,27 +211,6 @@ def open_capture(path: str | Path, datatype: str | None = None) -> Capture:
     return _open_sigmf(meta, data)
 
 
-def second_antenna(name: str | Path) -> str:
-    """Path of the second antenna's capture.
-
-    Parameters
-    ----------
-    name : str or Path
-        That of the first antenna's, without suffix.
-
-    Returns
-    -------
-    str
-        Without suffix.
-
-    Examples
-    --------
-    >>> second_antenna("press")
-    'press.antenna2'
-    """
-    return f"{name}.antenna2"
-
-
 def _open_raw(path: Path, datatype: str) -> Capture:
     if datatype not in DATATYPES:
         raise InputError("datatype", f"must be one of {', '.join(DATATYPES)}", datatype)
@@ -264,18 +252,17 @@ def _open_sigmf(meta: Path, data: Path) -> Capture:
     if any(other != carriers[0] for other in carriers):
         raise InputError(meta, "core:frequency must be the same in all captures", carriers[1])
     segments = _segments(meta, captures, total)
-    return Capture(data, datatype, rate, carrier, segments, fields.get("wiforce:scene"))
+    scene, sha512 = fields.get("wiforce:scene"), fields.get("core:sha512")
+    return Capture(data, datatype, rate, carrier, segments, scene, sha512)
 
 
 def _metadata(meta: Path) -> tuple[Mapping[str, Any], Sequence[Mapping[str, Any]]]:
     """Global and capture fields of a metadata file, validated by SigMF's own schema."""
     import json
 
-    try:
-        import sigmf
-        from sigmf.error import SigMFError
-    except ImportError as error:
-        raise InputError(meta, "needs the Python package sigmf: pip install sigmf") from error
+    require_sigmf(meta)
+    import sigmf
+    from sigmf.error import SigMFError
 
     try:
         parsed = json.loads(read_bytes(meta, MAX_METADATA_BYTES))

@@ -138,6 +138,9 @@ class Reading:
         SNR of this group, of the weaker end, per subcarrier and snapshot.
     flags : tuple of str
         Words of :class:`Flag`, in its order; empty when nothing is wrong.
+    group : int or None
+        Index of the phase group on the grid of the run, counted from 0; None for phases that are
+        not from a run.
     interference : float or None
         Share of the group's snapshots that were left out because another transmitter interfered
         with them, 0 to 1; None where nothing was received.
@@ -160,6 +163,7 @@ class Reading:
     phase2_deg: float | None = None
     snr_db: float | None = None
     flags: tuple[str, ...] = ()
+    group: int | None = None
     interference: float | None = None
 
     def row(self) -> dict[str, Any]:
@@ -172,7 +176,7 @@ class Reading:
             text.
         """
         row = {
-            key: _rounded(key, value) if isinstance(value, float) else value
+            key: rounded(key, value) if isinstance(value, float) else value
             for key, value in vars(self).items()
         }
         row["flags"] = " ".join(self.flags)
@@ -180,13 +184,33 @@ class Reading:
 
 
 COLUMNS = tuple(Reading.__dataclass_fields__)
-NUMBERS = tuple(name for name in COLUMNS if name not in ("sensor", "touch", "flags"))
+NUMBERS = tuple(name for name in COLUMNS if name not in ("sensor", "touch", "flags", "group"))
 # What an inversion estimates, under the names that it has in Inversion and Groups as well.
 ESTIMATES = ("force_n", "force_std_n", "location_mm", "location_std_mm")
-_DECIMALS = dict.fromkeys(COLUMNS, 4) | {"time_s": 6, "snr_db": 2}
+# A group's centre lies on half samples, 40 ns apart at 12.5 Msps: coarser times could not be joined
+# with those of another file.
+_DECIMALS = dict.fromkeys(COLUMNS, 4) | {"time_s": 9, "snr_db": 2}
 
 
-def _rounded(key: str, value: float) -> float | None:
+def rounded(key: str, value: float) -> float | None:
+    """A number as files of readings and files of truth hold it, so that both can be joined.
+
+    Parameters
+    ----------
+    key : str
+        Name of the column.
+    value : float
+
+    Returns
+    -------
+    float or None
+        None when it is not finite.
+
+    Examples
+    --------
+    >>> rounded("time_s", 0.0018144), rounded("force_n", 4.12345678)
+    (0.0018144, 4.1235)
+    """
     return round(value, _DECIMALS[key]) if math.isfinite(value) else None
 
 

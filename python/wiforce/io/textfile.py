@@ -4,6 +4,8 @@
 import csv
 import io
 import os
+from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 
 from ..errors import InputError
@@ -64,7 +66,8 @@ def read_csv(path: str | Path) -> tuple[tuple[str, ...], list[tuple[int, dict[st
     Raises
     ------
     InputError
-        When it cannot be read, is larger than 32 MB, is not CSV or has no rows.
+        When it cannot be read, is larger than 32 MB, is not CSV or has no rows; when two columns
+        have one name, or a row has more fields than there are columns.
 
     Examples
     --------
@@ -76,7 +79,16 @@ def read_csv(path: str | Path) -> tuple[tuple[str, ...], list[tuple[int, dict[st
     try:
         reader = csv.DictReader(io.StringIO(data.decode("utf-8-sig"), newline=""))
         header = tuple(reader.fieldnames or ())
-        rows = [(reader.line_num, row) for row in reader if any(row.values())]
+        repeated = [name for name, count in Counter(header).items() if name and count > 1]
+        if repeated:
+            raise InputError(path, "columns must have different names", repeated[0])
+        rows = []
+        for row in reader:
+            if (surplus := row.pop(None, None)) is not None:
+                rule = f"must have as many fields as there are columns, {len(header)}"
+                raise InputError(f"{path}: row {reader.line_num}", rule, len(header) + len(surplus))
+            if any(row.values()):
+                rows.append((reader.line_num, row))
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(path, f"is not a CSV file ({error})") from error
     if not rows:
@@ -84,17 +96,19 @@ def read_csv(path: str | Path) -> tuple[tuple[str, ...], list[tuple[int, dict[st
     return header, rows
 
 
-def check_output(path: str | Path) -> None:
+def check_output(path: str | Path, inputs: Iterable[str | Path] = ()) -> None:
     """Refuse a path that cannot be written to, before any work is done for it.
 
     Parameters
     ----------
     path : str or Path
+    inputs : iterable of str or Path, optional
+        Files that the work reads. The output must be none of them, by any of its names or links.
 
     Raises
     ------
     InputError
-        For a folder that does not exist or a file that cannot be written.
+        For a folder that does not exist, a file that cannot be written, or an input.
 
     Examples
     --------
@@ -115,6 +129,10 @@ def check_output(path: str | Path) -> None:
         raise InputError(path, f"cannot be written ({error.strerror})") from error
     if not writable:
         raise InputError(path, "cannot be written (permission denied)")
+    for source in inputs:
+        if path.exists() and os.path.exists(source) and os.path.samefile(path, source):
+            named = "an input" if Path(source) == path else f"the same file as the input {source}"
+            raise InputError(path, f"cannot be written (is {named})")
 
 
 def write_whole(path: str | Path, text: str) -> None:
@@ -137,7 +155,8 @@ def write_whole(path: str | Path, text: str) -> None:
     'hello'
     """
     path = Path(path)
-    part = path.with_name(path.name + ".part")
+    # Named after the process: no other file, least of all an input, has this name.
+    part = path.with_name(f"{path.name}.{os.getpid()}.part")
     try:
         part.write_text(text, encoding="utf-8")
         part.replace(path)

@@ -4,7 +4,7 @@
 import csv
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from io import FileIO
 from pathlib import Path
 from types import TracebackType
@@ -31,11 +31,18 @@ class ReadingsWriter:
         From a reading's ``row()`` to a line of text.
     header : str
         First line.
+    inputs : iterable of str or Path, optional
+        Files that the readings are made from, none of which may be written to.
+
+    Attributes
+    ----------
+    rows : int
+        Readings written so far.
 
     Raises
     ------
     InputError
-        When the path cannot be written to.
+        When the path cannot be written to, or is an input.
 
     Examples
     --------
@@ -50,14 +57,16 @@ class ReadingsWriter:
         path: str | Path | None,
         form: Callable[[dict[str, Any]], str],
         header: str = "",
+        inputs: Iterable[str | Path] = (),
     ) -> None:
         self._path, self._form = path, form
         self._header, self._begun = header, False
+        self.rows = 0
         self._file: FileIO | None = None
         self._complete_bytes = 0
         self._failure: OutputError | None = None
         if path is not None:
-            check_output(path)
+            check_output(path, inputs)
             if Path(path).exists() and not Path(path).is_file():
                 # Opening a pipe loses nothing, and may have to wait for its reader.
                 self.begin()
@@ -91,6 +100,7 @@ class ReadingsWriter:
         """
         self.begin()
         self._put(self._form(reading.row()))
+        self.rows += 1
 
     def close(self) -> None:
         """Close the file; one without readings holds its header only.
@@ -168,13 +178,17 @@ class _LineBuffer:
 _csv_line = csv.writer(_LineBuffer, lineterminator="\n").writerow
 
 
-def open_writer(path: str | Path | None = None) -> ReadingsWriter:
+def open_writer(
+    path: str | Path | None = None, inputs: Iterable[str | Path] = ()
+) -> ReadingsWriter:
     """A writer of readings in the format that the file's suffix names.
 
     Parameters
     ----------
     path : str or Path, optional
         ``.csv``, or ``.jsonl`` for JSON lines; None writes CSV to standard output.
+    inputs : iterable of str or Path, optional
+        Files that the readings are made from, none of which may be written to.
 
     Returns
     -------
@@ -183,18 +197,20 @@ def open_writer(path: str | Path | None = None) -> ReadingsWriter:
     Raises
     ------
     InputError
-        For another suffix or a path that cannot be written to.
+        For another suffix, a path that cannot be written to, or an input.
 
     Examples
     --------
     >>> with open_writer("press.csv") as writer:
     ...     writer.write(Reading(0.018, "arm", 1, 4.12345678, 0.05, 45.0, 0.1))
     >>> print(Path("press.csv").read_text().splitlines()[1])
-    0.018,arm,1,4.1235,0.05,45.0,0.1,,,,,
+    0.018,arm,1,4.1235,0.05,45.0,0.1,,,,,,
     """
     name = "" if path is None else str(path).lower()
     if name.endswith(".jsonl"):
-        return ReadingsWriter(path, lambda row: json.dumps(row, allow_nan=False) + "\n")
+        return ReadingsWriter(
+            path, lambda row: json.dumps(row, allow_nan=False) + "\n", inputs=inputs
+        )
     if path is not None and not name.endswith(".csv"):
         raise InputError(path, "output must end in .csv or .jsonl")
-    return ReadingsWriter(path, lambda row: _csv_line(row.values()), _csv_line(COLUMNS))
+    return ReadingsWriter(path, lambda row: _csv_line(row.values()), _csv_line(COLUMNS), inputs)

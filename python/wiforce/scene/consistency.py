@@ -2,6 +2,7 @@
 """Rules of a scene that involve several of its keys."""
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
@@ -147,6 +148,41 @@ def _press_times(scene: Scene) -> Iterator[Violation]:
                     f"({other.start_s:g} to {other.end_s:g} s)"
                 )
                 yield start, rule, press.start_s
+
+
+def truth_warnings(scene: Scene) -> list[str]:
+    """Sensors that a simulation presses and reads with one and the same model.
+
+    Such readings have no calibration error, and are better than those of any real sensor.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    list of str
+        A sentence each.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.scene import load_scene
+    >>> truth_warnings(load_scene("demo"))
+    []
+    """
+    models = {sensor.name: sensor.model for sensor in scene.sensors}
+    return [
+        f"sensor '{tag.sensor}': the model that is pressed and the one that reads it are the same "
+        f"({tag.truth_model}): readings will show no calibration error; set "
+        "simulation.truth_model to another sensor for honest errors"
+        for tag in scene.simulation.tags
+        if _same_model(scene, tag.truth_model, models[tag.sensor])
+    ]
+
+
+def _same_model(scene: Scene, one: str, other: str) -> bool:
+    folder = scene.path.parent if scene.path else Path()
+    return one == other or (folder / one).resolve() == (folder / other).resolve()
 
 
 def _models(scene: Scene) -> Iterator[Violation]:

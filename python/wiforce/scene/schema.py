@@ -235,6 +235,15 @@ class Scene:
         )
 
     @property
+    def files(self) -> tuple[Path, ...]:
+        """The scene's file and those of the sensors that it names by path."""
+        folder = self.path.parent if self.path else Path()
+        models = [sensor.model for sensor in self.sensors]
+        models += [tag.truth_model for tag in self.simulation.tags]
+        paths = [folder / model for model in models if model.lower().endswith((".yaml", ".yml"))]
+        return tuple(dict.fromkeys([*([self.path] if self.path else []), *paths]))
+
+    @property
     def snapshot_period_s(self) -> float:
         """Time between two snapshots of the channel, in s: the length of a frame."""
         return self.sounding.frame_length / self.radio.sample_rate_hz

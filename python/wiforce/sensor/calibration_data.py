@@ -157,7 +157,7 @@ def carrier_data(
     ([30.0, 50.0], 4, None)
     """
     table = table.take(same_carrier(table.frequency_hz, frequency))
-    untouched = _untouched_phases(table)
+    untouched = untouched_phases(table)
     if untouched is None:
         assumed.append(
             f"untouched phases at {frequency / 1e6:g} MHz are those of a line of "
@@ -181,8 +181,26 @@ def carrier_data(
     return CarrierData(frequency, places, rows, untouched, onset)
 
 
-def _untouched_phases(table: CalibrationTable) -> tuple[float, float] | None:
-    """psi_10, psi_20 (deg), averaged over phasors; None without such rows for both ports."""
+def untouched_phases(table: CalibrationTable) -> tuple[float, float] | None:
+    """psi_10 and psi_20 of a table's untouched rows.
+
+    Parameters
+    ----------
+    table : CalibrationTable
+        Of one carrier.
+
+    Returns
+    -------
+    (float, float) or None
+        In degrees, averaged over phasors; None without such rows for both ports.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.sensor import load_sensor, measure_vna
+    >>> table = measure_vna(load_sensor("line-900mhz"), [40.0], [2.0], untouched_sweeps=1)
+    >>> [round(phase, 1) for phase in untouched_phases(table)]
+    [-172.9, -172.9]
+    """
     rows = table.take(table.untouched)
     if set(rows.port) != {1, 2}:
         return None

@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import InputError, unwritable
-from ..io.capture import second_antenna
+from ..io.capture_files import recording_stem, require_sigmf, second_antenna
+from ..io.readings import rounded
 from ..io.samples import DATATYPES, samples_of
+from ..io.textfile import check_output
 from .adc import Adc
 from .channel import AirChannel
 
@@ -32,6 +34,7 @@ def simulate(
     name: str | Path,
     datatype: str = "ci16_le",
     progress: Callable[[int], object] | None = None,
+    overwrite: bool = True,
 ) -> list[Path]:
     """Write the capture of a scene and its truth, for each receive antenna.
 
@@ -42,11 +45,13 @@ def simulate(
     ----------
     scene : Scene
     name : str or Path
-        Path of the capture without suffix.
+        Path of the capture; ``.sigmf-data`` or ``.sigmf-meta`` at its end is left out.
     datatype : str
         ``ci16_le``: ADC codes, left-justified. ``cf32_le``: the same divided by 32768.
     progress : callable, optional
         Called with the number of samples written since the last call.
+    overwrite : bool
+        Replace existing files; otherwise they are refused.
 
     Returns
     -------
@@ -56,7 +61,8 @@ def simulate(
     Raises
     ------
     InputError
-        For an unknown datatype, or files that cannot be written.
+        For an unknown datatype, files that cannot be written, exist already or are those of the
+        scene, or when the package ``sigmf`` is missing. Nothing has been simulated then.
     OutputError
         When the disk is full.
 
@@ -72,10 +78,14 @@ def simulate(
     """
     if datatype not in DATATYPES:
         raise InputError("datatype", f"must be one of {', '.join(DATATYPES)}", datatype)
-    if not Path(name).name or str(name).endswith("/"):
-        raise InputError("NAME", "must be a file name without suffix", str(name))
+    name = recording_stem(name, "NAME")
     names = [name, second_antenna(name)][: scene.environment.receive_antennas]
     paths = [Path(f"{name}{suffix}") for name in names for suffix in _SUFFIXES]
+    for path in paths:
+        check_output(path, scene.files)
+        if path.exists() and not overwrite:
+            raise InputError(path, "exists already; --force replaces it")
+    require_sigmf(paths[-1])
     channels = [AirChannel(scene, antenna=antenna) for antenna in range(len(names))]
     try:
         with _all_or_nothing(paths) as temporary:
@@ -188,7 +198,7 @@ def write_truth(scene: "Scene", channel: AirChannel, path: str | Path) -> None:
     """Write the state at the centre of each phase group as CSV, a row per group and sensor.
 
     ``force_n`` is the force on the sensor even where it is too small to short the line (``touch``
-    0); ``location_mm`` is empty where nothing presses.
+    0); ``location_mm`` is empty where nothing presses. Numbers are rounded as those of readings.
 
     Parameters
     ----------
@@ -210,17 +220,15 @@ def write_truth(scene: "Scene", channel: AirChannel, path: str | Path) -> None:
     with open(path, "w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(TRUTH_COLUMNS)
-        for i, time_s in enumerate(times):
+        for i, time_s in enumerate(times.tolist()):
             for name, state in states.items():
-                location = state.location_mm[i]
+                numbers = (state.force_n[i], state.location_mm[i], *state.phases_deg[i])
                 writer.writerow(
                     [
-                        f"{time_s:.9g}",
+                        rounded("time_s", time_s),
                         name,
                         int(state.touch[i]),
-                        f"{state.force_n[i]:.6g}",
-                        "" if np.isnan(location) else f"{location:.6g}",
-                        *(f"{phase:.6f}" for phase in state.phases_deg[i]),
+                        *map(rounded, TRUTH_COLUMNS[3:], numbers),
                     ]
                 )
 

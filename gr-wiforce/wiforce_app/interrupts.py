@@ -1,0 +1,27 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Interruptions: Ctrl-C and SIGTERM end a command by an exception, so that it can clean up."""
+
+import signal
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM was received; handled like Ctrl-C except for the exit status."""
+
+
+class Interrupted(Exception):
+    """A command was interrupted after it had written something.
+
+    Parameters
+    ----------
+    partial : str
+        What has been written, for the message.
+    """
+
+
+def terminate_by_exception():
+    """Let SIGTERM raise :class:`Terminated` in the main thread, instead of ending the process."""
+
+    def terminate(*_):
+        raise Terminated
+
+    signal.signal(signal.SIGTERM, terminate)

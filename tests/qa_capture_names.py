@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`gr-wiforce simulate` and recordings: which names they take, what they replace and leave."""
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import yaml
+from gnuradio import wiforce
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.scene import load_scene, truth_warnings
+
+SENSOR = {"name": "arm", "model": "line-900mhz-calibrated"}
+SHORT = {"sensors": [SENSOR], "simulation": {"truth_model": "line-900mhz", "duration_s": 0.04}}
+SUFFIXES = (".sigmf-data", ".sigmf-meta", ".truth.csv")
+
+
+def run(*arguments, **options):
+    return subprocess.run(
+        ["gr-wiforce", *map(str, arguments)], capture_output=True, text=True, timeout=60, **options
+    )
+
+
+@pytest.fixture
+def scene(tmp_path):
+    path = tmp_path / "scene.yaml"
+    path.write_text(yaml.safe_dump(SHORT))
+    return path
+
+
+def names_in(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_simulate_existing_file_is_replaced_with_force_only(scene, tmp_path, suffix):
+    """A measured capture of the same name would be lost."""
+    precious = tmp_path / f"press{suffix}"
+    precious.write_text("precious")
+    done = run("simulate", scene, tmp_path / "press")
+    assert done.returncode == 2
+    assert f"press{suffix}: exists already; --force replaces it" in done.stderr
+    assert precious.read_text() == "precious"
+    assert names_in(tmp_path) == [precious.name, "scene.yaml"]
+    assert run("simulate", scene, tmp_path / "press", "--force").returncode == 0
+    assert names_in(tmp_path) == [*(f"press{each}" for each in SUFFIXES), "scene.yaml"]
+
+
+def test_simulate_function_replaces_files_unless_told_otherwise(scene, tmp_path):
+    for _ in range(2):
+        wiforce.simulate(load_scene(scene), tmp_path / "press")
+    with pytest.raises(InputError, match="exists already"):
+        wiforce.simulate(load_scene(scene), tmp_path / "press", overwrite=False)
+
+
+@pytest.mark.parametrize("number, status", [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_simulate_ended_by_signal_leaves_no_file(tmp_path, number, status):
+    """A minute of samples in a hidden folder fills the disk, and nobody knows whose it is."""
+    content = {**SHORT, "simulation": {"truth_model": "line-900mhz", "duration_s": 60.0}}
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(content))
+    command = ["gr-wiforce", "simulate", tmp_path / "scene.yaml", tmp_path / "long"]
+    with subprocess.Popen([*map(str, command)], stderr=subprocess.PIPE, text=True) as process:
+        end = time.monotonic() + 30
+        while not any(path.stat().st_size for path in tmp_path.glob(".simulate-*/*")):
+            assert time.monotonic() < end and process.poll() is None
+            time.sleep(0.01)
+        process.send_signal(number)
+        said = process.communicate(timeout=30)[1]
+    word = "terminated" if number == signal.SIGTERM else "interrupted"
+    assert process.returncode == status and said.strip() == f"gr-wiforce: {word}"
+    assert names_in(tmp_path) == ["scene.yaml"]
+
+
+def test_simulate_without_sigmf_is_refused_before_simulating(tmp_path):
+    """Minutes of simulation would be lost."""
+    content = {**SHORT, "simulation": {"truth_model": "line-900mhz", "duration_s": 3600.0}}
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(content))
+    code = (
+        "import sys; sys.modules['sigmf'] = None; from wiforce_app import main; "
+        f"sys.exit(main.main(['simulate', {str(tmp_path / 'scene.yaml')!r}, 'press']))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=30, cwd=tmp_path
+    )
+    assert done.returncode == 2
+    assert "press.sigmf-meta: needs the Python package sigmf" in done.stderr
+    assert names_in(tmp_path) == ["scene.yaml"]
+
+
+def test_simulate_name_with_suffix_is_that_of_the_capture(scene, tmp_path):
+    assert run("simulate", scene, "press.sigmf-meta", cwd=tmp_path).returncode == 0
+    assert names_in(tmp_path) == [*(f"press{each}" for each in SUFFIXES), "scene.yaml"]
+
+
+@pytest.mark.parametrize("name", ["", ".", "..", "runs/", "/dev/null", "a\nb"])
+def test_capture_name_that_no_file_can_have_is_refused(scene, tmp_path, name):
+    """`live --record ""` recorded nothing and ended with success."""
+    (tmp_path / "runs").mkdir()
+    for command in (
+        ["simulate", scene, name],
+        ["live", "--scene", scene, "--args", "addr=127.0.0.1", "--record", name],
+    ):
+        done = run(*command, cwd=tmp_path)
+        assert done.returncode == 2 and "must be the name of a capture" in done.stderr, done.stderr
+        assert len(done.stderr.splitlines()) == 1
+    with pytest.raises(InputError, match="must be the name of a capture"):
+        wiforce.sigmf_recorder(name)
+    assert names_in(tmp_path) == ["runs", "scene.yaml"]
+    assert not Path("/dev/null.sigmf-data").exists()
+
+
+def test_recording_name_with_suffix_can_be_opened_by_it(tmp_path):
+    """`--record x.sigmf-data` wrote x.sigmf-data.sigmf-data, which `read x.sigmf-data` missed."""
+    (tmp_path / "x.sigmf-data").write_bytes(b"")
+    with pytest.raises(InputError, match="x.sigmf-data: exists already"):
+        wiforce.sigmf_recorder(tmp_path / "x.sigmf-data")
+
+
+def test_truth_warnings_name_sensors_read_by_the_model_that_is_pressed(scene, tmp_path):
+    """Such a simulation shows no calibration error, and promises too much."""
+    assert truth_warnings(load_scene(scene)) == []
+    same = {**SHORT, "sensors": [{"name": "arm", "model": "line-900mhz"}]}
+    (found,) = truth_warnings(load_scene(same))
+    assert found.startswith("sensor 'arm': the model that is pressed and the one that reads it")
+    scene.write_text(yaml.safe_dump(same))
+    done = run("simulate", scene, tmp_path / "press")
+    assert done.returncode == 0 and f"warning: {found}" in done.stderr

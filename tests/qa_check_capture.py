@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`gr-wiforce check CAPTURE`: files that were changed or cut are found before they are read."""
+
+import json
+import os
+import subprocess
+
+import pytest
+from gnuradio import wiforce
+
+SCENE = {
+    "radio": {"sample_rate_hz": 1.25e6},
+    "sounding": {"frame_length": 400},
+    "phase_group": {"snapshots": 125},
+    "sensors": [{"name": "arm", "model": "line-900mhz-calibrated", "clock_hz": 300}],
+    "simulation": {"truth_model": "line-900mhz", "duration_s": 0.4, "snr_db": 20},
+}
+
+
+def check(*arguments):
+    command = ["gr-wiforce", "check", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60)
+
+
+@pytest.fixture
+def capture(tmp_path):
+    wiforce.simulate(wiforce.load_scene(SCENE), tmp_path / "press")
+    return tmp_path / "press"
+
+
+def test_check_capture_whole_file_is_verified(capture):
+    done = check(capture, "--json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    (file,) = found["files"]
+    assert file["checksum"] == "verified" and file["samples"] == 500_000
+    assert file["seconds"] == pytest.approx(0.4) and file["gaps"] == 0
+    assert found["first_frame"] == 0 and found["levels"]["peak_dbfs"] == pytest.approx(-3, abs=1)
+    assert found["warnings"] == []
+    assert "checksum   verified" in check(capture).stdout
+
+
+@pytest.mark.parametrize("damage", ["changed", "cut"])
+def test_check_capture_changed_or_cut_file_is_refused(capture, damage):
+    """One flipped bit, or a copy that ended early, gives readings of something else."""
+    data = capture.with_suffix(".sigmf-data")
+    if damage == "cut":
+        os.truncate(data, data.stat().st_size - 4 * 50_000)
+    else:
+        content = bytearray(data.read_bytes())
+        content[1_000_001] ^= 1
+        data.write_bytes(content)
+    done = check(capture)
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
+    assert "press.sigmf-data: must have the checksum that its metadata state" in done.stderr
+
+
+def test_check_capture_without_checksum_or_with_gaps_says_so(capture):
+    meta = capture.with_suffix(".sigmf-meta")
+    content = json.loads(meta.read_text())
+    del content["global"]["core:sha512"]
+    gap = {"core:sample_start": 400_000, "core:global_index": 450_000}
+    content["captures"].append({**content["captures"][0], **gap})
+    meta.write_text(json.dumps(content))
+    done = check(capture)
+    assert done.returncode == 0, done.stderr
+    assert "50000 samples lost in 1 gaps" in done.stdout and "checksum   none" in done.stdout
+    assert "metadata state no checksum" in done.stdout
+
+
+def test_check_needs_a_capture_or_a_device(capture):
+    for arguments in ([], ["--scene", "demo"], [capture, "--args", "addr=127.0.0.1"]):
+        done = check(*arguments)
+        assert done.returncode == 2 and len(done.stderr.splitlines()) == 1

@@ -1,0 +1,245 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What `gr-wiforce read` writes: rows that join with the truth, and partial output that says so."""
+
+import csv
+import json
+import re
+import shutil
+import signal
+import subprocess
+import time
+
+import numpy as np
+import pytest
+import yaml
+from gnuradio import wiforce
+from gnuradio.wiforce.sensor import load_sensor, write_sensor
+
+# A tenth of the usual sample rate, and groups so short that their centres need seven decimals.
+SCENE = {
+    "radio": {"sample_rate_hz": 1.25e6},
+    "sounding": {"frame_length": 321},
+    "phase_group": {"snapshots": 63},
+    "sensors": [{"name": "arm", "model": "line-900mhz-calibrated", "clock_hz": 400}],
+    "reference_s": 0.2,
+    "simulation": {
+        "truth_model": "line-900mhz",
+        "duration_s": 1.5,
+        "snr_db": 20,
+        "presses": [
+            {"sensor": "arm", "start_s": 0.8, "hold_s": 0.4, "force_n": 4.0, "location_mm": 45.0}
+        ],
+    },
+}
+
+
+def run(*arguments, **options):
+    return subprocess.run(
+        ["gr-wiforce", *map(str, arguments)], capture_output=True, text=True, timeout=100, **options
+    )
+
+
+def rows_of(path):
+    with open(path, newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory):
+    """A short capture with its scene beside it; path without suffix."""
+    folder = tmp_path_factory.mktemp("capture")
+    (folder / "scene.yaml").write_text(yaml.safe_dump(SCENE))
+    wiforce.simulate(wiforce.load_scene(folder / "scene.yaml"), folder / "press")
+    return folder / "press"
+
+
+def test_read_rows_join_with_the_truth_by_time_and_by_group(capture, tmp_path):
+    """Otherwise a user compares readings with the wrong row of the truth, or with none."""
+    done = run("read", capture, "-o", tmp_path / "out.csv")
+    assert done.returncode == 0, done.stderr
+    read, truth = rows_of(tmp_path / "out.csv"), rows_of(f"{capture}.truth.csv")
+    assert [row["time_s"] for row in read] == [row["time_s"] for row in truth]
+    assert any(len(row["time_s"].partition(".")[2]) > 6 for row in truth)
+    assert [int(row["group"]) for row in read] == list(range(len(truth)))
+
+
+def test_read_function_gives_group_as_an_integer(capture):
+    readings = wiforce.read(capture)
+    assert readings["group"].dtype == np.int64
+    assert readings["group"].tolist() == list(range(len(readings)))
+
+
+def links_of(target, folder, suffix):
+    """The three names by which a file can be meant twice: its own, a symlink and a hard link."""
+    symbolic, hard = folder / f"symbolic{suffix}", folder / f"hard{suffix}"
+    symbolic.symlink_to(target)
+    hard.hardlink_to(target)
+    return symbolic, hard
+
+
+@pytest.mark.parametrize("suffix", [".sigmf-data", ".sigmf-meta"])
+def test_read_output_that_is_the_capture_is_refused(capture, tmp_path, suffix):
+    """A 150 MB capture became 1 kB of CSV."""
+    target = capture.with_name(capture.name + suffix)
+    before = target.read_bytes()
+    for option, ending in (("-o", ".csv"), ("--plot", ".png")):
+        for link in links_of(target, tmp_path, ending):
+            done = run("read", capture, option, link)
+            assert done.returncode == 2 and "is the same file as the input" in done.stderr
+            assert len(done.stderr.splitlines()) == 1
+    assert target.read_bytes() == before
+
+
+def test_read_output_that_is_the_scene_or_a_raw_capture_is_refused(capture, tmp_path):
+    scene = tmp_path / "scene.csv"
+    scene.write_text(yaml.safe_dump(SCENE))
+    done = run("read", capture, "--scene", scene, "-o", scene)
+    assert done.returncode == 2 and f"{scene}: cannot be written (is an input)" in done.stderr
+    raw = tmp_path / "raw.csv"
+    raw.symlink_to(f"{capture}.sigmf-data")
+    options = ["--datatype", "ci16_le", "--scene", scene, "-o", raw]
+    assert run("read", raw, *options).returncode == 2
+    assert wiforce.load_scene(scene).sensor_names == ("arm",)
+
+
+@pytest.mark.parametrize(
+    "arguments, target, ending",
+    [
+        (["invert", "phases.csv", "--sensor", "own.yaml", "-o"], "phases.csv", ".csv"),
+        (["invert", "phases.csv", "--sensor", "own.yaml", "-o"], "own.yaml", ".csv"),
+        (["calibrate", "vna.csv", "-o"], "vna.csv", ".yaml"),
+        (["calibrate", "vna.csv", "-o", "new.yaml", "--plot"], "vna.csv", ".png"),
+        (["transfer", "own.yaml", "--frequency-hz", "905e6", "-o"], "own.yaml", ".yaml"),
+        (["survey", "press", "--plot"], "press.sigmf-data", ".png"),
+    ],
+)
+def test_command_output_that_is_an_input_is_refused(capture, tmp_path, arguments, target, ending):
+    (tmp_path / "phases.csv").write_text("phase1_deg,phase2_deg\n-100,-110\n")
+    (tmp_path / "vna.csv").write_text("freq_mhz,location_mm,port,force_n,phase_deg\n900,,1,0,5\n")
+    write_sensor(load_sensor("line-900mhz"), tmp_path / "own.yaml")
+    for suffix in (".sigmf-data", ".sigmf-meta"):
+        shutil.copy(f"{capture}{suffix}", tmp_path / f"press{suffix}")
+    before = (tmp_path / target).read_bytes()
+    for link in links_of(tmp_path / target, tmp_path, ending):
+        done = run(*arguments, link.name, cwd=tmp_path)
+        assert done.returncode == 2 and "is the same file as the input" in done.stderr, done.stderr
+    assert (tmp_path / target).read_bytes() == before
+
+
+def test_simulate_output_that_is_its_scene_is_refused(tmp_path):
+    scene = tmp_path / "press.truth.csv"
+    scene.write_text(yaml.safe_dump(SCENE))
+    done = run("simulate", scene, tmp_path / "press", "--force")
+    assert done.returncode == 2 and "is an input" in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["press.truth.csv"]
+
+
+@pytest.mark.parametrize("number, status", [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_read_interrupted_says_that_its_output_is_partial(tmp_path, number, status):
+    """A script that is stopped at night must not take half a file for a whole one."""
+    scene = {**SCENE, "simulation": {**SCENE["simulation"], "duration_s": 3.0, "presses": []}}
+    wiforce.simulate(wiforce.load_scene(scene), tmp_path / "long")
+    # So many groups that reading takes several seconds: the data are repeated, with one frame grid.
+    data = (tmp_path / "long.sigmf-data").read_bytes()
+    frames = len(data) // (4 * 321)
+    with open(tmp_path / "long.sigmf-data", "wb") as stream:
+        for _ in range(20):
+            stream.write(data[: 4 * 321 * frames])
+    forget_checksum(tmp_path / "long.sigmf-meta")
+    output = tmp_path / "out.csv"
+    command = ["gr-wiforce", "read", str(tmp_path / "long"), "-o", str(output)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        end = time.monotonic() + 60
+        while not (output.exists() and output.stat().st_size > 1000):
+            assert time.monotonic() < end and process.poll() is None
+            time.sleep(0.005)
+        process.send_signal(number)
+        said = process.communicate(timeout=30)[1].splitlines()[-1]
+    assert process.returncode == status
+    found = re.search(r"out.csv is partial: it holds the first (\d+) of (\d+) rows", said)
+    assert found, said
+    # The signal may come just after a row was written.
+    assert 0 <= len(rows_of(output)) - int(found[1]) <= 1 and int(found[1]) < int(found[2])
+
+
+def forget_checksum(meta):
+    """Remove the checksum of samples that are changed on purpose."""
+    content = json.loads(meta.read_text())
+    content["global"].pop("core:sha512", None)
+    meta.write_text(json.dumps(content))
+    return content
+
+
+class Growing:
+    """A capture of which a part is in the file, with ``read --follow`` on it."""
+
+    def __init__(self, capture, folder, share):
+        self.meta = folder / "grow.sigmf-meta"
+        shutil.copy(f"{capture}.sigmf-meta", self.meta)
+        self.content = forget_checksum(self.meta)
+        self.data = np.fromfile(f"{capture}.sigmf-data", "<i4")
+        self.written = int(share * len(self.data))
+        self.data[: self.written].tofile(folder / "grow.sigmf-data")
+        self.path, self.output = folder / "grow.sigmf-data", folder / "out.csv"
+        command = ["gr-wiforce", "read", str(self.path), "--follow", "-o", str(self.output)]
+        self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+
+    def wait_for_rows(self, count):
+        end = time.monotonic() + 40
+        while not self.output.exists() or self.output.read_text().count("\n") < count:
+            assert time.monotonic() < end and self.process.poll() is None
+            time.sleep(0.05)
+
+    def grow(self):
+        """Metadata first, then the rest of the samples, as a recorder does."""
+        self.meta.write_text(json.dumps(self.content))
+        with open(self.path, "ab") as stream:
+            stream.write(self.data[self.written :].tobytes())
+
+
+@pytest.fixture
+def growing(capture, tmp_path):
+    grown = Growing(capture, tmp_path, 0.6)
+    yield grown
+    grown.process.kill()
+    grown.process.communicate()
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        ("gap", "metadata report a gap at sample 400000 only after that sample was read"),
+        ("rate", "sample rate must not change while the capture is read"),
+        ("carrier", "carrier must not change while the capture is read"),
+    ],
+)
+def test_follow_metadata_that_contradict_what_was_read_end_the_run(growing, change, message):
+    """It hung until SIGKILL, or went on with wrong times or phases."""
+    growing.wait_for_rows(40)
+    first = growing.content["captures"][0]
+    if change == "gap":
+        late = {**first, "core:sample_start": 400_000, "core:global_index": 500_000}
+        growing.content["captures"].append(late)
+    elif change == "rate":
+        growing.content["global"]["core:sample_rate"] = 2e6
+    else:
+        first["core:frequency"] = 905e6
+    growing.grow()
+    said = growing.process.communicate(timeout=30)[1]
+    assert growing.process.returncode == 2 and message in said
+    assert len(rows_of(growing.output)) >= 39
+
+
+def test_follow_gap_reported_before_its_samples_is_read(growing):
+    growing.wait_for_rows(40)
+    first = growing.content["captures"][0]
+    start = growing.written
+    growing.content["captures"].append(
+        {**first, "core:sample_start": start, "core:global_index": start + 321 * 63 * 5}
+    )
+    growing.grow()
+    growing.wait_for_rows(growing.data.size // (321 * 63))
+    growing.process.send_signal(signal.SIGINT)
+    said = growing.process.communicate(timeout=30)[1]
+    assert growing.process.returncode == 0, said
+    assert sum("gap" in row["flags"] for row in rows_of(growing.output)) in (5, 6)
