@@ -58,10 +58,15 @@ def evaluate_scenes(names, folder, jobs=None, fresh=False):
     context = multiprocessing.get_context("fork")
     with progress("evaluating", len(missing)) as step, ProcessPoolExecutor(jobs, context) as pool:
         waiting = {pool.submit(_run, name, str(folder)): name for name in missing}
-        for done in as_completed(waiting):
-            name = waiting[done]
-            keep_result(folder, name, marks[name], done.result())
-            step(1)
+        try:
+            for done in as_completed(waiting):
+                name = waiting[done]
+                keep_result(folder, name, marks[name], done.result())
+                step(1)
+        except BaseException:
+            # Leaving the pool waits for the scenes that are being evaluated, but not for others.
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
     results = [result_of(folder, name, marks[name]) for name in names]
     write_report(results, folder, _paper_figures())
     click.echo(table(results, _paper_figures()))
