@@ -134,7 +134,7 @@ def suspicions(table: CalibrationTable, length_mm: float, permittivity: float) -
     >>> suspicions(table, 80.0, 1.0)
     []
     >>> suspicions(replace(table, phase_deg=np.radians(table.phase_deg)), 80.0, 1.0)
-    ['all phases lie within +-3.1: are they in radians instead of degrees?']
+    ['all phases lie within +-3.0: are they in radians instead of degrees?']
     """
     touched = table.take(~table.untouched)
     if not touched.row.size:
@@ -157,7 +157,7 @@ def _units(table: CalibrationTable, touched: CalibrationTable, length_mm: float)
     widest = float(np.max(np.abs(table.phase_deg)))
     if widest <= _TURN_RAD:
         found.append(
-            f"all phases lie within +-{widest:.2g}: are they in radians instead of degrees?"
+            f"all phases lie within +-{widest:.1f}: are they in radians instead of degrees?"
         )
     found += _location_unit(float(np.max(touched.location_mm)), length_mm)
     hardest = float(np.max(touched.force_n))
