@@ -11,7 +11,7 @@ import pytest
 import yaml
 from gnuradio import wiforce
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.scene import load_scene, truth_warnings
+from gnuradio.wiforce.scene import load_scene, simulation_warnings
 
 SENSOR = {"name": "arm", "model": "line-900mhz-calibrated"}
 SHORT = {"sensors": [SENSOR], "simulation": {"truth_model": "line-900mhz", "duration_s": 0.04}}
@@ -119,11 +119,11 @@ def test_recording_name_with_suffix_can_be_opened_by_it(tmp_path):
         wiforce.sigmf_recorder(tmp_path / "x.sigmf-data")
 
 
-def test_truth_warnings_name_sensors_read_by_the_model_that_is_pressed(scene, tmp_path):
+def test_simulation_warnings_name_sensors_read_by_the_model_that_is_pressed(scene, tmp_path):
     """Such a simulation shows no calibration error, and promises too much."""
-    assert truth_warnings(load_scene(scene)) == []
+    assert simulation_warnings(load_scene(scene)) == []
     same = {**SHORT, "sensors": [{"name": "arm", "model": "line-900mhz"}]}
-    (found,) = truth_warnings(load_scene(same))
+    (found,) = simulation_warnings(load_scene(same))
     assert found.startswith("sensor 'arm': the model that is pressed and the one that reads it")
     scene.write_text(yaml.safe_dump(same))
     done = run("simulate", scene, tmp_path / "press")

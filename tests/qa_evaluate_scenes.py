@@ -154,3 +154,14 @@ def test_no_shipped_scene_presses_the_readers_own_model():
         scene = load_scene(name)
         for sensor, tag in zip(scene.sensors, scene.simulation.tags, strict=True):
             assert sensor.model != tag.truth_model, name
+
+
+def test_evaluate_warns_of_a_perfect_model_and_keeps_a_scene_in_its_folder(tmp_path):
+    """Errors without calibration promise too much; a result must not replace its own scene."""
+    (tmp_path / "out").mkdir()
+    content = json.dumps({**SCENE, "sensors": [{"name": "arm", "model": "line-900mhz"}]})
+    (tmp_path / "out" / "same.json").write_text(content)
+    done = evaluate(tmp_path, "out/same.json", "--folder", "out")
+    assert done.returncode == 2 and "out/same.json: cannot be written (is an input)" in done.stderr
+    assert "the model that is pressed and the one that reads it are the same" in done.stderr
+    assert (tmp_path / "out" / "same.json").read_text() == content

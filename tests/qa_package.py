@@ -50,8 +50,8 @@ def test_scene_shipped_is_available_by_name(name):
     assert wiforce.is_scene(name)
 
 
-def test_scene_unknown_name_is_refused_with_the_known_names():
-    with pytest.raises(InputError, match="scene: must be a .yaml file or one of .*demo, .*'dome'"):
+def test_scene_unknown_name_is_refused_with_the_nearest_one():
+    with pytest.raises(InputError, match="scene: must be .* mean 'demo'.* got 'dome'"):
         load_scene("dome")
 
 

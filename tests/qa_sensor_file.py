@@ -168,7 +168,7 @@ def test_sensor_wider_than_its_line_is_rejected(tmp_path):
 
 
 def test_sensor_name_or_carrier_unknown_is_rejected(tmp_path):
-    with pytest.raises(InputError, match="wiforce-900mhz"):
+    with pytest.raises(InputError, match="did you mean 'wiforce-9..mhz'"):
         load_sensor("wiforce-901mhz")
     with pytest.raises(InputError, match="cannot be read"):
         load_sensor(tmp_path / "none.yaml")

@@ -19,9 +19,13 @@ class Interrupted(Exception):
 
 
 def terminate_by_exception():
-    """Let SIGTERM raise :class:`Terminated` in the main thread, instead of ending the process."""
+    """Let SIGTERM raise :class:`Terminated` in the main thread, instead of ending the process.
+
+    A second SIGTERM ends the process at once.
+    """
 
     def terminate(*_):
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
         raise Terminated
 
     signal.signal(signal.SIGTERM, terminate)

@@ -7,7 +7,9 @@ from gnuradio.wiforce.sensor import load_sensor, shipped_sensors
 
 
 @click.command()
-@click.argument("what", type=click.Choice(["scenes", "sensors"]), required=False)
+@click.argument(
+    "what", metavar="[scenes|sensors]", type=click.Choice(["scenes", "sensors"]), required=False
+)
 def list(what):
     """List shipped scenes and sensor models. Every command accepts these names."""
     if what != "sensors":

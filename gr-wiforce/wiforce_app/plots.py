@@ -26,7 +26,7 @@ def check_picture(path, inputs=()):
     """
     path = Path(path)
     if path.suffix.lower() not in _SUFFIXES:
-        raise InputError(path, f"name of a picture must end in {', '.join(_SUFFIXES)}")
+        raise InputError(path, "name of a picture must end in .png, .pdf or .svg")
     check_output(path, inputs)
 
 

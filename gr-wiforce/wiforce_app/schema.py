@@ -7,7 +7,7 @@ import click
 
 
 @click.command()
-@click.argument("kind", type=click.Choice(["scene", "sensor"]))
+@click.argument("kind", metavar="KIND", type=click.Choice(["scene", "sensor"]))
 def schema(kind):
     """Print the JSON Schema of scene or sensor files.
 

@@ -27,7 +27,7 @@ from .progress import progress
 def simulate(scene, name, datatype, seed, force):
     """Simulate a scene: write the capture NAME.sigmf-data and NAME.sigmf-meta, and the applied
     presses as NAME.truth.csv."""
-    from gnuradio.wiforce.scene import load_scene, truth_warnings
+    from gnuradio.wiforce.scene import load_scene, simulation_warnings
     from gnuradio.wiforce.simulation import simulator
 
     scene = load_scene(scene)
@@ -39,7 +39,7 @@ def simulate(scene, name, datatype, seed, force):
         paths = simulator.simulate(scene, name, datatype, done, overwrite=force)
     for path in paths:
         click.echo(path)
-    for warning in truth_warnings(scene):
+    for warning in simulation_warnings(scene):
         click.echo(f"gr-wiforce: warning: {warning}", err=True)
     settings = scene.simulation
     click.echo(

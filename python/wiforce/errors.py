@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Errors that the project raises for bad input and for output that cannot be written."""
 
+import difflib
 import errno
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 _DISK_ERRORS = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO)
@@ -106,6 +107,31 @@ def unwritable(where: object, error: OSError) -> OutputError | InputError:
     """
     kind = OutputError if error.errno in _DISK_ERRORS else InputError
     return kind(where, f"cannot be written ({error.strerror or error})")
+
+
+def name_rule(kind: str, known: Iterable[str], given: str) -> str:
+    """The rule that a name of something shipped breaks, with the name that was probably meant.
+
+    Parameters
+    ----------
+    kind : str
+        ``scene`` or ``sensor``.
+    known : iterable of str
+        Names that are shipped.
+    given : str
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> name_rule("scene", ["demo", "fan"], "dome")
+    "must be a .yaml file or a shipped scene (did you mean 'demo'? gr-wiforce list shows all)"
+    """
+    near = difflib.get_close_matches(given, list(known), n=1, cutoff=0.5)
+    meant = f"did you mean {near[0]!r}? " if near else ""
+    return f"must be a .yaml file or a shipped {kind} ({meant}gr-wiforce list shows all)"
 
 
 def _short(value: object, limit: int = 80) -> str:

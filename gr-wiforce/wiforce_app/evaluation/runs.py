@@ -13,7 +13,7 @@ import yaml
 from gnuradio.wiforce._config import DATA_DIR, VERSION
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.textfile import check_output, write_whole
-from gnuradio.wiforce.scene import load_scene, shipped_scenes, truth_warnings
+from gnuradio.wiforce.scene import load_scene, shipped_scenes, simulation_warnings
 from gnuradio.wiforce.sensor.file import sensor_to_dict
 
 from ..progress import progress
@@ -45,7 +45,7 @@ def evaluate_scenes(names, folder, jobs=None, fresh=False):
     }  # refuses invalid scenes before any work is done
     inputs = [file for name in names for file in load_scene(name).files]
     for name in names:
-        for warning in truth_warnings(load_scene(name)):
+        for warning in simulation_warnings(load_scene(name)):
             click.echo(f"gr-wiforce: warning: {name}: {warning}", err=True)
     folder.mkdir(parents=True, exist_ok=True)
     for name in names:
@@ -58,10 +58,15 @@ def evaluate_scenes(names, folder, jobs=None, fresh=False):
     context = multiprocessing.get_context("fork")
     with progress("evaluating", len(missing)) as step, ProcessPoolExecutor(jobs, context) as pool:
         waiting = {pool.submit(_run, name, str(folder)): name for name in missing}
-        for done in as_completed(waiting):
-            name = waiting[done]
-            keep_result(folder, name, marks[name], done.result())
-            step(1)
+        try:
+            for done in as_completed(waiting):
+                name = waiting[done]
+                keep_result(folder, name, marks[name], done.result())
+                step(1)
+        except BaseException:
+            # Leaving the pool waits for the scenes that are being evaluated, but not for others.
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
     results = [result_of(folder, name, marks[name]) for name in names]
     write_report(results, folder, _paper_figures())
     click.echo(table(results, _paper_figures()))

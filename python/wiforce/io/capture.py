@@ -205,7 +205,8 @@ def open_capture(path: str | Path, datatype: str | None = None) -> Capture:
     stem = path.with_suffix("") if path.suffix in (".sigmf-meta", ".sigmf-data") else path
     meta, data = (stem.with_name(stem.name + suffix) for suffix in (".sigmf-meta", ".sigmf-data"))
     if path.is_file() and not meta.is_file():
-        raise InputError(path, "has no .sigmf-meta file next to it; raw samples need --datatype")
+        rule = f"is not a capture: there is no {meta.name}; for raw samples give --datatype"
+        raise InputError(path, rule)
     for file in (meta, data):
         _check_file(file)
     return _open_sigmf(meta, data)

@@ -79,6 +79,8 @@ def read_csv(path: str | Path) -> tuple[tuple[str, ...], list[tuple[int, dict[st
     try:
         reader = csv.DictReader(io.StringIO(data.decode("utf-8-sig"), newline=""))
         header = tuple(reader.fieldnames or ())
+        if len(header) == 1 and (other := next((c for c in ";\t" if c in header[0]), None)):
+            raise InputError(path, "columns must be separated by commas", other)
         repeated = [name for name, count in Counter(header).items() if name and count > 1]
         if repeated:
             raise InputError(path, "columns must have different names", repeated[0])

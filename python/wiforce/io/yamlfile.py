@@ -81,7 +81,10 @@ def read_yaml(path: str | Path) -> dict[Any, Any]:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         place = f" at line {mark.line + 1}, column {mark.column + 1}" if mark else ""
-        raise InputError(path, f"is not valid YAML{place}: {_line(error.problem)}") from error
+        problem = _line(error.problem)
+        if mark and "cannot start any token" in problem and b"\t" in data.splitlines()[mark.line]:
+            problem = "a tab, but YAML is indented with spaces only"
+        raise InputError(path, f"is not valid YAML{place}: {problem}") from error
     except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
         raise InputError(path, f"is not valid YAML: {_line(error)}") from error
     if not isinstance(content, dict):

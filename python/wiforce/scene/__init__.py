@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Scenes: what is measured, with what, and, for simulations, what happens."""
 
-from .consistency import truth_warnings
+from .consistency import simulation_warnings
 from .load import load_capture_scene, load_scene, shipped_scenes
 from .schema import Scene, scene_json_schema
 from .simulated import Press
@@ -15,5 +15,5 @@ __all__ = [
     "scene_json_schema",
     "scene_of",
     "shipped_scenes",
-    "truth_warnings",
+    "simulation_warnings",
 ]

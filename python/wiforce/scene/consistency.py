@@ -150,10 +150,12 @@ def _press_times(scene: Scene) -> Iterator[Violation]:
                 yield start, rule, press.start_s
 
 
-def truth_warnings(scene: Scene) -> list[str]:
-    """Sensors that a simulation presses and reads with one and the same model.
+def simulation_warnings(scene: Scene) -> list[str]:
+    """What makes a simulation differ from what was probably meant.
 
-    Such readings have no calibration error, and are better than those of any real sensor.
+    Sensors that are pressed and read with one and the same model are named.
+    Such readings have no calibration error, and are better than those of any real sensor. Presses
+    within the first millimetre, which are probably meant in metres, are named as well.
 
     Parameters
     ----------
@@ -167,11 +169,17 @@ def truth_warnings(scene: Scene) -> list[str]:
     Examples
     --------
     >>> from gnuradio.wiforce.scene import load_scene
-    >>> truth_warnings(load_scene("demo"))
+    >>> simulation_warnings(load_scene("demo"))
     []
     """
     models = {sensor.name: sensor.model for sensor in scene.sensors}
-    return [
+    found = [
+        f"simulation.presses[{i}].location_mm is {press.location_mm:g}: is it in metres instead "
+        "of millimetres?"
+        for i, press in enumerate(scene.simulation.presses)
+        if 0 < press.location_mm < 1
+    ]
+    return found + [
         f"sensor '{tag.sensor}': the model that is pressed and the one that reads it are the same "
         f"({tag.truth_model}): readings will show no calibration error; set "
         "simulation.truth_model to another sensor for honest errors"

@@ -6,8 +6,9 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
-from ..errors import InputError
+from ..errors import InputError, name_rule
 from ..io.capture import Capture
+from ..io.capture_files import SUFFIXES
 from ..io.schema import read
 from ..io.values import KeyPath
 from ..io.yamlfile import read_yaml
@@ -84,7 +85,7 @@ def load_capture_scene(capture: Capture) -> Scene:
     ('arm',)
     """
     if capture.scene is None:
-        raise InputError(capture.path, "has no scene in its metadata: give one")
+        raise InputError(capture.path, "has no scene in its metadata; name one with --scene")
     where = KeyPath(f"{capture.path}: wiforce:scene")
     if not isinstance(capture.scene, dict):
         raise InputError(where.source, "must hold a mapping of keys to values", capture.scene)
@@ -140,11 +141,12 @@ def _shipped_folder() -> Path:
 def _scene_path(scene: str | Path) -> Path:
     """The file meant: a shipped scene when the name has no suffix and no such file exists."""
     path = Path(scene)
+    if path.suffix in SUFFIXES:
+        raise InputError(path, "is a file of a capture; a scene is a .yaml file or a shipped name")
     if path.is_file() or path.suffix:
         return path
     if str(scene) not in shipped_scenes():
         if path.exists():
             return path
-        rule = f"must be a .yaml file or one of {', '.join(shipped_scenes())}"
-        raise InputError("scene", rule, str(scene))
+        raise InputError("scene", name_rule("scene", shipped_scenes(), str(scene)), str(scene))
     return _shipped_folder() / f"{scene}.yaml"

@@ -8,7 +8,7 @@ from typing import Any
 
 import yaml
 
-from ..errors import InputError, unwritable
+from ..errors import InputError, name_rule, unwritable
 from ..io.schema import keys, plain, read
 from ..io.textfile import write_whole
 from ..io.values import Choice, KeyPath, Scope
@@ -82,8 +82,7 @@ def _load(name_or_path: str | os.PathLike, relative_to: str | os.PathLike | None
     elif text in shipped_sensors():
         return _shipped(_shipped_folder() / f"{text}.yaml")
     else:
-        shipped = ", ".join(shipped_sensors())
-        raise InputError("sensor", f"must be a .yaml file or one of {shipped}", text)
+        raise InputError("sensor", name_rule("sensor", shipped_sensors(), text), text)
     return sensor_from_dict(read_yaml(path), path)
 
 

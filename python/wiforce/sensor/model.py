@@ -87,7 +87,7 @@ class SensorModel:
     def carrier_error(self, frequency_hz: float, within: float = MAX_TRANSFER) -> InputError:
         """The error to raise for a carrier that is too far from those the model holds."""
         rule = f"carrier must be within {100 * within:g} % of {self._held()}"
-        return InputError(self.name, rule, frequency_hz)
+        return InputError(self.name, f"{rule}, got {frequency_hz / 1e6:g} MHz")
 
     def at_carrier(self, frequency_hz: float) -> "SensorModel":
         """The model for use at one carrier.

@@ -34,6 +34,7 @@ _REVERSED = 0.25
 # the slope by up to 25 %, more for wide contacts.
 _LENGTH_MM = 10.0
 _SLOPES = np.linspace(0.6, 1.8, 241)
+_DIRECTION_SLOPES = np.array([0.9, 1.0, 1.2, 1.4])
 _SLOPE_LIMITS = (0.7, 1.5)
 # Readings of which so many are unexplained are suspicious, and explained if so few are.
 _MOST, _FEW, _ROWS_TRIED = 0.5, 0.1, 200
@@ -133,7 +134,7 @@ def suspicions(table: CalibrationTable, length_mm: float, permittivity: float) -
     >>> suspicions(table, 80.0, 1.0)
     []
     >>> suspicions(replace(table, phase_deg=np.radians(table.phase_deg)), 80.0, 1.0)
-    ['all phases lie within +-3.1: are they in radians instead of degrees?']
+    ['all phases lie within +-3.0: are they in radians instead of degrees?']
     """
     touched = table.take(~table.untouched)
     if not touched.row.size:
@@ -156,7 +157,7 @@ def _units(table: CalibrationTable, touched: CalibrationTable, length_mm: float)
     widest = float(np.max(np.abs(table.phase_deg)))
     if widest <= _TURN_RAD:
         found.append(
-            f"all phases lie within +-{widest:.2g}: are they in radians instead of degrees?"
+            f"all phases lie within +-{widest:.1f}: are they in radians instead of degrees?"
         )
     found += _location_unit(float(np.max(touched.location_mm)), length_mm)
     hardest = float(np.max(touched.force_n))
@@ -188,21 +189,22 @@ def _mean_phasors(rows: CalibrationTable, port: int) -> tuple[np.ndarray, np.nda
     return places, phasors / np.maximum(np.abs(phasors), 1e-12)
 
 
-def _concentration(rows: CalibrationTable, slope: float) -> float:
-    """How well phases follow a slope in deg/mm, negative at port 1: 1 without scatter."""
-    values = []
-    for port, sign in ((1, -1), (2, 1)):
+def _concentrations(rows: CalibrationTable, slopes: np.ndarray) -> np.ndarray:
+    """How well phases follow each slope in deg/mm, negative at port 1: 1 without scatter."""
+    values = np.zeros((2, len(slopes)))
+    for row, (port, sign) in enumerate(((1, -1), (2, 1))):
         places, phasors = _mean_phasors(rows, port)
         if len(places) < 2:
-            return 0.0
-        values.append(abs(np.mean(phasors * np.exp(-1j * np.radians(sign * slope * places)))))
-    return float(np.mean(values))
+            return np.zeros(len(slopes))
+        turns = np.exp(-1j * np.radians(sign * slopes[:, None] * places))
+        values[row] = np.abs(np.mean(phasors * turns, axis=1))
+    return values.mean(axis=0)
 
 
 def _direction(rows: CalibrationTable, slope: float) -> list[str]:
     """Whether ports are swapped or the sign of the phase is inverted."""
-    expected = max(_concentration(rows, scale * slope) for scale in (0.9, 1.0, 1.2, 1.4))
-    reverse = max(_concentration(rows, -scale * slope) for scale in (0.9, 1.0, 1.2, 1.4))
+    tried = slope * _DIRECTION_SLOPES
+    expected, reverse = (float(_concentrations(rows, sign * tried).max()) for sign in (1, -1))
     if reverse < _ON_A_LINE or len(np.unique(rows.location_mm)) < _ENOUGH_LOCATIONS:
         return []
     if 1 - reverse > _REVERSED * (1 - expected):
@@ -237,7 +239,7 @@ def _estimate(
     slope = line.round_trip_deg_per_mm(frequency_hz, permittivity)
     ambiguity_mm = float(360.0 / slope)
     touched = rows.take(~rows.untouched)
-    scores = [_concentration(touched, scale * slope) for scale in _SLOPES]
+    scores = _concentrations(touched, _SLOPES * slope)
     best = int(np.argmax(scores))
     places = np.unique(touched.location_mm)
     if scores[best] < _ON_A_LINE or len(places) < _ENOUGH_LOCATIONS:

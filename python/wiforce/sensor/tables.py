@@ -368,7 +368,8 @@ def _number(line: Mapping[str, Any], key: str, where: str, empty: float | None =
     try:
         value = float(text)
     except ValueError:
-        raise InputError(f"{where}: {key}", "must be a number", text) from None
+        rule = "must be a number" + (" with a decimal point" if "," in text else "")
+        raise InputError(f"{where}: {key}", rule, text) from None
     if not abs(value) <= _LARGEST:
         raise InputError(f"{where}: {key}", f"must be finite and at most {_LARGEST:g}", text)
     return value

@@ -41,7 +41,7 @@ def touch_of(
     >>> model = load_sensor("line-900mhz")
     >>> phases = np.array([model.untouched_deg(), model.phases_deg(4.0, 40.0)])
     >>> touch_of(model, phases, 1.0).tolist(), touch_of(model, phases, 45.0).tolist()
-    ([0, 1], [-1, 1])
+    ([0, 1], [-1, -1])
     """
     phases = np.asarray(phases_deg, float)
     touch = np.where(model.is_untouched(phases, std_deg, frequency_hz), 0, 1)

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Messages of typical mistakes: each says what to change, so that nobody needs to read it twice."""
+
+import pytest
+from wiforce_app.main import main
+
+SCENE = """
+radio: {center_frequency_hz: 900.0e+6}
+reference_s: 0.04
+sensors:
+  - {name: arm, model: line-900mhz-calibrated}
+simulation:
+  truth_model: line-900mhz
+  duration_s: 0.1
+  presses:
+    - {start_s: 0.05, hold_s: 0.01, force_n: 2.0, location_mm: 33.0}
+"""
+HEADER = "freq_mhz,location_mm,port,force_n,phase_deg\n"
+CALIBRATE = ["calibrate", "file.csv", "-o", "s.yaml"]
+
+
+@pytest.mark.parametrize(
+    "content, arguments, message",
+    [
+        ("1,2\n", ["read", "file.csv"], "is not a capture: there is no file.csv.sigmf-meta; for"),
+        (HEADER, ["simulate", "press.sigmf-meta", "x"], "is a file of a capture; a scene is a"),
+        (HEADER, ["plan", "tabeltop"], "shipped scene (did you mean 'tabletop'? gr-wiforce list"),
+        (
+            "phase1_deg,phase2_deg\n1,2\n",
+            ["invert", "file.csv", "--sensor", "line-900"],
+            "shipped sensor (did you mean 'line-900mhz'?",
+        ),
+        (
+            "phase1_deg,phase2_deg\n1,2\n",
+            ["invert", "file.csv", "--sensor", "line-900mhz", "--frequency-hz", "915e3"],
+            "carrier must be within 10 % of 900 MHz, got 0.915 MHz",
+        ),
+        (HEADER.replace(",", ";"), CALIBRATE, "columns must be separated by commas, got ';'"),
+        (HEADER + '900,20,1,"2,5",5\n', CALIBRATE, "with a decimal point, got '2,5'"),
+        (HEADER, ["schema", "scenes"], "Invalid value for 'KIND'"),
+        (HEADER, ["list", "scene"], "Invalid value for '[scenes|sensors]'"),
+    ],
+)
+def test_message_of_a_mistake_says_what_to_change(
+    tmp_path, monkeypatch, capsys, content, arguments, message
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file.csv").write_text(content)
+    assert main(arguments) == 2
+    said = capsys.readouterr().err
+    assert message in said and said.count("\n") == 1
+
+
+def test_message_of_a_tab_in_a_scene_names_it(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scene.yaml").write_text("radio:\n\tcenter_frequency_hz: 900e6\n")
+    assert main(["plan", "scene.yaml"]) == 2
+    assert "line 2, column 1: a tab, but YAML is indented with" in capsys.readouterr().err
+
+
+def test_simulate_press_in_metres_is_suspected(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scene.yaml").write_text(SCENE.replace("33.0", "0.033"))
+    assert main(["simulate", "scene.yaml", "press"]) == 0
+    said = capsys.readouterr().err
+    assert "simulation.presses[0].location_mm is 0.033: is it in metres" in said
