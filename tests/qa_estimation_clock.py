@@ -158,6 +158,14 @@ def test_acquisition_recognises_overlapping_pulses(table, likelihood, gamma_db, 
     assert fit.found and fit.overlapping
 
 
+def update(tracker, time, tones, noise, off=0.0):
+    """Update a tracker by a group that is evaluated ``off`` rad from the predicted phase."""
+    phase = tracker.predict(time)[0] - off
+    likelihood = tracker.likelihood.at(np.array([phase]), tones[None])[0] @ (1 / noise)
+    ahead = tracker.ahead_of(phase, time)
+    return tracker.update(time, likelihood.tolist(), noise.mean(), ahead=ahead)
+
+
 def tracked_errors(table, likelihood, tag, gamma_db, groups, seed, gap=()):
     """Phase errors in radians of a tracker, group by group."""
     air = make_air(625, [tag], seed, gamma_db)
@@ -170,7 +178,7 @@ def tracked_errors(table, likelihood, tag, gamma_db, groups, seed, gap=()):
             continue
         time = (g + 0.5) * 625 * T - T / 2
         tones = table.weights @ snapshots
-        assert tracker.update(time, tones, 1 / air.noise, air.noise.mean())
+        assert update(tracker, time, tones, air.noise)
         errors.append(wrapped(tracker.phase - true_phase(tag, time)))
     return np.array(errors), tracker
 
@@ -198,5 +206,20 @@ def test_tracker_coasts_over_a_group_without_the_tag(table, likelihood):
     time = 11.5 * 625 * T
     expected, _ = tracker.predict(time)
     tones = table.weights @ air.group(11, on=False)
-    assert not tracker.update(time, tones, 1 / air.noise, air.noise.mean())
+    assert not update(tracker, time, tones, air.noise)
     assert wrapped(tracker.phase - expected) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_tracker_update_does_not_depend_on_the_phase_that_a_group_is_evaluated_at(
+    table, likelihood
+):
+    """Groups of a batch are evaluated at clocks that are predicted over several groups."""
+    air = make_air(625, [TagOnAir(offset_ppm=20.0, untouched_deg=(0.0, 90.0))], 7, 0.0)
+    times, fit = found_clock(likelihood, table, air)
+    tones, phases = table.weights @ air.group(11), []
+    for off in (0.0, 0.003):
+        tracker = ClockTracker(fit, times, RATE, SUBCARRIERS, air.noise.mean())
+        assert update(tracker, 11.5 * 625 * T, tones, air.noise, off)
+        phases.append(tracker.phase)
+    error = np.sqrt(tracker.variances[0])
+    assert abs(phases[1] - phases[0]) < 0.01 * error < 0.001

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Standard deviations where the model is wrong: residuals, profiles, drift, compression."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from gnuradio.wiforce.estimation.coherence import CoherentResidual
@@ -38,7 +40,8 @@ def fit_of(rng, coherent, tones=24, subcarriers=62):
     solver = white.conj().T
     solved = solver @ received
     residual = received - white @ solved
-    fit = GroupFit(np.arange(2), white, solved, np.ones(2), residual, white, solver, white)
+    group = (each[None] for each in (solved, np.ones(2), residual, white, solver, white))
+    fit = GroupFit(np.arange(2), *group)
     return fit, np.vdot(ends[0], solved[0] - 10 * ends[0]) / np.sqrt(subcarriers)
 
 
@@ -49,7 +52,7 @@ def test_coherent_residual_factor_is_that_of_the_error(coherent):
     factors, errors = [], []
     for _ in range(400):
         fit, error = fit_of(rng, coherent)
-        factors.append(residual.update(fit, np.ones(62))[0])
+        factors.append(residual.update(fit, np.ones(62))[0][0, 0])
         errors.append(abs(error) ** 2)
     # Means of 400 groups: 5 % for the errors, less for the factors.
     assert np.mean(factors[50:]) == pytest.approx(np.mean(errors), rel=0.2)
@@ -61,9 +64,25 @@ def test_coherent_residual_forgets_a_burst_at_once():
     """One loud group must not make a second of readings uncertain."""
     rng, residual = np.random.default_rng(4), CoherentResidual(2)
     quiet = [fit_of(rng, 0.0)[0] for _ in range(20)]
-    assert [residual.update(fit, np.ones(62)).max() for fit in quiet[:10]] == [1] * 10
-    assert residual.update(fit_of(rng, 30.0)[0], np.ones(62))[0] > 300
-    assert [residual.update(fit, np.ones(62)).max() for fit in quiet[10:]] == [1] * 10
+    assert [residual.update(fit, np.ones(62))[0].max() for fit in quiet[:10]] == [1] * 10
+    assert residual.update(fit_of(rng, 30.0)[0], np.ones(62))[0][0, 0] > 300
+    assert [residual.update(fit, np.ones(62))[0].max() for fit in quiet[10:]] == [1] * 10
+
+
+def test_coherent_residual_does_not_depend_on_batches():
+    rng = np.random.default_rng(5)
+    fits = [fit_of(rng, 4.0 if 10 < g < 80 else 0.0)[0] for g in range(120)]
+    noise = rng.uniform(0.5, 2.0, (120, 62))
+    alone = CoherentResidual(2)
+    expected = [alone.update(fit, noise[g])[0][0] for g, fit in enumerate(fits)]
+    together, found = CoherentResidual(2), []
+    for start, stop in ((0, 1), (1, 60), (60, 120)):
+        fields = [f.name for f in dataclasses.fields(GroupFit)][1:]
+        arrays = (np.concatenate([getattr(f, name) for f in fits[start:stop]]) for name in fields)
+        batch = GroupFit(np.arange(2), *arrays)
+        found += list(together.update(batch, noise[start:stop])[0])
+    assert np.max(expected) > 5
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
 def received_with(image, channel):

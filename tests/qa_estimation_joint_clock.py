@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from gnuradio.wiforce.estimation.joint_clock import likelihood_bias, phase_errors, phase_information
+from gnuradio.wiforce.estimation.joint_clock import PhaseExpansion, likelihood_bias, phase_errors
 from gnuradio.wiforce.estimation.likelihood import PhaseLikelihood
 from gnuradio.wiforce.estimation.tracked_tag import TagClock
 from plain import TA, bound_of, errors_deg, make_air, make_plan, random_tag, run_chain, stated_deg
@@ -13,7 +13,7 @@ def normal(rng, *shape):
     return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
 
 
-def test_phase_information_equals_that_of_joint_least_squares():
+def test_phase_expansion_information_equals_that_of_joint_least_squares():
     """Against differences of what is left when the ends are solved anew at other phases."""
     rng = np.random.default_rng(1)
     mixing, slopes = normal(rng, 14, 4), normal(rng, 14, 4)
@@ -27,9 +27,8 @@ def test_phase_information_equals_that_of_joint_least_squares():
 
     solver = np.linalg.pinv(mixing)
     ends = solver @ tones
-    gradient, information, excess = phase_information(
-        mixing, solver, slopes, ends, tones - mixing @ ends, inverse_noise
-    )
+    expansion = PhaseExpansion.of(mixing, solver, slopes, ends, tones - mixing @ ends)
+    gradient, information, excess = expansion.information(inverse_noise)
     step = 1e-5
     for tag in range(2):
         turn = step * np.eye(2)[tag]
@@ -43,6 +42,24 @@ def test_phase_information_equals_that_of_joint_least_squares():
         step, (i, j) = 1e-3, np.eye(2)[[a, b]]
         curved = sum(s * t * cost(step * (s * i + t * j)) for s in (1, -1) for t in (1, -1))
         assert both[a, b] == pytest.approx(curved / (4 * step**2), rel=0.05)
+
+
+def test_phase_expansion_power_equals_the_residual_at_other_phases():
+    """The noise is learned from it before the ends are solved at the tracked clocks."""
+    rng = np.random.default_rng(2)
+    mixing, slopes, shifts = normal(rng, 3, 14, 4), normal(rng, 3, 14, 4), [[1e-4, -2e-4]] * 3
+    tones = mixing @ normal(rng, 3, 4, 6) + 1e-2 * normal(rng, 3, 14, 6)
+    solver = np.linalg.pinv(mixing)
+    ends = solver @ tones
+    expansion = PhaseExpansion.of(mixing, solver, slopes, ends, tones - mixing @ ends)
+    turned = mixing + slopes * np.repeat(shifts, 2, axis=1)[:, None]
+    left = tones - turned @ (np.linalg.pinv(turned) @ tones)
+    exact = np.sum(np.abs(left) ** 2, axis=1)
+    found = expansion.power_at(np.array(shifts))
+    # The shifts change the residual by far more than the expansion is wrong.
+    assert np.max(np.abs(exact - expansion.power) / exact) > 0.02
+    assert found == pytest.approx(exact, rel=1e-3)
+    assert expansion[1].power_at(np.array(shifts[1])) == pytest.approx(found[1], rel=1e-12)
 
 
 def test_phase_errors_without_information_are_zero():

@@ -3,16 +3,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from copy import copy
 
 import numpy as np
 
 from .acquisition import DELAY_EVIDENCE, acquire
 from .group_tones import GroupTones, without_loud
-from .groups import Array
-from .joint_clock import likelihood_bias, phase_errors, phase_information
-from .least_squares import GroupFit, ToneModel
+from .joint_clock import likelihood_bias, phase_errors
+from .least_squares import ToneModel
 from .noise import OUTLIER_RATIO, NoiseEstimate
 from .pulse_fit import fit_pulses
 from .tracked_tag import TrackedTag
@@ -68,127 +66,112 @@ class ClockSearch:
             for tag in model.tags
         )
 
-    def run(self, items: Sequence[GroupTones]) -> None:
-        """Acquire every tag over a block of groups.
+    def run(self, groups: GroupTones) -> None:
+        """Acquire every tag over a block of groups, all of them usable.
 
         Two or three passes, because the noise and the leakage of other tags into a tag's lines are
         known only after the first.
         """
-        usable = without_loud([item for item in items if item.usable])
-        if len(usable) < 2:
+        groups = without_loud(groups)
+        if len(groups) < 2:
             return
-        self._noise.set(np.mean([item.power() for item in usable], axis=0), usable)
+        self._noise.set(groups.power().mean(axis=0), groups.level.max())
         for _ in range(2 if len(self._model.tags) == 1 else 3):
             for tag in self._model.tags:
-                self.acquire(tag, usable)
-            self._take_residuals(usable)
+                self.acquire(tag, groups)
+            self._take_residuals(groups)
         if self.jointly and self._model.locked:
-            self._refine(usable)
+            self._refine(groups)
             for tag in self._model.locked:
                 if tag.clock2_delay and not tag.overlapping:
-                    self._verify_delay(tag, usable)
+                    self._verify_delay(tag, groups)
         for tag in self._model.locked:
-            self._fit_pulses(tag, usable)
-        self._noise.set(self._noise.variance, usable, len(usable))
+            self._fit_pulses(tag, groups)
+        self._noise.set(self._noise.variance, groups.level.max(), len(groups))
 
-    def retry(self, tag: TrackedTag, item: GroupTones) -> None:
-        """Try to acquire a lost tag over the latest groups."""
-        tag.waiting.append(item)
+    def retry(self, tag: TrackedTag, group: GroupTones) -> None:
+        """Try to acquire a lost tag over the latest groups, the last of which is given."""
+        tag.waiting.append(group)
         del tag.waiting[: -self.groups]
-        if len(tag.waiting) == self.groups and self.acquire(tag, without_loud(tag.waiting)):
-            self._fit_pulses(tag, without_loud(tag.waiting))
+        if len(tag.waiting) < self.groups:
+            return
+        latest = without_loud(GroupTones.concatenate(tag.waiting))
+        if self.acquire(tag, latest):
+            self._fit_pulses(tag, latest)
             tag.waiting = []
 
-    def _fit_pulses(self, tag: TrackedTag, items: Sequence[GroupTones]) -> None:
+    def _fit_pulses(self, tag: TrackedTag, groups: GroupTones) -> None:
         """Fit the pulses of a tag over a block of groups, once."""
         if tag.pulses_known or tag.overlapping:
             return
         tag.pulses_known = True
-        if fit_pulses(self._model, tag, items, self._noise.inverse):
-            self._take_residuals(items)
+        if fit_pulses(self._model, tag, groups, self._noise.inverse):
+            self._take_residuals(groups)
 
-    def acquire(self, tag: TrackedTag, items: Sequence[GroupTones]) -> bool:
+    def acquire(self, tag: TrackedTag, groups: GroupTones) -> bool:
         """Acquire one tag over a block of usable groups; whether it was found."""
-        alone = len(self._model.tags) == 1
-        covariances = np.array(
-            [self.covariance(tag, item, None if alone else self._model.fit(item)) for item in items]
+        model, subcarriers = self._model, groups.tones.shape[2]
+        fit = None if len(model.tags) == 1 else model.fit(groups, model.predict(groups))
+        covariances = tag.likelihood.covariance(
+            model.own_tones(tag, groups, fit), self._noise.variance * groups.loss
         )
-        times_s = np.array([item.center_s for item in items])
-        subcarriers = items[0].tones.shape[1]
-        fit = acquire(
-            times_s, covariances, tag.likelihood, tag.rate, tag.clock.tolerance_ppm, subcarriers
+        found = acquire(
+            groups.center_s,
+            covariances,
+            tag.likelihood,
+            tag.rate,
+            tag.clock.tolerance_ppm,
+            subcarriers,
         )
-        if fit.found:
-            tag.start(fit, times_s, subcarriers, self._noise.level)
+        if found.found:
+            tag.start(found, groups.center_s, subcarriers, self._noise.level)
         else:
             tag.drop()
-        return fit.found
+        return found.found
 
-    def covariance(self, tag: TrackedTag, item: GroupTones, fit: GroupFit | None) -> Array:
-        """Covariance of a tag's lines in a group (L, L), without the other tags."""
-        tones = self._model.without_others(tag, item, fit)
-        return tag.likelihood.covariance(tones, self._noise.variance * item.weights.loss)
-
-    def measure_phases(self, fit: GroupFit | None) -> dict[TrackedTag, tuple[float, float]]:
-        """Error of each locked tag's predicted phase and its variance, by the complete model."""
-        if fit is None:
-            return {}
-        errors, variances = phase_errors(*self._information(fit))
-        return {
-            tag: (float(error), float(variance))
-            for tag, error, variance in zip(self._model.locked, errors, variances, strict=True)
-        }
-
-    def _information(self, fit: GroupFit) -> tuple[Array, Array, Array]:
-        return phase_information(
-            fit.white, fit.solver, fit.slopes, fit.ends, fit.residual, self._noise.inverse
-        )
-
-    def _take_residuals(self, items: Sequence[GroupTones]) -> None:
+    def _take_residuals(self, groups: GroupTones) -> None:
         """Estimate the noise from the residuals of a block of groups, without outliers."""
-        residuals = np.array([self._model.solve(item)[2] for item in items])
+        residuals = self._model.solve(groups, self._model.predict(groups))[2].noise()
         levels = residuals.mean(axis=1)
         fitting = residuals[levels <= OUTLIER_RATIO * np.median(levels)]
-        self._noise.set(fitting.mean(axis=0), items)
+        self._noise.set(fitting.mean(axis=0), groups.level.max())
 
-    def _refine(self, items: Sequence[GroupTones]) -> None:
+    def _refine(self, groups: GroupTones) -> None:
         """Fit all clocks to a block of groups by the complete model, from their present values."""
         for _ in range(_REFINEMENTS):
-            self._step_clocks(items)
-            self._take_residuals(items)
+            self._step_clocks(groups)
+            self._take_residuals(groups)
 
-    def _step_clocks(self, items: Sequence[GroupTones]) -> None:
+    def _step_clocks(self, groups: GroupTones) -> None:
         """A Gauss-Newton step of the phases and offsets of all clocks over a block of groups."""
         trackers = self._model.trackers
-        start_s = trackers[0].time_s
         count = len(trackers)
-        gradient, information = np.zeros(2 * count), np.zeros((2 * count, 2 * count))
-        excess = np.zeros(2 * count)
-        for item in items:
-            fit = self._model.fit(item, slopes=True)
-            if fit is None:
-                continue
-            slope, curvature, noise = self._information(fit)
-            elapsed = np.array([1.0, item.center_s - start_s])
-            gradient += np.kron(elapsed, slope)
-            information += np.kron(np.outer(elapsed, elapsed), curvature)
-            excess += np.kron(elapsed**2, noise)
-        errors, variances = phase_errors(gradient, information, excess)
+        fit = self._model.fit(groups, self._model.predict(groups), slopes=True)
+        slope, curvature, noise = fit.expansion().information(self._noise.inverse)
+        # A phase error at the start acts on all groups alike, one of the rate by the time elapsed.
+        elapsed_s = groups.center_s - trackers[0].time_s
+        course = np.stack([np.ones(len(groups)), elapsed_s], axis=1)
+        gradient = np.einsum("gi,gs->is", course, slope).ravel()
+        information = np.einsum("gi,gj,gst->isjt", course, course, curvature)
+        excess = np.einsum("gi,gs->is", course**2, noise).ravel()
+        errors, variances = phase_errors(
+            gradient, information.reshape(2 * count, 2 * count), excess
+        )
         for i, tracker in enumerate(trackers):
             own = [i, count + i]
             tracker.correct(errors[own], variances[own])
 
-    def _verify_delay(self, tag: TrackedTag, items: Sequence[GroupTones]) -> None:
+    def _verify_delay(self, tag: TrackedTag, groups: GroupTones) -> None:
         """Set the delay of clock 2 to 0 unless the complete model supports it as well."""
         locked = self._model.locked
         delayed, noise = [copy(tracker) for tracker in self._model.trackers], self._noise.variance
         if tag.tracker is not None:
             tag.tracker.likelihood = tag.likelihood
-        self._refine(items)
-        tones, subcarriers = items[0].tones.shape
-        freedom = len(items) * subcarriers * (tones - 2 * len(self._model.tags))
+        self._refine(groups)
+        _, tones, subcarriers = groups.tones.shape
+        freedom = len(groups) * subcarriers * (tones - 2 * len(self._model.tags))
         evidence = freedom * (self._noise.level / np.mean(noise) - 1)
         if evidence > DELAY_EVIDENCE:
             for each, tracker in zip(locked, delayed, strict=True):
                 each.tracker = tracker
-            self._noise.set(noise, items)
+            self._noise.set(noise, groups.level.max())

@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from typing import NamedTuple, overload
 
 import numpy as np
 
@@ -24,6 +26,55 @@ _JUMP_STDS = 6.0
 # changes the amplitude of a tag with an off reflection of 0.3 rho from 1.3 to 0.7 rho, its energy
 # by a factor of 0.29.
 _PRESENCE = 0.1
+
+
+class ClockPath(NamedTuple):
+    """Clock phases and rates of one or more tags at the centres of groups.
+
+    Attributes
+    ----------
+    phase : ndarray, shape (G, ...)
+        In radians.
+    rate : ndarray, shape (G, ...)
+        Above nominal, in rad/s.
+
+    Examples
+    --------
+    >>> path = ClockPath(np.array([[0.1, 0.2]]), np.array([[0.0, 3.0]]))
+    >>> path.of(1).phase, path.of(1).rate
+    (array([0.2]), array([3.]))
+    """
+
+    phase: Array
+    rate: Array
+
+    def of(self, tag: int, rows: slice = slice(None)) -> ClockPath:
+        """The path of one of the tags, in some of the groups."""
+        return ClockPath(self.phase[rows, tag], self.rate[rows, tag])
+
+
+def predict_clocks(trackers: Sequence[ClockTracker], center_s: Array) -> ClockPath:
+    """Clocks expected at the centres of groups.
+
+    Parameters
+    ----------
+    trackers : sequence of ClockTracker, length S
+    center_s : ndarray, shape (G,)
+
+    Returns
+    -------
+    ClockPath
+        Arrays of shape (G, S).
+
+    Examples
+    --------
+    >>> predict_clocks([], np.zeros(3)).phase.shape
+    (3, 0)
+    """
+    phase, rate = np.empty((2, len(center_s), len(trackers)))
+    for tag, tracker in enumerate(trackers):
+        phase[:, tag], rate[:, tag] = tracker.predict(center_s)
+    return ClockPath(phase, rate)
 
 
 class ClockTracker:
@@ -86,18 +137,26 @@ class ClockTracker:
         self._curvature = noise_level * float(curvature.mean())
         self._count = min(len(elapsed), _CURVATURE_MEMORY)
 
-    def predict(self, time_s: float) -> tuple[float, float]:
+    @overload
+    def predict(self, time_s: float) -> tuple[float, float]: ...
+    @overload
+    def predict(self, time_s: Array) -> tuple[Array, float]: ...
+    def predict(self, time_s: float | Array) -> tuple[float | Array, float]:
         """Phase (rad) and rate (deviation from nominal, rad/s) expected at ``time_s``."""
         dt = time_s - self.time_s
         return self.phase + (self._nominal + self.rate) * dt, self.rate
 
+    def ahead_of(self, phase: float, time_s: float) -> float:
+        """By how much the phase expected at ``time_s`` exceeds another one, in rad."""
+        return math.remainder(self.predict(time_s)[0] - phase, 2 * math.pi)
+
     def update(
         self,
         time_s: float,
-        tones: Array,
-        inverse_noise: Array,
+        likelihood: Sequence[float],
         noise_level: float,
         measured: tuple[float, float] | None = None,
+        ahead: float = 0.0,
     ) -> bool:
         """Advance to ``time_s`` and correct by the group's likelihood.
 
@@ -105,14 +164,14 @@ class ClockTracker:
         ----------
         time_s : float
             Centre of the group.
-        tones : ndarray of complex, shape (M, K)
-            P of the group without the other tags.
-        inverse_noise : ndarray, shape (K,)
-            1 / sigma_k^2 of a tone of unit noise gain.
+        likelihood : sequence of float, length 3
+            J, J' and J'' of the group, without the other tags, at a phase close to the predicted.
         noise_level : float
             Mean noise variance that the energy of a mean group is scaled by.
         measured : (float, float), optional
-            Error of the predicted phase and its variance, instead of the likelihood's.
+            Error of that phase and its variance, instead of the likelihood's.
+        ahead : float
+            By how much the predicted phase exceeds that phase, in rad (:meth:`ahead_of`).
 
         Returns
         -------
@@ -120,13 +179,17 @@ class ClockTracker:
             False when the group's tones do not contain the tag; the clock then coasts.
         """
         self._advance(time_s)
-        energy, slope, curvature = self.likelihood.at(self.phase, tones, inverse_noise)
+        energy, slope, curvature = likelihood
+        energy += ahead * (slope + ahead * curvature / 2)
         if not self._present(energy, self._energy / noise_level):
             return False
         self._count = min(self._count + 1, _CURVATURE_MEMORY)
         self._energy += (noise_level * energy - self._energy) / self._count
         self._curvature += (noise_level * curvature - self._curvature) / self._count
-        error, variance = measured or self._measured(slope, noise_level)
+        if measured:
+            error, variance = measured[0] - ahead, measured[1]
+        else:
+            error, variance = self._measured(slope + ahead * curvature, noise_level)
         p00, p01, p11 = self.variances
         spread = p00 + variance
         jumped = error**2 > _JUMP_STDS**2 * spread

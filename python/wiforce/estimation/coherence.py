@@ -9,10 +9,10 @@ sigma_k^2: noise alone leaves sum_k |V_k|^2 / sigma_k^2 of it on every tone.
 
 from __future__ import annotations
 
-from collections import deque
-
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
+from .group_tones import power_of
 from .groups import Array
 from .least_squares import GroupFit
 
@@ -38,11 +38,6 @@ class CoherentResidual:
     ends : int
         Ends of all tags, 2S.
 
-    Attributes
-    ----------
-    disturbed : ndarray of bool, shape (2S,)
-        Whether something lasting is received on the lines of each end that is no noise.
-
     Notes
     -----
     Two estimates of sum_m |S_im|^2 var(c_im), S being the solver: the sandwich estimator HC2 of
@@ -53,63 +48,70 @@ class CoherentResidual:
     Examples
     --------
     >>> tones, rng = np.eye(16)[:, :2].astype(complex), np.random.default_rng(1)
-    >>> ends = np.ones((2, 62), complex)
+    >>> ends = np.ones((1, 2, 62), complex)
     >>> def fit_of(residual):
     ...     residual[:2] = 0
-    ...     return GroupFit(np.arange(2), tones, ends, np.ones(2), residual, tones, tones.T, tones)
+    ...     white, solver, gain = tones[None], tones.T[None], np.ones((1, 2))
+    ...     return GroupFit(np.arange(2), ends, gain, residual[None], white, solver, white)
     >>> white = rng.standard_normal((16, 62, 2)) @ [0.7071, 0.7071j]
-    >>> CoherentResidual(2).update(fit_of(white), np.ones(62))
-    array([1., 1.])
+    >>> CoherentResidual(2).update(fit_of(white), np.ones(62))[0]
+    array([[1., 1.]])
     >>> coherent = white + 3 * rng.standard_normal((16, 1))
-    >>> bool(np.all(CoherentResidual(2).update(fit_of(coherent), np.ones(62)) > 100))
+    >>> factors, disturbed = CoherentResidual(2).update(fit_of(coherent), np.ones(62))
+    >>> bool(np.all(factors > 100))
     True
     """
 
     def __init__(self, ends: int) -> None:
-        self.disturbed = np.zeros(ends, bool)
-        self._latest = [deque[float](maxlen=_MEDIAN_GROUPS) for _ in range(ends)]
+        self._latest = np.empty((ends, 0))
+        self.reset()
 
     def reset(self) -> None:
         """Forget the groups so far, when the clocks were acquired again."""
-        self.disturbed[:] = False
-        for latest in self._latest:
-            latest.clear()
+        # Infinite where there was no group yet, so that these rank last.
+        self._latest = np.full((len(self._latest), _MEDIAN_GROUPS - 1), np.inf)
 
-    def update(self, fit: GroupFit, inverse_noise: Array) -> Array:
-        """Take the fit of a group.
+    def update(self, fit: GroupFit, inverse_noise: Array) -> tuple[Array, Array]:
+        """Take the fit of some groups.
 
         Parameters
         ----------
         fit : GroupFit
-        inverse_noise : ndarray, shape (K,)
+        inverse_noise : ndarray, shape (G, K) or (K,)
             1 / sigma_k^2.
 
         Returns
         -------
-        ndarray, shape (E,)
-            Factor of each end that was fitted, at least 1.
+        factors : ndarray, shape (G, E)
+            Of each end that was fitted, at least 1.
+        disturbed : ndarray of bool, shape (G, E)
+            Whether something lasting is received on the lines of the end that is no noise.
         """
-        weighted = fit.ends.conj() * inverse_noise
-        energy = (weighted * fit.ends).real.sum(axis=1)
-        along = fit.residual @ weighted.T
-        along = along / np.sqrt(np.maximum(energy, 1e-300))
-        freedom = max(len(along) - len(fit.rows), 1)
-        leverage = np.einsum("me,em->m", fit.white, fit.solver).real
-        solver = fit.solver.T
-        errors = solver * along / np.sqrt(np.maximum(1 - leverage, 0.1))[:, None]
-        sandwich = np.sum(np.abs(errors) ** 2, axis=0) / np.sum(np.abs(solver) ** 2, axis=0)
-        own = np.sum(along.real**2 + along.imag**2, axis=0) / freedom
+        weights = np.broadcast_to(inverse_noise, (len(fit.ends), fit.ends.shape[2]))[:, None]
+        energy = np.sum(power_of(fit.ends) * weights, axis=2)
+        scale = 1 / np.sqrt(np.maximum(energy, 1e-300))
+        # Of every tone along every end's channel, (G, E, M).
+        along = (fit.ends.conj() * weights * scale[:, :, None]) @ fit.residual.swapaxes(1, 2)
+        along = power_of(along)
+        freedom = max(along.shape[2] - len(fit.rows), 1)
+        leverage = np.sum(fit.white.swapaxes(1, 2) * fit.solver, axis=1).real
+        shares = power_of(fit.solver)
+        errors = shares * along / np.maximum(1 - leverage, 0.1)[:, None]
+        sandwich = errors.sum(axis=2) / shares.sum(axis=2)
+        own = along.sum(axis=2) / freedom
         spread = freedom**-0.5
         factors = np.where(own > 1 + _GROUP_STDS * spread, own, 1)
-        for i, (row, ratio) in enumerate(zip(fit.rows.tolist(), sandwich.tolist(), strict=True)):
-            latest = self._latest[row]
-            latest.append(ratio)
-            count = len(latest)
-            ranked = sorted(latest)
-            # The median of a gamma distribution lies below its mean.
-            lasting = (ranked[(count - 1) // 2] + ranked[count // 2]) / 2
-            lasting /= 1 - _FREEDOM_SHARE / (3 * freedom)
-            self.disturbed[row] = lasting > _DISTURBED
-            if lasting > 1 + _LASTING_STDS * spread * (_FREEDOM_SHARE / count) ** 0.5:
-                factors[i] = max(factors[i], lasting)
-        return factors
+        lasting, count = self._medians(fit.rows, sandwich)
+        # The median of a gamma distribution lies below its mean.
+        lasting /= 1 - _FREEDOM_SHARE / (3 * freedom)
+        significant = lasting > 1 + _LASTING_STDS * spread * np.sqrt(_FREEDOM_SHARE / count)
+        return np.where(significant, np.maximum(factors, lasting), factors), lasting > _DISTURBED
+
+    def _medians(self, rows: Array, ratios: Array) -> tuple[Array, Array]:
+        """Median over the last groups up to each of these, and the number of them; (G, E)."""
+        known = np.concatenate([self._latest[rows], ratios.T], axis=1)
+        self._latest[rows] = known[:, len(ratios) :]
+        windows = np.sort(sliding_window_view(known, _MEDIAN_GROUPS, axis=1), axis=2)
+        count = np.isfinite(windows).sum(axis=2)
+        middle = np.stack([(count - 1) // 2, count // 2], axis=2)
+        return np.take_along_axis(windows, middle, 2).mean(axis=2).T, count.T

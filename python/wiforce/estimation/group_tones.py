@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Tones of a single phase group, and the weights that they were computed with."""
+"""Tones of phase groups, and the weights that they were computed with."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import groupby
 
 import numpy as np
 
@@ -31,6 +33,11 @@ class GroupWeights:
     loss : float
         N over the number of snapshots received.
 
+    Attributes
+    ----------
+    whitener : ndarray of complex, shape (M, M)
+        Makes the tones' noise white, with the variance of H.
+
     Examples
     --------
     >>> from gnuradio.wiforce.signal.switching import switch_averages
@@ -38,7 +45,7 @@ class GroupWeights:
     >>> table = design_weights([1000.0], 625, 57.6e-6)
     >>> weights = GroupWeights(table, np.ones((16, 1)), table.times_s)
     >>> waveforms = switch_averages(2 * np.pi * 1000 * table.times_s, 0.064)  # s1 and s2
-    >>> weights.mix([waveforms]).shape
+    >>> weights.mix(waveforms).shape
     (16, 2)
     """
 
@@ -52,103 +59,148 @@ class GroupWeights:
         self.whitener = weights.whitener
         self.times_s = times_s
         self.loss = loss
-        mixer = line_gain * weights.weights
+        mixer = self.whitener @ (line_gain * weights.weights)
         # Waveforms are real: two real products are half of a complex one.
-        self._mixer = np.vstack([mixer.real, mixer.imag])
+        self._mixer = np.vstack([mixer.real, mixer.imag]).T
 
-    def mix(self, waveforms: Sequence[Array]) -> Array:
-        """Apply the weights to waveforms.
+    @cached_property
+    def colorer(self) -> Array:
+        """Inverse of ``whitener``."""
+        return np.linalg.inv(self.whitener)
+
+    def mix(self, waveforms: Array) -> Array:
+        """Whitened tones of waveforms.
 
         Parameters
         ----------
-        waveforms : sequence of ndarray, shape (n, 2)
-            s_1 and s_2 of each tag at the snapshots.
+        waveforms : ndarray of float, shape (..., n, C)
+            C waveforms at the snapshots of some groups.
 
         Returns
         -------
-        ndarray of complex, shape (M, 2 tags)
-            The mixing matrix.
+        ndarray of complex, shape (..., M, C)
         """
-        rows = [waveform.T for waveform in waveforms]  # contiguous, as they were made
-        mixed = self._mixer @ (rows[0] if len(rows) == 1 else np.concatenate(rows)).T
-        half = len(mixed) // 2
-        return mixed[:half] + 1j * mixed[half:]
+        *groups, snapshots, columns = waveforms.shape
+        # Contiguous in the order in which the switching waveforms are made.
+        rows = waveforms.swapaxes(-1, -2).reshape(-1, snapshots)
+        mixed = (rows @ self._mixer).reshape(*groups, columns, 2, -1)
+        return (mixed[..., 0, :] + 1j * mixed[..., 1, :]).swapaxes(-1, -2)
 
 
 @dataclass(slots=True)
 class GroupTones:
-    """One group as it was received.
+    """Some groups as they were received, G of them.
 
     Attributes
     ----------
-    group : int
-        Index on the grid of the run.
-    center_s : float
-        Time of its centre, in s.
-    tones : ndarray of complex, shape (M, K)
+    group : ndarray of int, shape (G,)
+        Indices on the grid of the run.
+    center_s : ndarray, shape (G,)
+        Times of their centres, in s.
+    tones : ndarray of complex, shape (G, M, K)
         P.
-    white : ndarray of complex, shape (M, K)
+    white : ndarray of complex, shape (G, M, K)
         The same with white noise of the variance of H.
-    weights : GroupWeights
-        From snapshots to tones.
-    missing : int
+    level : ndarray, shape (G,)
+        Mean power of ``white``.
+    missing : ndarray of int, shape (G,)
         Snapshots that are absent.
-    usable : bool
-        Whether there are tones, all of them finite.
+    weights : list of GroupWeights, length G
+        From snapshots to tones.
 
     Examples
     --------
     >>> from gnuradio.wiforce.signal.weights import design_weights
     >>> table = design_weights([1000.0], 625, 57.6e-6)
     >>> weights = GroupWeights(table, np.ones((16, 1)), table.times_s)
-    >>> tones = np.full((16, 62), 2j)
-    >>> GroupTones(0, 0.018, tones, tones, weights, 0, True).level()
-    4.0
+    >>> tones = np.full((2, 16, 62), 2j)
+    >>> times_s, none = np.array([0.018, 0.054]), np.zeros(2, int)
+    >>> both = GroupTones(np.arange(2), times_s, tones, tones, np.full(2, 4.0), none, [weights] * 2)
+    >>> len(both), both[1:].group.tolist(), both.power().shape
+    (2, [1], (2, 62))
     """
 
-    group: int
-    center_s: float
+    group: Array
+    center_s: Array
     tones: Array
     white: Array
-    weights: GroupWeights
-    missing: int
-    usable: bool
+    level: Array
+    missing: Array
+    weights: list[GroupWeights]
 
-    def level(self) -> float:
-        """Mean of ``power`` over the subcarriers."""
-        return float(np.vdot(self.white, self.white).real / self.white.size)
+    def __len__(self) -> int:
+        return len(self.group)
+
+    def __getitem__(self, rows: slice | Array) -> GroupTones:
+        """The groups of some rows: a slice, or an array of indices."""
+        numbers = range(len(self))[rows] if isinstance(rows, slice) else rows.tolist()
+        return GroupTones(
+            self.group[rows],
+            self.center_s[rows],
+            self.tones[rows],
+            self.white[rows],
+            self.level[rows],
+            self.missing[rows],
+            [self.weights[row] for row in numbers],
+        )
+
+    @staticmethod
+    def concatenate(parts: Sequence[GroupTones]) -> GroupTones:
+        """Join groups that follow each other."""
+        return GroupTones(
+            np.concatenate([part.group for part in parts]),
+            np.concatenate([part.center_s for part in parts]),
+            np.concatenate([part.tones for part in parts]),
+            np.concatenate([part.white for part in parts]),
+            np.concatenate([part.level for part in parts]),
+            np.concatenate([part.missing for part in parts]),
+            [weights for part in parts for weights in part.weights],
+        )
+
+    @property
+    def loss(self) -> Array:
+        """Snapshots of a group over those received, as a column; shape (G, 1)."""
+        return np.array([[weights.loss] for weights in self.weights])
 
     def power(self) -> Array:
-        """Mean power per tone and subcarrier in units of the noise in H; shape (K,)."""
-        return power_of(self.white).mean(axis=0)
+        """Mean power per tone and subcarrier in units of the noise in H; shape (G, K)."""
+        return power_of(self.white).mean(axis=1)
+
+    def by_weights(self) -> Iterator[tuple[GroupWeights, slice]]:
+        """Runs of groups with the same weights: these, and the rows."""
+        start = 0
+        for weights, same in groupby(self.weights):
+            stop = start + len(list(same))
+            yield weights, slice(start, stop)
+            start = stop
 
 
-def without_loud(items: Sequence[GroupTones]) -> list[GroupTones]:
+def without_loud(groups: GroupTones) -> GroupTones:
     """Exclude groups with a burst of interference, which would dominate a sum over groups.
 
     Parameters
     ----------
-    items : sequence of GroupTones
+    groups : GroupTones
 
     Returns
     -------
-    list of GroupTones
+    GroupTones
         Those with at most ten times the median power.
 
     Examples
     --------
     >>> from gnuradio.wiforce.signal.weights import design_weights
     >>> table = design_weights([1000.0], 625, 57.6e-6)
-    >>> weights = GroupWeights(table, np.ones((16, 1)), table.times_s)
-    >>> levels = [np.full((16, 62), level) for level in (1.0, 9.0, 1.1)]
-    >>> groups = [GroupTones(g, 0.0, x, x, weights, 0, True) for g, x in enumerate(levels)]
-    >>> [item.group for item in without_loud(groups)]
+    >>> weights = [GroupWeights(table, np.ones((16, 1)), table.times_s)] * 3
+    >>> tones, none = np.ones((3, 16, 62)), np.zeros(3)
+    >>> level = np.array([1.0, 81.0, 1.2])
+    >>> groups = GroupTones(np.arange(3), none, tones, tones, level, none, weights)
+    >>> without_loud(groups).group.tolist()
     [0, 2]
     """
-    if not items:
-        return []
-    levels = np.array([item.level() for item in items])
-    return [items[i] for i in np.flatnonzero(levels <= _LOUD * np.median(levels))]
+    if not len(groups):
+        return groups
+    return groups[np.flatnonzero(groups.level <= _LOUD * np.median(groups.level))]
 
 
 def power_of(values: Array) -> Array:

@@ -10,12 +10,14 @@ ends and the clocks of all tags together.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..signal.switching import switch_averages
 from ..signal.weights import ToneTable
+from .group_tones import power_of
 from .groups import Array
 from .likelihood import PhaseLikelihood, evaluate, turned_by
 
@@ -71,7 +73,8 @@ def likelihood_bias(
             waveforms = switch_averages(phase + rate * table.times_s, rate * averaging_s / 2)
             tones = table.weights @ waveforms @ _ENDS
             for column in tones.T:
-                covariance = likelihood.covariance(column[:, None], np.ones(1))
+                own = column[likelihood.rows, None]
+                covariance = likelihood.covariance(own, np.ones(1))
                 found = _top(likelihood.coefficients(covariance), phase)
                 largest = max(largest, abs(found - phase))
     return largest
@@ -87,45 +90,30 @@ def _top(coefficients: Array, phase: float) -> float:
     return phase
 
 
-def phase_information(
-    mixing: Array,
-    solver: Array,
-    slopes: Array,
-    ends: Array,
-    residual: Array,
-    inverse_noise: Array,
-) -> tuple[Array, Array, Array]:
-    """Gradient and Fisher information of the clock phases in a group, at the phases assumed.
+@dataclass(slots=True)
+class PhaseExpansion:
+    """A least-squares fit, expanded to second order in the phases of the clocks.
 
-    Parameters
+    Attributes
     ----------
-    mixing : ndarray of complex, shape (M, 2S)
-        The S tags' waveforms as whitened tones.
-    solver : ndarray of complex, shape (2S, M)
-        Its pseudo-inverse.
-    slopes : ndarray of complex, shape (M, 2S)
-        Derivatives of ``mixing`` by each tag's phase.
-    ends : ndarray of complex, shape (2S, K)
-        Solution V of the group.
-    residual : ndarray of complex, shape (M, K)
-        Whitened tones minus ``mixing @ ends``.
-    inverse_noise : ndarray, shape (K,)
-        1 / sigma_k^2.
-
-    Returns
-    -------
-    gradient : ndarray, shape (S,)
-        Of the log-likelihood, maximised over the ends.
-    information : ndarray, shape (S, S)
-        Its expected negative curvature without the contribution of the noise in ``ends``.
-    excess : ndarray, shape (S,)
-        That contribution: the variance of the gradient from noise alone.
+    ends : ndarray of complex, shape (..., 2S, K)
+        Solution V of any number of groups.
+    power : ndarray, shape (..., K)
+        Sum of the squared residual over the tones.
+    gradient : ndarray, shape (..., S, K)
+        Derivatives of ``-power`` by the phases.
+    gram : ndarray of complex, shape (..., 2S, 2S)
+        Products of the derivatives of the mixing matrix that a change of the ends cannot
+        compensate.
+    excess : ndarray, shape (..., S)
+        Variance of the log-likelihood's gradient that noise in the ends adds.
 
     Notes
     -----
     With t = (1 - M M^+) dM/dtheta V, the derivative of the model that a change of the ends cannot
-    compensate, the gradient is 2 Re sum_k t^H r / sigma_k^2 and the information
-    2 Re sum_k t^H t / sigma_k^2 (variable projection, G. Golub and V. Pereyra, 1973).
+    compensate, the residual of a group is r - t dtheta. The gradient of the log-likelihood is
+    2 Re sum_k t^H r / sigma_k^2 and the information 2 Re sum_k t^H t / sigma_k^2 (variable
+    projection, G. Golub and V. Pereyra, 1973).
 
     Examples
     --------
@@ -135,27 +123,113 @@ def phase_information(
     >>> tones = (mixing + error_rad * slopes) @ ends
     >>> solver = np.linalg.pinv(mixing)
     >>> fitted = solver @ tones
-    >>> residual = tones - mixing @ fitted
-    >>> found = phase_information(mixing, solver, slopes, fitted, residual, np.full(62, 1e8))
-    >>> bool(np.isclose(phase_errors(*found)[0][0], error_rad, rtol=0.02))
+    >>> fit = PhaseExpansion.of(mixing, solver, slopes, fitted, tones - mixing @ fitted)
+    >>> errors, _ = phase_errors(*fit.information(np.full(62, 1e8)))
+    >>> bool(np.isclose(errors[0], error_rad, rtol=0.02))
+    True
+    >>> bool(np.all(fit.power_at(errors) < 1e-4 * fit.power))
     True
     """
-    tags = len(ends) // 2
-    # The part of a rotation that a change of the ends cannot compensate.
-    projected: Array = slopes - mixing @ (solver @ slopes)
-    turns = [projected[:, 2 * t : 2 * t + 2] @ ends[2 * t : 2 * t + 2] for t in range(tags)]
-    weighted = [turn * inverse_noise for turn in turns]
-    gradient = np.array([2 * np.vdot(turn, residual).real for turn in weighted])
-    information = np.array([[2 * np.vdot(a, b).real for b in turns] for a in weighted])
-    spread = solver @ solver.conj().T
-    gram: Array = projected.conj().T @ projected
-    excess = np.array(
-        [
-            2 * ends.shape[1] * np.sum(gram[own, own] * spread[own, own].T).real
-            for own in (slice(2 * t, 2 * t + 2) for t in range(tags))
-        ]
-    )
-    return gradient, information - np.diag(excess), excess
+
+    ends: Array
+    power: Array
+    gradient: Array
+    gram: Array
+    excess: Array
+
+    @staticmethod
+    def of(
+        mixing: Array, solver: Array, slopes: Array, ends: Array, residual: Array
+    ) -> PhaseExpansion:
+        """Expand a fit.
+
+        Parameters
+        ----------
+        mixing : ndarray of complex, shape (..., M, 2S)
+            The S tags' waveforms as whitened tones.
+        solver : ndarray of complex, shape (..., 2S, M)
+            Its pseudo-inverse.
+        slopes : ndarray of complex, shape (..., M, 2S)
+            Derivatives of ``mixing`` by each tag's phase.
+        ends : ndarray of complex, shape (..., 2S, K)
+        residual : ndarray of complex, shape (..., M, K)
+            Whitened tones minus ``mixing @ ends``.
+
+        Returns
+        -------
+        PhaseExpansion
+        """
+        projected: Array = slopes - mixing @ (solver @ slopes)
+        adjoint = projected.conj().swapaxes(-1, -2)
+        gram = adjoint @ projected
+        spread = solver @ solver.conj().swapaxes(-1, -2)
+        subcarriers = ends.shape[-1]
+        noise = 2 * subcarriers * (gram * spread.swapaxes(-1, -2)).real
+        gradient = 2 * (ends.conj() * (adjoint @ residual)).real
+        return PhaseExpansion(
+            ends,
+            power_of(residual).sum(axis=-2),
+            gradient[..., ::2, :] + gradient[..., 1::2, :],
+            gram,
+            np.einsum("...aiaj->...a", _by_tag(noise)),
+        )
+
+    def __getitem__(self, group: int) -> PhaseExpansion:
+        """The expansion of one of the groups."""
+        return PhaseExpansion(
+            self.ends[group],
+            self.power[group],
+            self.gradient[group],
+            self.gram[group],
+            self.excess[group],
+        )
+
+    def information(self, inverse_noise: Array) -> tuple[Array, Array, Array]:
+        """Gradient and Fisher information of the clock phases, at the phases assumed.
+
+        Parameters
+        ----------
+        inverse_noise : ndarray, shape (K,)
+            1 / sigma_k^2.
+
+        Returns
+        -------
+        gradient : ndarray, shape (..., S)
+            Of the log-likelihood, maximised over the ends.
+        information : ndarray, shape (..., S, S)
+            Its expected negative curvature without the contribution of the noise in ``ends``.
+        excess : ndarray, shape (..., S)
+            That contribution: the variance of the gradient from noise alone.
+        """
+        powers = (self.ends * inverse_noise) @ self.ends.conj().swapaxes(-1, -2)
+        information = _by_tag(2 * (self.gram * powers.swapaxes(-1, -2)).real).sum(axis=(-3, -1))
+        own = np.arange(information.shape[-1])
+        information[..., own, own] -= self.excess
+        return self.gradient @ inverse_noise, information, self.excess
+
+    def power_at(self, shifts: Array) -> Array:
+        """Sum of the squared residual at other phases of the clocks.
+
+        Parameters
+        ----------
+        shifts : ndarray, shape (..., S)
+            By how much these phases exceed those of the expansion, in rad.
+
+        Returns
+        -------
+        ndarray, shape (..., K)
+        """
+        turned = self.ends * np.repeat(shifts, 2, axis=-1)[..., None]
+        bend = (turned.conj() * (self.gram @ turned)).real.sum(axis=-2)
+        slope = (shifts[..., None, :] @ self.gradient)[..., 0, :]
+        # The expansion of a large step may be below what noise leaves at the optimum.
+        return np.maximum(self.power - slope + bend, 0.0)
+
+
+def _by_tag(matrices: Array) -> Array:
+    """Split rows and columns of matrices over ends: (..., S, 2, S, 2)."""
+    *groups, ends, _ = matrices.shape
+    return matrices.reshape(*groups, ends // 2, 2, ends // 2, 2)
 
 
 def phase_errors(gradient: Array, information: Array, excess: Array) -> tuple[Array, Array]:
@@ -164,13 +238,13 @@ def phase_errors(gradient: Array, information: Array, excess: Array) -> tuple[Ar
     Parameters
     ----------
     gradient, information, excess : ndarray
-        See :func:`phase_information`; the three may be sums over groups.
+        See :meth:`PhaseExpansion.information`; the three may be sums over groups.
 
     Returns
     -------
-    errors : ndarray, shape (S,)
+    errors : ndarray, shape (..., S)
         In rad, to be added to the phases assumed.
-    variances : ndarray, shape (S,)
+    variances : ndarray, shape (..., S)
         Infinite where the group does not determine a phase.
 
     Examples
@@ -179,15 +253,16 @@ def phase_errors(gradient: Array, information: Array, excess: Array) -> tuple[Ar
     >>> errors.tolist(), variances.tolist()
     ([0.02], [0.01])
     """
-    if len(gradient) == 1:
-        known, excess_of_one = float(information[0, 0]), float(excess[0])
-        if not known > 0:
-            return np.zeros(1), np.full(1, np.inf)
-        return gradient / known, np.array([(known + excess_of_one) / known**2])
-    scale = np.sqrt(np.maximum(np.diag(information), 0.0))
-    if not np.all(scale > 0):
-        return np.zeros(len(scale)), np.full(len(scale), np.inf)
-    correlation = information / np.outer(scale, scale)
-    inverse = np.linalg.pinv(correlation, rcond=1e-9, hermitian=True) / np.outer(scale, scale)
-    covariance = inverse @ (information + np.diag(excess)) @ inverse
-    return inverse @ gradient, np.diag(covariance)
+    scale = np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), 0.0))
+    known = np.all(scale > 0, axis=-1, keepdims=True)
+    scale = np.where(known, scale, 1.0)
+    scales = scale[..., :, None] * scale[..., None, :]
+    if gradient.shape[-1] == 1:
+        inverse = 1 / scales
+    else:
+        inverse = np.linalg.pinv(information / scales, rcond=1e-9, hermitian=True) / scales
+    errors = (inverse @ gradient[..., None])[..., 0]
+    # The diagonal of inverse @ (information + diag(excess)) @ inverse.
+    variances = np.sum((inverse @ information) * inverse, axis=-1)
+    variances = variances + np.sum(inverse**2 * excess[..., None, :], axis=-1)
+    return np.where(known, errors, 0.0), np.where(known, variances, np.inf)

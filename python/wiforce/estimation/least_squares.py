@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Least-squares fit of the tags' switching waveforms to the tones of a group.
+"""Least-squares fit of the tags' switching waveforms to the tones of groups.
 
 The weights W of a run are fixed. Their response to each tag's two waveforms at the tracked clock,
 M = W [s1, s2], is computed per group and inverted for all tags together, so that aliases, clock
@@ -15,9 +15,10 @@ from functools import cached_property
 import numpy as np
 
 from ..signal.weights import ToneTable
-from .clock_tracker import ClockTracker
+from .clock_tracker import ClockPath, ClockTracker, predict_clocks
 from .group_tones import GroupTones, GroupWeights, power_of
 from .groups import Array, Groups
+from .joint_clock import PhaseExpansion
 from .tracked_tag import TrackedTag
 from .wander import without_wander
 
@@ -27,44 +28,53 @@ _WORST_GAIN = 100.0
 
 @dataclass(slots=True)
 class GroupFit:
-    """Tones = mixing @ ends + residual, for the E ends of the locked tags.
+    """Whitened tones = white @ ends + residual, for the E ends of the locked tags in G groups.
 
     Attributes
     ----------
     rows : ndarray of int, shape (E,)
         The ends that were fitted, among those of all tags.
-    mixing : ndarray of complex, shape (M, E)
-        W [s1, s2, ...].
-    ends : ndarray of complex, shape (E, K)
+    ends : ndarray of complex, shape (G, E, K)
         V.
-    gain : ndarray, shape (E,)
+    gain : ndarray, shape (G, E)
         Variance of V over that of H.
-    residual : ndarray of complex, shape (M, K)
+    residual : ndarray of complex, shape (G, M, K)
         Whitened; without what the wander of a clock explains where ``solve`` made the fit.
-    white : ndarray of complex, shape (M, E)
-        The whitened mixing matrix.
-    solver : ndarray of complex, shape (E, M)
+    white : ndarray of complex, shape (G, M, E)
+        The mixing matrix W [s1, s2, ...], whitened.
+    solver : ndarray of complex, shape (G, E, M)
         Its pseudo-inverse.
-    slopes : ndarray of complex, shape (M, E)
+    slopes : ndarray of complex, shape (G, M, E)
         Derivatives of ``white`` by each tag's clock phase; empty when they were not wanted.
 
     Examples
     --------
-    >>> mixing, ends = np.eye(4)[:, :2], np.ones((2, 62))
-    >>> fit = GroupFit(
-    ...     np.arange(2), mixing, ends, np.ones(2), np.zeros((4, 62)), mixing, mixing.T, mixing)
-    >>> fit.ends.shape
-    (2, 62)
+    >>> white, ends = np.eye(4)[None, :, :2], np.ones((1, 2, 62))
+    >>> solver, residual = white.swapaxes(1, 2), np.zeros((1, 4, 62))
+    >>> GroupFit(np.arange(2), ends, np.ones((1, 2)), residual, white, solver, white).ends.shape
+    (1, 2, 62)
     """
 
     rows: Array
-    mixing: Array
     ends: Array
     gain: Array
     residual: Array
     white: Array
     solver: Array
     slopes: Array
+
+    def noise(self) -> Array:
+        """Mean square of the residual per degree of freedom; shape (G, K)."""
+        return power_of(self.residual).sum(axis=1) / self.freedom
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom of the residual of a group on one subcarrier."""
+        return max(self.residual.shape[1] - len(self.rows), 1)
+
+    def expansion(self) -> PhaseExpansion:
+        """The fit as a function of the clocks' phases."""
+        return PhaseExpansion.of(self.white, self.solver, self.slopes, self.ends, self.residual)
 
 
 class ToneModel:
@@ -85,10 +95,10 @@ class ToneModel:
     >>> from gnuradio.wiforce.signal.weights import design_weights
     >>> table = design_weights([1000.0], 625, 57.6e-6)
     >>> model = ToneModel(table, [TrackedTag(table, 0, TagClock(1000.0), 20.48e-6)], None)
-    >>> (item,) = model.prepare(Groups([0], np.ones((1, 16, 62))))
-    >>> ends, gain, noise, _ = model.solve(item)  # no clock is known yet
-    >>> gain.tolist(), bool(np.allclose(noise, item.power()))
-    ([inf, inf], True)
+    >>> groups, usable = model.prepare(Groups([0], np.ones((1, 16, 62))))
+    >>> ends, gain, fit = model.solve(groups, model.predict(groups))  # no clock is known yet
+    >>> gain.tolist(), bool(np.allclose(fit.noise(), groups.power()))
+    ([[inf, inf]], True)
     """
 
     def __init__(
@@ -97,7 +107,6 @@ class ToneModel:
         self.table = table
         self.tags = tags
         self.group_period_s = table.group_length * table.snapshot_period_s
-        self._all_ends = np.arange(2 * len(tags))
         self._line_gain = np.ones((len(table.tones), 1))
         if sample_rate_hz is not None:
             self._line_gain = 1 / table.symbol_gain(sample_rate_hz)[:, None]
@@ -116,35 +125,46 @@ class ToneModel:
         """Clock trackers of the locked tags."""
         return [tag.tracker for tag in self.tags if tag.tracker is not None]
 
-    def prepare(self, groups: Groups) -> list[GroupTones]:
-        """The groups of a batch one by one, their tones whitened."""
+    def predict(self, groups: GroupTones) -> ClockPath:
+        """Clocks of the locked tags expected in some groups."""
+        return predict_clocks(self.trackers, groups.center_s)
+
+    def prepare(self, groups: Groups) -> tuple[GroupTones, Array]:
+        """Whiten the tones of a batch.
+
+        Parameters
+        ----------
+        groups : Groups
+
+        Returns
+        -------
+        GroupTones
+        usable : ndarray of bool, shape (G,)
+            Whether a group has tones, all of them finite.
+        """
         tones = groups.tones.astype(complex)
+        weights = [self._complete] * len(groups)
         with np.errstate(invalid="ignore", over="ignore"):
             white = self._complete.whitener @ tones
-            usable = np.isfinite(tones.sum(axis=(1, 2))) & tones.any(axis=(1, 2))
-        items = []
-        counts = zip(
-            groups.index.tolist(),
-            groups.missing.tolist(),
-            groups.incomplete.tolist(),
-            strict=True,
-        )
-        for row, (index, missing, incomplete) in enumerate(counts):
-            weights, whitened = self._complete, white[row]
-            solvable = bool(usable[row])
-            if incomplete:
-                partial = self._partial(groups, row) if solvable else None
-                solvable = partial is not None
+            usable = np.ones(len(groups), bool)
+            for row in np.flatnonzero(groups.incomplete):
+                partial = self._partial(groups, row)
+                usable[row] = partial is not None
                 if partial is not None:
-                    weights, whitened = partial, partial.whitener @ tones[row]
-            center_s = (index + 0.5) * self.group_period_s
-            items.append(
-                GroupTones(index, center_s, tones[row], whitened, weights, missing, solvable)
-            )
-        return items
+                    weights[row] = partial
+                    white[row] = partial.whitener @ tones[row]
+            parts = white.view(float).reshape(len(groups), -1)
+            level = 2 * np.einsum("gi,gi->g", parts, parts) / max(parts.shape[1], 1)
+        usable &= np.isfinite(level) & (level > 0)
+        center_s = (groups.index + 0.5) * self.group_period_s
+        return (
+            GroupTones(groups.index, center_s, tones, white, level, groups.missing, weights),
+            usable,
+        )
 
     def _partial(self, groups: Groups, row: int) -> GroupWeights | None:
-        if groups.snapshot_weights is None:
+        """Weights of an incomplete group, None where they do not exist."""
+        if groups.snapshot_weights is None or not np.isfinite(groups.tones[row]).all():
             return None
         mask = groups.snapshot_weights[row] > 0
         partial = self.table.for_present(mask) if mask.any() else None
@@ -153,131 +173,148 @@ class ToneModel:
         times_s = self.table.times_s[mask]
         return GroupWeights(partial, self._line_gain, times_s, len(mask) / len(times_s))
 
-    def fit(self, item: GroupTones, slopes: bool = False) -> GroupFit | None:
-        """Least squares over the locked tags at their clocks; None without a tag or tones.
+    def fit(self, groups: GroupTones, clocks: ClockPath, slopes: bool = False) -> GroupFit:
+        """Least squares over the locked tags.
 
         Parameters
         ----------
-        item : GroupTones
+        groups : GroupTones
+        clocks : ClockPath
+            Of the locked tags in these groups.
         slopes : bool
             Whether the derivatives by the clocks' phases are wanted too.
         """
-        locked = self.locked
-        if not locked or not item.usable:
-            return None
-        weights, columns = item.weights, 2 * len(locked)
-        if slopes:
-            both = [tag.waveforms_and_slopes(item.center_s, weights) for tag in locked]
-            mixed = weights.mix([w for w, _ in both] + [s for _, s in both])
-        else:
-            mixed = weights.mix([tag.waveforms(item.center_s, weights) for tag in locked])
-        whitened = weights.whitener @ mixed
-        white = whitened[:, :columns]
-        adjoint = white.conj().T
+        rows = np.array([row for tag in self.locked for row in tag.rows], int)
+        mixed = self._mixing(groups, clocks, slopes)
+        white = mixed[:, :, : len(rows)]
+        adjoint = white.conj().swapaxes(1, 2)
         inverse = inverse_of(adjoint @ white)
         solver = inverse @ adjoint
-        ends = solver @ item.white
-        residual: Array = item.white - white @ ends
-        rows = self._all_ends
-        if len(rows) != columns:
-            rows = np.array([row for tag in locked for row in tag.rows])
-        return GroupFit(
-            rows,
-            mixed[:, :columns],
-            ends,
-            inverse.diagonal().real,
-            residual,
-            white,
-            solver,
-            whitened[:, columns:],
-        )
+        ends = solver @ groups.white
+        residual = white @ ends
+        np.subtract(groups.white, residual, out=residual)
+        gain = np.diagonal(inverse, axis1=1, axis2=2).real
+        return GroupFit(rows, ends, gain, residual, white, solver, mixed[:, :, len(rows) :])
 
-    def solve(self, item: GroupTones) -> tuple[Array, Array, Array, GroupFit | None]:
-        """Solve a group for all ends.
+    def _mixing(self, groups: GroupTones, clocks: ClockPath, slopes: bool) -> Array:
+        """Whitened tones of the locked tags' waveforms, and of their slopes behind them."""
+        locked = self.locked
+        if not locked:
+            return np.empty((len(groups), len(self.table.tones), 0), complex)
+        parts = []
+        for weights, rows in groups.by_weights():
+            own = [(tag, clocks.of(i, rows)) for i, tag in enumerate(locked)]
+            if slopes:
+                both = [tag.waveforms_and_slopes(clock, weights.times_s) for tag, clock in own]
+                waveforms = [w for w, _ in both] + [s for _, s in both]
+            else:
+                waveforms = [tag.waveforms(clock, weights.times_s) for tag, clock in own]
+            parts.append(weights.mix(_columns(waveforms)))
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def solve(self, groups: GroupTones, clocks: ClockPath) -> tuple[Array, Array, GroupFit]:
+        """Solve groups for all ends.
 
         Parameters
         ----------
-        item : GroupTones
+        groups : GroupTones
+        clocks : ClockPath
+            Of the locked tags in these groups.
 
         Returns
         -------
-        ends : ndarray of complex, shape (2S, K)
+        ends : ndarray of complex, shape (G, 2S, K)
             V; 0 for tags that are not locked.
-        gain : ndarray, shape (2S,)
+        gain : ndarray, shape (G, 2S)
             Variance of V over that of H; infinite for tags that are not locked.
-        noise : ndarray, shape (K,)
-            Mean square of the whitened residual per degree of freedom.
-        fit : GroupFit or None
+        fit : GroupFit
             What these were computed from.
         """
-        count, subcarriers = 2 * len(self.tags), item.tones.shape[1]
-        fit = self.fit(item)
-        if fit is not None and len(fit.rows) == count:
+        fit = self.fit(groups, clocks)
+        count, subcarriers = 2 * len(self.tags), groups.tones.shape[2]
+        if len(fit.rows) == count:
             ends, gain = fit.ends, fit.gain.copy()
         else:
-            ends = np.zeros((count, subcarriers), complex)
-            gain = np.full(count, np.inf)
-            if fit is None:
-                return ends, gain, item.power() if item.usable else np.zeros(subcarriers), None
-            ends[fit.rows], gain[fit.rows] = fit.ends, fit.gain
+            ends = np.zeros((len(groups), count, subcarriers), complex)
+            gain = np.full((len(groups), count), np.inf)
+            ends[:, fit.rows], gain[:, fit.rows] = fit.ends, fit.gain
         # In units of the whole group: a perfect end would have 1/N.
         gain[gain * self.table.group_length >= _WORST_GAIN] = np.inf
-        freedom = max(len(fit.residual) - len(fit.rows), 1)
-        self._remove_wander(fit, item)
-        return ends, gain, power_of(fit.residual).sum(axis=0) / freedom, fit
+        self.remove_wander(fit, groups, clocks)
+        return ends, gain, fit
 
-    def _remove_wander(self, fit: GroupFit, item: GroupTones) -> None:
-        """Remove from a residual what the wander of clocks without a crystal explains."""
-        locked = self.locked
-        places = [place for place, tag in enumerate(locked) if tag.clock.wanders]
-        if places:
+    def remove_wander(self, fit: GroupFit, groups: GroupTones, clocks: ClockPath) -> None:
+        """Remove from residuals what the wander of clocks without a crystal explains."""
+        wandering = [(i, tag) for i, tag in enumerate(self.locked) if tag.clock.wanders]
+        if not wandering:
+            return
+        columns = [column for i, _ in wandering for column in (2 * i, 2 * i + 1)]
+        for row, weights in enumerate(groups.weights):
+            one = slice(row, row + 1)
             slopes = [
-                locked[place].waveforms_and_slopes(item.center_s, item.weights)[1]
-                for place in places
+                tag.waveforms_and_slopes(clocks.of(i, one), weights.times_s)[1][0]
+                for i, tag in wandering
             ]
-            rows = [row for place in places for row in (2 * place, 2 * place + 1)]
-            fit.residual = without_wander(
-                item, slopes, fit.ends[rows], fit.white, fit.solver, fit.residual
+            fit.residual[row] = without_wander(
+                weights,
+                slopes,
+                fit.ends[row, columns],
+                fit.white[row],
+                fit.solver[row],
+                fit.residual[row],
             )
 
-    def without_others(self, tag: TrackedTag, item: GroupTones, fit: GroupFit | None) -> Array:
-        """The group's tones minus those of the other tags in a fit."""
+    def own_tones(self, tag: TrackedTag, groups: GroupTones, fit: GroupFit | None) -> Array:
+        """The lines of a tag, minus what a fit says of the other tags; shape (G, L, K)."""
+        lines = tag.likelihood.rows
+        tones = groups.tones[:, lines]
         if fit is None or len(self.tags) == 1:
-            return item.tones
-        foreign = ~np.isin(fit.rows, tag.rows)
-        return item.tones - fit.mixing[:, foreign] @ fit.ends[foreign]
+            return tones
+        foreign = np.flatnonzero(~np.isin(fit.rows, tag.rows))
+        for weights, rows in groups.by_weights():
+            mixing = weights.colorer[lines] @ fit.white[rows][:, :, foreign]
+            tones[rows] -= mixing @ fit.ends[rows][:, foreign]
+        return tones
+
+
+def _columns(waveforms: Sequence[Array]) -> Array:
+    """Waveforms (G, n, 2) next to each other, each contiguous in memory."""
+    if len(waveforms) == 1:
+        return waveforms[0]
+    return np.concatenate([each.swapaxes(1, 2) for each in waveforms], axis=1).swapaxes(1, 2)
 
 
 def inverse_of(gram: Array) -> Array:
-    """Inverse of a small Hermitian positive definite matrix; the pseudo-inverse of a singular one.
+    """Inverses of small Hermitian positive definite matrices; pseudo-inverses of singular ones.
 
     Parameters
     ----------
-    gram : ndarray of complex, shape (n, n)
+    gram : ndarray of complex, shape (G, n, n)
 
     Returns
     -------
-    ndarray of complex, shape (n, n)
+    ndarray of complex, shape (G, n, n)
 
     Examples
     --------
-    >>> inverse_of(np.diag([2.0 + 0j, 4.0])).diagonal().real.tolist()
-    [0.5, 0.25]
+    >>> inverse_of(np.diag([2.0 + 0j, 4.0])[None]).diagonal(axis1=1, axis2=2).real.tolist()
+    [[0.5, 0.25]]
     """
-    size = len(gram)
-    smallest = 1e-12 * float(gram.diagonal().real.max())
-    if size == 2:
-        # One tag, the common case: calling LAPACK would cost as much as all other steps together.
-        a, b, d = gram[0, 0].real, gram[0, 1], gram[1, 1].real
-        pivot = d - (b.real**2 + b.imag**2) / a if a > smallest else 0.0
-        if pivot > smallest:
-            scale = 1 / (a * pivot)
-            return np.array([[d * scale, -b * scale], [-b.conjugate() * scale, a * scale]])
-        return np.linalg.pinv(gram, rcond=1e-9, hermitian=True)
+    if not gram.size:
+        return gram
+    smallest = 1e-12 * np.diagonal(gram, axis1=1, axis2=2).real.max(axis=1)
     try:
-        factor = np.linalg.cholesky(gram)
+        factors = np.linalg.cholesky(gram)
     except np.linalg.LinAlgError:
+        if len(gram) > 1:
+            return np.concatenate([inverse_of(each[None]) for each in gram])
         return np.linalg.pinv(gram, rcond=1e-9, hermitian=True)
-    if np.min(factor.diagonal().real) ** 2 <= smallest:
-        return np.linalg.pinv(gram, rcond=1e-9, hermitian=True)
-    return np.linalg.inv(gram)
+    pivots = np.diagonal(factors, axis1=1, axis2=2).real.min(axis=1) ** 2
+    singular = np.flatnonzero(pivots <= smallest)
+    if not singular.size:
+        return np.linalg.inv(gram)
+    inverse = np.empty_like(gram)
+    regular = np.setdiff1d(np.arange(len(gram)), singular)
+    inverse[regular] = np.linalg.inv(gram[regular])
+    inverse[singular] = np.linalg.pinv(gram[singular], rcond=1e-9, hermitian=True)
+    return inverse

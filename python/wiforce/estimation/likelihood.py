@@ -19,6 +19,7 @@ from ..errors import InputError
 from ..signal.lines import Tone
 from ..signal.switching import DUTY, harmonics
 from ..signal.weights import ToneTable
+from .group_tones import power_of
 from .groups import Array
 
 # Lines above this are not used for the clock. Lines up to 24 would determine the phase of a single
@@ -70,11 +71,11 @@ class PhaseLikelihood:
     >>> likelihood = PhaseLikelihood(table, 0, 1000.0 * 20.48e-6)
     >>> likelihood.lines.tolist()
     [-8, -7, -6, -5, -4, -3, -2, -1, 1, 2, 3, 4, 5, 6, 7, 8]
-    >>> tones = np.zeros((16, 1), complex)
-    >>> tones[[4, 11], 0] = np.exp(-4j * 0.3), np.exp(4j * 0.3)  # end 2 at a clock phase of 0.3
-    >>> energy, slope, _ = likelihood.at(0.3, tones, np.ones(1))
-    >>> bool(energy > likelihood.at(0.4, tones, np.ones(1))[0]), abs(slope) < 1e-9
-    (True, True)
+    >>> tones = np.zeros((2, 16, 1), complex)  # of two groups: end 2 at a clock phase of 0.3
+    >>> tones[:, [4, 11], 0] = np.exp(-4j * 0.3), np.exp(4j * 0.3)
+    >>> energy, slope, _ = likelihood.at(np.array([0.3, 0.4]), tones).sum(axis=2).T
+    >>> bool(energy[0] > energy[1]), bool(abs(slope[0]) < 1e-9), bool(slope[1] < 0)
+    (True, True, True)
     """
 
     def __init__(
@@ -119,33 +120,28 @@ class PhaseLikelihood:
         turns = (-1j * self.lines) ** np.arange(3)[:, None]
         self._derivatives = (basis.conj().T * turns[:, None, :]).reshape(6, -1) * self.scale
 
-    def at(self, phase: float, tones: Array, inverse_noise: Array) -> tuple[float, float, float]:
-        """J, J' and J'' at one phase, without computing the coefficients.
+    def at(self, phase: Array, tones: Array) -> Array:
+        """Terms of J, J' and J'' at one phase per group, without computing the coefficients.
 
         Parameters
         ----------
-        phase : float
+        phase : ndarray, shape (G,)
             theta, in rad.
-        tones : ndarray of complex, shape (M, K)
-            P of the group.
-        inverse_noise : ndarray, shape (K,)
-            1 / sigma_k^2.
+        tones : ndarray of complex, shape (G, L, K)
+            P of the tag's lines.
 
         Returns
         -------
-        float, float, float
-            Of J = sum_k |u_k|^2 / sigma_k^2 with u = B^H D^-1 P, where Pi(0) = B B^H and
-            D = diag(exp(j m theta)).
+        ndarray, shape (G, 3, K)
+            What each subcarrier adds to J = sum_k |u_k|^2 / sigma_k^2 and its derivatives, times
+            sigma_k^2. Here u = B^H D^-1 P, Pi(0) = B B^H and D = diag(exp(j m theta)).
         """
-        turned = self._derivatives * np.exp(-1j * phase * self.lines)
-        u, slope, curvature = (turned @ tones[self.rows]).reshape(3, 2, -1)
-        weighted = u * inverse_noise
-        bend = np.vdot(weighted, curvature).real + np.vdot(slope, slope * inverse_noise).real
-        return (
-            float(np.vdot(weighted, u).real),
-            2 * float(np.vdot(weighted, slope).real),
-            2 * float(bend),
-        )
+        turns = np.exp(np.multiply.outer(phase, -1j * self.lines))
+        derivatives = (self._derivatives * turns[:, None, :]) @ tones
+        u, slope, curvature = np.moveaxis(derivatives.reshape(len(tones), 3, 2, -1), 1, 0)
+        terms = [power_of(u), 2 * (u.conj() * slope).real]
+        terms.append(2 * ((u.conj() * curvature).real + power_of(slope)))
+        return np.stack(terms, axis=1).sum(axis=2)
 
     @property
     def degree(self) -> int:
@@ -179,18 +175,18 @@ class PhaseLikelihood:
 
         Parameters
         ----------
-        tones : ndarray of complex, shape (M, K)
-            P of the group.
-        noise : ndarray, shape (K,)
+        tones : ndarray of complex, shape (..., L, K)
+            P of the tag's lines.
+        noise : ndarray, shape (..., K)
             Noise variance of a tone of unit noise gain on each subcarrier.
 
         Returns
         -------
-        ndarray of complex, shape (L, L)
+        ndarray of complex, shape (..., L, L)
             Its trace is the energy of the lines, in units of the noise.
         """
-        scaled = tones[self.rows] * self.scale[:, None]
-        return (scaled.conj() / noise) @ scaled.T
+        scaled = tones * self.scale[:, None]
+        return (scaled.conj() / noise[..., None, :]) @ scaled.swapaxes(-1, -2)
 
     def turned(self, covariances: Array, phases: Array) -> Array:
         """Covariances (..., L, L) with the clock set back by ``phases`` (...), in rad."""

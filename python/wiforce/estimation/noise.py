@@ -4,12 +4,10 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
 from enum import Enum, auto
 
 import numpy as np
 
-from .group_tones import GroupTones
 from .groups import Array
 
 # Noise is averaged over two seconds, at least 32 groups: with M - 2S = 14 degrees of freedom per
@@ -72,13 +70,8 @@ class NoiseEstimate:
 
     Examples
     --------
-    >>> from gnuradio.wiforce.estimation.group_tones import GroupWeights
-    >>> from gnuradio.wiforce.signal.weights import design_weights
-    >>> table = design_weights([1000.0], 625, 57.6e-6)
-    >>> weights = GroupWeights(table, np.ones((16, 1)), table.times_s)
-    >>> item = GroupTones(0, 0.0, np.ones((16, 3)), np.ones((16, 3)), weights, 0, True)
     >>> noise = NoiseEstimate(0.036)
-    >>> noise.set(np.array([1.0, 2.0, 3.0]), [item])
+    >>> noise.set(np.array([1.0, 2.0, 3.0]), level=1.0)
     >>> noise.level, noise.ratio(np.array([2.0, 4.0, 6.0]))
     (2.0, 2.0)
     """
@@ -92,20 +85,19 @@ class NoiseEstimate:
         self.memory = max(_LEAST_MEMORY_GROUPS, int(_MEMORY_S / group_period_s))
         self._ratios: deque[float] = deque(maxlen=STEP_GROUPS)
 
-    def set(self, variance: Array, items: Sequence[GroupTones], groups: int | None = None) -> None:
-        """Set the variance of the noise, limited to the rounding errors of some groups.
+    def set(self, variance: Array, level: float, groups: int | None = None) -> None:
+        """Set the variance of the noise, limited to the rounding errors of the tones.
 
         Parameters
         ----------
         variance : ndarray, shape (K,)
-        items : sequence of GroupTones
-            The groups that it was measured in.
+        level : float
+            Mean power of the whitened tones, the largest of the groups that it was measured in.
         groups : int, optional
             Number of groups that it is a mean of; unchanged when not given.
         """
         self.known = True
-        floor = _FLOOR * max(item.level() for item in items)
-        self.variance = np.maximum(variance, max(floor, 1e-300))
+        self.variance = np.maximum(variance, max(_FLOOR * level, 1e-300))
         self.inverse = 1 / self.variance
         self.level = float(self.variance.sum()) / len(self.variance)
         if groups is not None:
@@ -115,7 +107,7 @@ class NoiseEstimate:
         """Mean of a residual's variance (K,) over the noise; 1 when the model fits."""
         return float(residual @ self.inverse) / len(residual)
 
-    def learn(self, residual: Array, ratio: float, item: GroupTones) -> Verdict:
+    def learn(self, residual: Array, ratio: float, level: float) -> Verdict:
         """Update the estimate by a complete group.
 
         Parameters
@@ -124,7 +116,8 @@ class NoiseEstimate:
             Mean square of the whitened residual per degree of freedom.
         ratio : float
             See :meth:`ratio`.
-        item : GroupTones
+        level : float
+            Mean power of the group's whitened tones.
 
         Returns
         -------
@@ -141,8 +134,8 @@ class NoiseEstimate:
         if full and not 1 / _STEP < median < _STEP and median <= OUTLIER_RATIO:
             # The level has changed; the profile over the subcarriers is still the best estimate.
             self._ratios.clear()
-            self.set(median * self.variance, [item], min(self._groups, STEP_GROUPS))
+            self.set(median * self.variance, level, min(self._groups, STEP_GROUPS))
             return Verdict.LEARNED
         self._groups = min(self._groups + 1, self.memory)
-        self.set(self.variance + (residual - self.variance) / self._groups, [item])
+        self.set(self.variance + (residual - self.variance) / self._groups, level)
         return Verdict.LEARNED

@@ -184,11 +184,10 @@ class ProfileCheck:
         for channel in reference:
             step = np.vdot(channel[:-1], channel[1:])
             ramp = np.exp(1j * np.angle(step) * self._subcarriers) if step else 1.0
-            norm = np.linalg.norm(channel)
             columns = self._delays * np.reshape(ramp, (-1, 1))
-            own = channel / norm if norm > 0 else columns[:, 0]
-            rest = columns - np.outer(own, own.conj() @ columns)
-            left = np.linalg.svd(rest, full_matrices=False)[0]
-            profiles.append(left[:, : self._delays.shape[1] - 1])
+            # A Householder reflection turns the channel's own profile into the first one. (Singular
+            # vectors would be arbitrary, since the profiles are orthonormal already.)
+            own = columns.conj().T @ channel
+            profiles.append(columns @ np.linalg.qr(own[:, None], mode="complete")[0][:, 1:])
         self._reference, self._other = reference.copy(), np.stack(profiles)
         return self._other

@@ -8,14 +8,14 @@ derivative of the model by each of the three numbers gives them by Gauss-Newton 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..signal.switching import DUTY, duty_slopes
 from .acquisition import DELAY_EVIDENCE, OVERLAP
-from .group_tones import GroupTones, power_of
+from .clock_tracker import ClockPath
+from .group_tones import GroupTones, GroupWeights, power_of
 from .groups import Array
 from .least_squares import GroupFit, ToneModel
 from .tracked_tag import TrackedTag
@@ -49,9 +49,7 @@ class _Sums:
     shifts_by_value: Array
 
 
-def fit_pulses(
-    model: ToneModel, tag: TrackedTag, items: Sequence[GroupTones], inverse_noise: Array
-) -> bool:
+def fit_pulses(model: ToneModel, tag: TrackedTag, groups: GroupTones, inverse_noise: Array) -> bool:
     """Fit the duty cycles and the delay of clock 2 of a tag whose clock is tracked.
 
     Parameters
@@ -60,7 +58,7 @@ def fit_pulses(
         With the clocks of all tags.
     tag : TrackedTag
         Its likelihoods are replaced where the evidence is clear.
-    items : sequence of GroupTones
+    groups : GroupTones
         Untouched, or at least without a change inside a group.
     inverse_noise : ndarray, shape (K,)
         1 / sigma_k^2.
@@ -90,8 +88,8 @@ def fit_pulses(
     >>> phases = 2 * np.pi * 1000 * table.times_s
     >>> waveforms = switch_averages(phases, np.pi * 1000 * 20.48e-6, 0.0, (0.245, 0.25))
     >>> tones = table.weights @ waveforms @ np.outer([1, 1j], np.ones(62))
-    >>> items = model.prepare(Groups(np.arange(12), np.tile(tones, (12, 1, 1))))
-    >>> ClockSearch(model, NoiseEstimate(0.036), 20.48e-6).run(items)
+    >>> groups, usable = model.prepare(Groups(np.arange(12), np.tile(tones, (12, 1, 1))))
+    >>> ClockSearch(model, NoiseEstimate(0.036), 20.48e-6).run(groups)
     >>> np.round(model.tags[0].duty, 5).tolist()
     [0.245, 0.25]
     """
@@ -101,10 +99,10 @@ def fit_pulses(
     before = tag.likelihood, tracker.likelihood
     values = np.array([*tag.duty, tag.clock2_delay])
     # The phases first: what they leave of the residual would hide how much the pulses explain.
-    shifts = _sums(model, tag, items, inverse_noise, np.zeros(len(items))).shifts
+    shifts = _sums(model, tag, groups, inverse_noise, np.zeros(len(groups))).shifts
     sums: list[_Sums] = []
     for _ in range(_STEPS):
-        now = _sums(model, tag, items, inverse_noise, shifts)
+        now = _sums(model, tag, groups, inverse_noise, shifts)
         step = np.linalg.lstsq(now.information, now.gradient, rcond=1e-9)[0]
         if not sums and now.gradient @ step / 2 < DELAY_EVIDENCE:
             return False
@@ -117,7 +115,7 @@ def fit_pulses(
         tag.likelihood = before[0].delayed(0.0, duty)
         tracker.likelihood = before[0].delayed(delay, duty)
     else:
-        sums.append(_sums(model, tag, items, inverse_noise, shifts))
+        sums.append(_sums(model, tag, groups, inverse_noise, shifts))
         change = np.abs(values - [*before[0].duty, before[1].clock2_delay])
         matters = np.any(change > (_NEGLIGIBLE, _NEGLIGIBLE, _NEGLIGIBLE_RAD))
         clear = sums[0].energy - sums[-1].energy > DELAY_EVIDENCE
@@ -129,61 +127,64 @@ def fit_pulses(
 
 
 def _sums(
-    model: ToneModel,
-    tag: TrackedTag,
-    items: Sequence[GroupTones],
-    inverse_noise: Array,
-    shifts: Array,
+    model: ToneModel, tag: TrackedTag, groups: GroupTones, inverse_noise: Array, shifts: Array
 ) -> _Sums:
     """Sums over groups whose clock phases are ``shifts`` ahead of the tracker's."""
-    tracker, place = tag.tracker, model.locked.index(tag)
-    if tracker is None:
-        raise ValueError("the clock of the tag is not known")
-    phase, count = tracker.phase, len(items)
-    found = _Sums(0.0, 0.0, np.zeros(3), np.zeros((3, 3)), np.zeros(count), np.zeros((count, 3)))
-    for row, item in enumerate(items):
-        tracker.phase = phase + shifts[row]
-        fit = model.fit(item)
-        if fit is None:
-            continue
-        slopes = tag.waveforms_and_slopes(item.center_s, item.weights)[1]
-        changes = item.weights.whitener @ item.weights.mix([slopes, duty_slopes(slopes)])
-        first, second = fit.ends[2 * place : 2 * place + 2]
-        # By the duty cycles, the delay of clock 2, and the phase of both.
-        by_value = np.stack(
-            [
-                np.outer(changes[:, 2], first),
-                np.outer(changes[:, 3], second),
-                np.outer(-changes[:, 1], second),
-                np.outer(changes[:, 0], first) + np.outer(changes[:, 1], second),
-            ]
-        )
-        by_value -= fit.white @ (fit.solver @ by_value)
-        weights = inverse_noise / item.weights.loss
-        weighted = (by_value * weights).reshape(4, -1).conj()
-        gradient = 2 * (weighted @ fit.residual.ravel()).real
-        information = 2 * (weighted @ by_value.reshape(4, -1).T).real
-        own = max(float(information[3, 3]), 1e-300)
-        across = information[:3, 3]
-        found.shifts[row] = gradient[3] / own
-        found.shifts_by_value[row] = across / own
-        found.gradient += gradient[:3] - across * gradient[3] / own
-        found.information += information[:3, :3] - np.outer(across, across) / own
-        misfit = float(power_of(fit.residual).sum(axis=0) @ weights)
-        found.coherent += _coherent(fit, place, weights)
-        found.energy += misfit - float(gradient[3] ** 2 / own) / 2
-    tracker.phase = phase
-    return found
+    place = model.locked.index(tag)
+    ends = slice(2 * place, 2 * place + 2)
+    clocks = model.predict(groups)
+    clocks.phase[:, place] += shifts
+    fit = model.fit(groups, clocks)
+    changes = np.concatenate(
+        [_changes(tag, weights, clocks.of(place, rows)) for weights, rows in groups.by_weights()]
+    )
+    turn_1, turn_2, widen_1, widen_2 = np.moveaxis(changes, 2, 0)[..., None]
+    first, second = np.moveaxis(fit.ends[:, ends], 1, 0)[:, :, None]
+    # By the duty cycles, the delay of clock 2, and the phase of both.
+    by_value = np.stack(
+        [
+            widen_1 * first,
+            widen_2 * second,
+            -turn_2 * second,
+            turn_1 * first + turn_2 * second,
+        ],
+        axis=1,
+    )
+    by_value -= fit.white[:, None] @ (fit.solver[:, None] @ by_value)
+    weights = inverse_noise / groups.loss
+    weighted = (by_value * weights[:, None, None]).reshape(len(groups), 4, -1).conj()
+    gradient = 2 * (weighted @ fit.residual.reshape(len(groups), -1, 1)).real[..., 0]
+    flat = by_value.reshape(len(groups), 4, -1)
+    information = 2 * (weighted @ flat.swapaxes(1, 2)).real
+    # The phase of every group is eliminated.
+    own = np.maximum(information[:, 3, 3], 1e-300)
+    across = information[:, :3, 3]
+    by_phase = gradient[:, 3] / own
+    misfit = np.sum(power_of(fit.residual).sum(axis=1) * weights)
+    return _Sums(
+        float(misfit - np.sum(gradient[:, 3] ** 2 / own) / 2),
+        sum(_coherent(fit, row, ends, weights[row]) for row in range(len(groups))),
+        np.sum(gradient[:, :3] - across * by_phase[:, None], axis=0),
+        information[:, :3, :3].sum(axis=0) - (across / own[:, None]).T @ across,
+        by_phase,
+        across / own[:, None],
+    )
 
 
-def _coherent(fit: GroupFit, place: int, weights: Array) -> float:
-    """Energy of a residual along the channels of a tag's ends, above that of noise.
+def _changes(tag: TrackedTag, weights: GroupWeights, clock: ClockPath) -> Array:
+    """Derivatives of both waveforms' tones by the phase and by the duty cycles; (G, M, 4)."""
+    slopes = tag.waveforms_and_slopes(clock, weights.times_s)[1]
+    return np.concatenate([weights.mix(slopes), weights.mix(duty_slopes(slopes))], axis=2)
+
+
+def _coherent(fit: GroupFit, row: int, ends: slice, weights: Array) -> float:
+    """Energy of a group's residual along the channels of a tag's ends, above that of noise.
 
     Noise is what the residual holds on average in all other directions.
     """
-    own = (fit.ends[2 * place : 2 * place + 2] * np.sqrt(weights)).T
+    own = (fit.ends[row, ends] * np.sqrt(weights)).T
     basis = np.linalg.qr(own)[0]
-    residual = fit.residual * np.sqrt(weights)
+    residual = fit.residual[row] * np.sqrt(weights)
     along = float(power_of(residual @ basis.conj()).sum())
     subcarriers, columns = basis.shape
     across = float(power_of(residual).sum()) - along

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Separation of the tags' ends: from a group's tones to one complex number per end and subcarrier.
 
-Every group passes three steps: the tags' clocks are tracked (``clock_tracker``), the tones are
-solved for the ends at those clocks (``least_squares``), and the residual gives the noise
-(``noise``). Unknown clocks are acquired first (``clock_search``).
+A run of groups passes four steps: the tags' clocks are tracked (``clock_tracking``), the tones are
+solved for the ends at those clocks (``least_squares``), the residual gives the noise (``noise``),
+and what it holds of an end's own channel raises the end's gain (``coherence``). Unknown clocks are
+acquired first (``clock_search``).
 """
 
 from __future__ import annotations
@@ -17,18 +18,14 @@ from ..signal.switching import harmonics
 from ..signal.waveform import Waveform
 from ..signal.weights import ToneTable
 from .clock_search import ClockSearch
+from .clock_tracking import ClockTracking, TrackedClocks
 from .coherence import CoherentResidual
-from .group_tones import GroupTones
+from .group_tones import GroupTones, power_of
 from .groups import Array, Groups
 from .least_squares import ToneModel
-from .noise import STEP_GROUPS, NoiseEstimate, Verdict
+from .noise import STEP_GROUPS, NoiseEstimate
 from .tracked_tag import TagClock, TrackedTag
 
-# A tag that was not received for this long is acquired again, because its clock may have restarted.
-_LOST_S = 0.5
-# Longest gap over which a clock is predicted: drifting by 0.5 ppm/s it may then be wrong by
-# d t^2 / 2 = 0.1 cycles at 1 kHz.
-_BRIDGED_S = 20.0
 # Ratio of a group's residual to the noise above which it raises the stated uncertainty. The ratio
 # of noise alone has a standard deviation of 3.4 % (14 x 62 degrees of freedom): 4.4 of them.
 _SIGNIFICANT_RESIDUAL = 1.15
@@ -91,10 +88,12 @@ class EndSeparator:
         self._noise = NoiseEstimate(self._model.group_period_s)
         self._coherence = CoherentResidual(2 * len(tags))
         self._search = ClockSearch(self._model, self._noise, averaging_s)
+        self._tracking = ClockTracking(self._model, self._noise, self._search)
         # The SNR is defined by line 1 of end 1.
         self._line_power = harmonics(1, clocks[0].clock_hz * averaging_s)[0] ** 2
         self._held: list[Groups] = []
-        self._latest: deque[GroupTones] = deque(maxlen=STEP_GROUPS)
+        # The latest groups that the noise was learned from: a run, and the row in it.
+        self._latest: deque[tuple[GroupTones, int]] = deque(maxlen=STEP_GROUPS)
         self._started = False
 
     def process(self, groups: Groups) -> Groups:
@@ -125,102 +124,108 @@ class EndSeparator:
         if not len(held):
             return held
         self._started = True
-        self._search.run(self._model.prepare(held))
+        groups, usable = self._model.prepare(held)
+        self._search.run(groups[np.flatnonzero(usable)])
         return self._separate(held, update=False)
 
     def _separate(self, groups: Groups, update: bool = True) -> Groups:
         """Separate groups; ``update`` clocks and noise unless they were acquired from these."""
         if not len(groups):
             return groups
-        count, tags = len(groups), self._model.tags
-        subcarriers = groups.tones.shape[2]
-        ends = np.zeros((count, 2 * len(tags), subcarriers), complex)
-        gain = np.full((count, 2 * len(tags)), np.inf)
-        white = gain.copy()
-        noise = np.ones((count, subcarriers))
-        clocks = np.zeros((5, count, len(tags)))
-        disturbed = np.zeros((count, len(tags)), bool)
-        for row, item in enumerate(self._model.prepare(groups)):
-            if update and item.usable:
-                self._track(item)
-            ends[row], own_gain, residual, fit = self._model.solve(item)
-            for i, tag in enumerate(tags):
-                clocks[:, row, i] = _clock_of(tag, item)
-            gain[row] = white[row] = own_gain
-            if item.usable and self._noise.known:
-                ratio = self._noise.ratio(residual)
-                if fit is not None:
-                    factor = self._coherence.update(fit, self._noise.inverse)
-                    if ratio > _SIGNIFICANT_RESIDUAL:
-                        factor = np.maximum(factor, ratio)
-                    gain[row, fit.rows] *= factor
-                    disturbed[row] = self._coherence.disturbed.reshape(-1, 2).any(axis=1)
-                if update and not item.missing:
-                    self._learn(residual, ratio, item)
-            if self._noise.known:
-                noise[row] = self._noise.variance
-        locked, phase, offset_ppm, delay, overlapping = clocks[:, :, : self._tags]
-        ends, gain, white = (each[:, : 2 * self._tags] for each in (ends, gain, white))
-        return groups.having(
-            tones=None,
-            snapshot_weights=None,
-            ends=ends,
-            gain=gain,
-            noise=noise,
-            snr_db=self._snr_db(ends, white, noise),
-            locked=locked > 0,
-            clock_phase=phase,
-            clock_offset_ppm=offset_ppm,
-            clock2_delay=delay,
-            overlapping=overlapping > 0,
-            disturbed=disturbed[:, : self._tags],
-        )
+        tones, usable = self._model.prepare(groups)
+        parts: list[dict[str, Array]] = []
+        while len(tones):
+            # A run of groups that are all usable, or of which none is.
+            others = np.flatnonzero(usable != usable[0])
+            run = tones[: others[0]] if others.size else tones
+            part = self._separate_run(run, update) if usable[0] else self._without_ends(run)
+            parts.append(part)
+            tones, usable = tones[len(part["gain"]) :], usable[len(part["gain"]) :]
+        arrays = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        # Tags found by a survey are solved for, but not given.
+        for name in arrays.keys() - {"noise"}:
+            each = 2 if name in ("ends", "gain", "snr_db") else 1
+            arrays[name] = arrays[name][:, : each * self._tags]
+        return groups.having(tones=None, snapshot_weights=None, **arrays)
 
-    def _track(self, item: GroupTones) -> None:
-        """Track every clock to a group, and search for tags whose clock is not known."""
+    def _separate_run(self, groups: GroupTones, update: bool) -> dict[str, Array]:
+        """Separate the first of some usable groups: as many as one tracking step covers."""
         if not self._noise.known:
-            self._noise.set(item.power(), [item])
-        tags = self._model.tags
-        jointly = self._search.jointly
-        predicted = self._model.fit(item, jointly) if len(tags) > 1 or jointly else None
-        measured = self._search.measure_phases(predicted) if jointly else {}
-        for tag in tags:
-            if tag.tracker is not None and item.center_s - tag.last_seen_s > _BRIDGED_S:
-                tag.drop()
-            if tag.tracker is None:
-                self._search.retry(tag, item)
-                continue
-            tones = self._model.without_others(tag, item, predicted)
-            inverse_noise, level = self._noise.inverse / item.weights.loss, self._noise.level
-            error = measured.get(tag)
-            if tag.tracker.update(item.center_s, tones, inverse_noise, level, error):
-                tag.last_seen_s = item.center_s
-            elif item.center_s - tag.last_seen_s > _LOST_S:
-                tag.drop()
+            if not update:
+                return self._without_ends(groups)
+            self._noise.set(groups.power()[0], float(groups.level[0]))
+        clocks = self._tracking.track(groups) if update else self._tracking.predict(groups)
+        groups = groups[: len(clocks)]
+        ends, gain, fit = self._model.solve(groups, clocks.path)
+        factors, disturbed = self._coherence.update(fit, clocks.inverse_noise)
+        significant = np.where(clocks.ratio > _SIGNIFICANT_RESIDUAL, clocks.ratio, 1.0)
+        raised, disturbed_tags = gain.copy(), np.zeros((len(groups), len(self._model.tags)), bool)
+        raised[:, fit.rows] *= np.maximum(factors, significant[:, None])
+        disturbed_tags[:, fit.rows[::2] // 2] = disturbed[:, ::2] | disturbed[:, 1::2]
+        arrays = {
+            **self._clock_arrays(clocks),
+            "ends": ends,
+            "gain": raised,
+            "noise": clocks.variance,
+            "snr_db": self._snr_db(ends, gain, clocks.variance),
+            "disturbed": disturbed_tags,
+        }
+        if update:
+            self._latest.extend((groups, row) for row in np.flatnonzero(groups.missing == 0))
+        if clocks.model_lost:
+            self._search_again()
+            arrays["noise"][-1] = self._noise.variance
+        return arrays
 
-    def _learn(self, residual: Array, ratio: float, item: GroupTones) -> None:
-        self._latest.append(item)
-        if self._noise.learn(residual, ratio, item) is Verdict.MODEL_LOST:
-            # Clocks and noise are acquired again, from groups that all differ from the model.
-            self._search.run(self._latest)
-            self._coherence.reset()
-            for tag in self._model.tags:
-                tag.waiting = [] if tag.tracker else list(self._latest)
+    def _without_ends(self, groups: GroupTones) -> dict[str, Array]:
+        """Separate groups whose tones cannot be used."""
+        (count, _, subcarriers), ends = groups.tones.shape, 2 * len(self._model.tags)
+        nothing = np.zeros((count, len(self._model.tags)))
+        noise = self._noise.variance if self._noise.known else np.ones(subcarriers)
+        return {
+            "locked": nothing > 0,
+            "clock_phase": nothing,
+            "clock_offset_ppm": nothing,
+            "clock2_delay": nothing,
+            "overlapping": nothing > 0,
+            "ends": np.zeros((count, ends, subcarriers), complex),
+            "gain": np.full((count, ends), np.inf),
+            "noise": np.tile(noise, (count, 1)),
+            "snr_db": np.full((count, ends), np.nan),
+            "disturbed": nothing > 0,
+        }
+
+    def _search_again(self) -> None:
+        """Acquire clocks and noise again, from groups that all differ from the model."""
+        latest = [groups[row : row + 1] for groups, row in self._latest]
+        self._search.run(GroupTones.concatenate(latest))
+        self._tracking.restart()
+        self._coherence.reset()
+        for tag in self._model.tags:
+            tag.waiting = [] if tag.tracker else list(latest)
+
+    def _clock_arrays(self, clocks: TrackedClocks) -> dict[str, Array]:
+        """Lock, phase, offset and delay of every tag's clock; 0 where it was not received."""
+        values = np.zeros((5, len(clocks), len(self._model.tags)))
+        for i, tag in enumerate(self._model.locked):
+            stated = 2 * np.pi * tag.clock.stated_hz
+            own, path = values[:, :, tag.rows[0] // 2], clocks.path.of(i)
+            own[0] = 1.0
+            own[1] = path.phase % (2 * np.pi)
+            own[2] = 1e6 * (tag.rate - stated + path.rate) / stated
+            own[3], own[4] = tag.clock2_delay, tag.overlapping
+            own *= clocks.received[:, i]
+        return {
+            "locked": values[0] > 0,
+            "clock_phase": values[1],
+            "clock_offset_ppm": values[2],
+            "clock2_delay": values[3],
+            "overlapping": values[4] > 0,
+        }
 
     def _snr_db(self, ends: Array, gain: Array, noise: Array) -> Array:
         level = noise.mean(axis=1)[:, None]
         with np.errstate(invalid="ignore"):
-            power = np.mean(ends.real**2 + ends.imag**2, axis=2) - gain * level
+            power = np.mean(power_of(ends), axis=2) - gain * level
             ratio = np.maximum(self._line_power * power / level, 1e-12)
         return np.where(np.isfinite(gain), 10 * np.log10(ratio), np.nan)
-
-
-def _clock_of(tag: TrackedTag, item: GroupTones) -> tuple[float, float, float, float, float]:
-    """Locked, phase, offset in ppm, delay of clock 2, and whether the switches overlap."""
-    received = tag.last_seen_s >= item.center_s - 1e-9
-    if tag.tracker is None or not (received and item.usable):
-        return 0.0, 0.0, 0.0, 0.0, 0.0
-    phase, rate = tag.tracker.predict(item.center_s)
-    stated = 2 * np.pi * tag.clock.stated_hz
-    ppm = 1e6 * (tag.rate - stated + rate) / stated
-    return 1.0, phase % (2 * np.pi), ppm, tag.clock2_delay, float(tag.overlapping)

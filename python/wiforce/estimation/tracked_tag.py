@@ -10,8 +10,8 @@ import numpy as np
 from ..signal.switching import switch_averages, switch_averages_and_slopes
 from ..signal.weights import ToneTable
 from .acquisition import ClockFit
-from .clock_tracker import ClockTracker
-from .group_tones import GroupTones, GroupWeights
+from .clock_tracker import ClockPath, ClockTracker
+from .group_tones import GroupTones
 from .groups import Array
 from .likelihood import PhaseLikelihood
 
@@ -93,7 +93,7 @@ class TrackedTag:
     last_seen_s : float
         Centre of the last group in which the tag was received, in s.
     waiting : list of GroupTones
-        The latest groups, over which a lost tag is acquired again.
+        The latest groups, one each, over which a lost tag is acquired again.
 
     Examples
     --------
@@ -147,21 +147,31 @@ class TrackedTag:
         """Duty cycles of clocks 1 and 2."""
         return self.likelihood.duty
 
-    def waveforms(self, center_s: float, weights: GroupWeights) -> Array:
-        """s_1 and s_2 averaged over every snapshot of a group; shape (n, 2)."""
-        return switch_averages(*self._at(center_s, weights))
+    def waveforms(self, clock: ClockPath, times_s: Array) -> Array:
+        """s_1 and s_2 averaged over every snapshot of some groups.
 
-    def waveforms_and_slopes(self, center_s: float, weights: GroupWeights) -> tuple[Array, Array]:
-        """The same, and their derivatives by the clock's phase; shape (n, 2) each."""
-        return switch_averages_and_slopes(*self._at(center_s, weights))
+        Parameters
+        ----------
+        clock : ClockPath
+            Of this tag, at the centres of G groups; arrays of shape (G,).
+        times_s : ndarray, shape (n,)
+            Times of the snapshots from the centre, in s.
+
+        Returns
+        -------
+        ndarray of float, shape (G, n, 2)
+        """
+        return switch_averages(*self._at(clock, times_s))
+
+    def waveforms_and_slopes(self, clock: ClockPath, times_s: Array) -> tuple[Array, Array]:
+        """The same, and their derivatives by the clock's phase; shape (G, n, 2) each."""
+        return switch_averages_and_slopes(*self._at(clock, times_s))
 
     def _at(
-        self, center_s: float, weights: GroupWeights
-    ) -> tuple[Array, float, float, tuple[float, float]]:
+        self, clock: ClockPath, times_s: Array
+    ) -> tuple[Array, Array, float, tuple[float, float]]:
         """Clock phase of every snapshot, half the phase of Ta, delay of clock 2, duty cycles."""
-        if self.tracker is None:
-            raise ValueError("the clock of the tag is not known")
-        phase, rate = self.tracker.predict(center_s)
-        phases = phase + (self.rate + rate) * weights.times_s
-        half_window = self._half_window * (1 + rate / self.rate)
+        phases = np.multiply.outer(self.rate + clock.rate, times_s)
+        phases += clock.phase[:, None]
+        half_window = self._half_window * (1 + clock.rate / self.rate)
         return phases, half_window, self.clock2_delay, self.duty

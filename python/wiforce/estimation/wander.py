@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.polynomial import legendre
 
-from .group_tones import GroupTones
+from .group_tones import GroupWeights
 from .groups import Array
 
 # Polynomials of the phase over a group. The first n terms of a random walk's expansion leave
@@ -23,18 +23,18 @@ _POLYNOMIALS = 6
 
 
 def without_wander(
-    item: GroupTones,
+    weights: GroupWeights,
     slopes: Sequence[Array],
     ends: Array,
     white: Array,
     solver: Array,
     residual: Array,
 ) -> Array:
-    """Remove from a residual what slow changes of the clocks' phases inside the group explain.
+    """Remove from a residual what slow changes of the clocks' phases inside a group explain.
 
     Parameters
     ----------
-    item : GroupTones
+    weights : GroupWeights
     slopes : sequence of ndarray, shape (n, 2)
         Derivatives of the waveforms of each tag that wanders, by its clock's phase.
     ends : ndarray of complex, shape (2 tags, K)
@@ -61,26 +61,21 @@ def without_wander(
     >>> waveforms, slopes = switch_averages_and_slopes(phases, 0.064)
     >>> wander = 0.01 * np.sin(2 * np.pi * table.times_s / 0.036)
     >>> ends = np.array([[1, 1j], [1j, 1]])
-    >>> moved, white = (
-    ...     weights.whitener @ weights.mix([w])
-    ...     for w in (slopes * wander[:, None], waveforms)
-    ... )
+    >>> moved, white = weights.mix(slopes * wander[:, None]), weights.mix(waveforms)
     >>> solver = np.linalg.pinv(white)
     >>> residual = (moved - white @ (solver @ moved)) @ ends
-    >>> item = GroupTones(0, 0.018, residual, residual, weights, 0, True)
-    >>> left = without_wander(item, [slopes], ends, white, solver, residual)
+    >>> left = without_wander(weights, [slopes], ends, white, solver, residual)
     >>> bool(np.linalg.norm(left) < 0.03 * np.linalg.norm(residual))
     True
     """
-    times = item.weights.times_s
+    times = weights.times_s
     reach = max(float(np.abs(times).max()), 1e-12)
     courses = legendre.legvander(times / reach, _POLYNOMIALS - 1).T
     changes = []
     for place, each in enumerate(slopes):
-        moved = item.weights.whitener @ item.weights.mix([each * c[:, None] for c in courses])
-        for column in range(0, 2 * len(courses), 2):
-            changes.append(moved[:, column : column + 2] @ ends[2 * place : 2 * place + 2])
-    basis = np.array(changes)
+        moved = weights.mix(each * courses[:, :, None])
+        changes.append(moved @ ends[2 * place : 2 * place + 2])
+    basis = np.concatenate(changes)
     basis -= white @ (solver @ basis)
     rows = basis.reshape(len(basis), -1)
     gram = (rows.conj() @ rows.T).real

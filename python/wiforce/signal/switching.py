@@ -94,7 +94,7 @@ def line_envelope(m: ArrayLike, clock_hz: float, waveform: Waveform) -> np.ndarr
 
 def switch_averages(
     phase: np.ndarray,
-    half_window: float,
+    half_window: float | np.ndarray,
     clock2_delay: float = 0.0,
     duty: tuple[float, float] = DUTY,
 ) -> np.ndarray:
@@ -102,9 +102,9 @@ def switch_averages(
 
     Parameters
     ----------
-    phase : ndarray, shape (n,)
+    phase : ndarray, shape (..., n)
         Clock 1's phase in radians at the window's centre.
-    half_window : float
+    half_window : float or ndarray, shape (...)
         Half the window, pi fs Ta, in radians; at most pi/8, the half width of the narrower pulse.
     clock2_delay : float
         Phase of clock 1, in radians, by which clock 2's pulses come late.
@@ -113,7 +113,7 @@ def switch_averages(
 
     Returns
     -------
-    ndarray of float, shape (n, 2)
+    ndarray of float, shape (..., n, 2)
         Averages of s1 and s2, each in 0..1.
 
     Examples
@@ -125,12 +125,12 @@ def switch_averages(
            [0. , 1. ],
            [0. , 0. ]])
     """
-    return _ramps(_cycles_from_pulse(phase, clock2_delay), half_window, duty).T
+    return _ramps(_cycles_from_pulse(phase, clock2_delay), half_window, duty).swapaxes(-1, -2)
 
 
 def switch_averages_and_slopes(
     phase: np.ndarray,
-    half_window: float,
+    half_window: float | np.ndarray,
     clock2_delay: float = 0.0,
     duty: tuple[float, float] = DUTY,
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -143,8 +143,8 @@ def switch_averages_and_slopes(
 
     Returns
     -------
-    averages : ndarray of float, shape (n, 2)
-    slopes : ndarray of float, shape (n, 2)
+    averages : ndarray of float, shape (..., n, 2)
+    slopes : ndarray of float, shape (..., n, 2)
         Per radian; 0 where the window holds no edge.
 
     Examples
@@ -159,9 +159,9 @@ def switch_averages_and_slopes(
     averages = _ramps(cycles.copy(), half_window, duty)
     # Both clocks' ramps are as steep: the second runs twice as fast and so does its window.
     slopes = np.sign(cycles)
-    slopes *= -0.5 / half_window
+    slopes *= -0.5 / np.asarray(half_window)[..., None, None]
     slopes[(averages == 0.0) | (averages == 1.0)] = 0.0
-    return averages.T, slopes.T
+    return averages.swapaxes(-1, -2), slopes.swapaxes(-1, -2)
 
 
 def duty_slopes(slopes: np.ndarray) -> np.ndarray:
@@ -171,12 +171,12 @@ def duty_slopes(slopes: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    slopes : ndarray of float, shape (n, 2)
+    slopes : ndarray of float, shape (..., n, 2)
         By the clock's phase, from :func:`switch_averages_and_slopes`.
 
     Returns
     -------
-    ndarray of float, shape (n, 2)
+    ndarray of float, shape (..., n, 2)
         Of s1 by the duty cycle of clock 1, and of s2 by that of clock 2.
 
     Examples
@@ -191,21 +191,24 @@ def duty_slopes(slopes: np.ndarray) -> np.ndarray:
 
 
 def _cycles_from_pulse(phase: np.ndarray, clock2_delay: float) -> np.ndarray:
-    """Cycles from the nearest pulse's centre, each clock in its own; (2, n)."""
-    cycles = np.empty((2, len(phase)))
-    np.multiply(phase, 1 / (2 * np.pi), out=cycles[0])
-    np.multiply(cycles[0], 2, out=cycles[1])
-    cycles[1] -= 0.5 + clock2_delay / np.pi
+    """Cycles from the nearest pulse's centre, each clock in its own; (..., 2, n)."""
+    cycles = np.empty((*phase.shape[:-1], 2, phase.shape[-1]))
+    first, second = cycles[..., 0, :], cycles[..., 1, :]
+    np.multiply(phase, 1 / (2 * np.pi), out=first)
+    np.multiply(first, 2, out=second)
+    second -= 0.5 + clock2_delay / np.pi
     cycles -= np.rint(cycles)
     return cycles
 
 
-def _ramps(cycles: np.ndarray, half_window: float, duty: tuple[float, float]) -> np.ndarray:
+def _ramps(
+    cycles: np.ndarray, half_window: float | np.ndarray, duty: tuple[float, float]
+) -> np.ndarray:
     """Averages of both waveforms at these cycles from the pulses' centres, in place."""
     np.abs(cycles, out=cycles)
     # A window that is shorter than pulse and gap sees one edge at most: the average is a ramp.
-    half = half_window / (2 * np.pi) * np.array([[1.0], [2.0]])
+    half = np.multiply.outer(half_window, [[0.5 / np.pi], [1 / np.pi]])
     cycles -= np.array([[duty[0] / 2], [duty[1] / 2]]) + half
-    cycles *= -1 / (2 * half)
+    cycles *= -0.5 / half
     np.maximum(cycles, 0.0, out=cycles)
     return np.minimum(cycles, 1.0, out=cycles)
