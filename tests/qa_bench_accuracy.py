@@ -7,9 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from wiforce_app.bench.cases import Case, cases
 from wiforce_app.bench.montecarlo import RunResult, run_case, summarise
 from wiforce_app.bench.picture import plot_losses
+from wiforce_app.bench.rooms import RoomCase, room_cases, room_table
+from wiforce_app.room_report import NOISE_WEIGHTS, UNLISTED_TAGS
 
 SHORT = Case("short", 10.0, groups=12, estimators=("harmonic", "paper, offset removed"))
 
@@ -58,7 +61,44 @@ def test_every_condition_is_there_once():
 def test_every_case_stands_in_the_documented_table():
     page = Path(__file__).parent.parent / "docs" / "estimation.md"
     rows = [line.split(" | ") for line in page.read_text().splitlines() if line.startswith("| ")]
-    assert {case.name for case in cases(full=True)} <= {row[0].removeprefix("| ") for row in rows}
+    names = {case.name for case in [*cases(full=True), *room_cases()]}
+    assert names <= {row[0].removeprefix("| ") for row in rows}
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory):
+    """A short scene with a neighbour's tag that it does not list, read twice."""
+    path = tmp_path_factory.mktemp("room") / "short.yaml"
+    press = {"start_s": 0.45, "hold_s": 0.5, "rise_s": 0.03, "force_n": 4.0, "location_mm": 36.0}
+    other = {"clock_hz": 1730, "level_db": -5, "delay_s": 20e-9}
+    scene = {
+        "sensors": [{"name": "arm", "model": "line-900mhz-calibrated", "clock_hz": 1035}],
+        "reference_s": 0.4,
+        "simulation": {
+            "truth_model": "line-900mhz", "duration_s": 1.1, "other_tags": [other],
+            "presses": [press],
+        },
+    }  # fmt: skip
+    path.write_text(yaml.safe_dump(scene))
+    case = RoomCase(str(path), 1)
+    found = case.run(0, seed=1)
+    return [case.summarise(name, [found[name]]) for name in case.estimators]
+
+
+def test_room_row_compares_readings_with_and_without_survey(room):
+    """The survey must show what it gains, or nobody knows whether a room needs it."""
+    surveyed, plain = room
+    assert max(surveyed.loss_db) < 2.5 < max(plain.loss_db)
+    assert surveyed.n == plain.n >= 12 and surveyed.wrong == 0
+    assert surveyed.seconds_per_second > plain.seconds_per_second > 0
+
+
+def test_room_row_states_what_survey_added_and_skipped(room):
+    surveyed, plain = room
+    assert surveyed.added == ["adds the tag"] and UNLISTED_TAGS not in surveyed.skipped
+    assert plain.added == [] and UNLISTED_TAGS in plain.skipped
+    text = room_table(room)
+    assert "added: adds the tag" in text and f"skipped: {NOISE_WEIGHTS}" in text
 
 
 def test_json_rows_have_the_documented_keys():

@@ -8,6 +8,7 @@ import pytest
 from gnuradio.wiforce.scene import load_scene
 from wiforce_app.bench.front import beat_the_plan, front, rated_error
 from wiforce_app.bench.tradeoff_points import settings_of
+from wiforce_app.room_report import UNLISTED_TAGS
 
 SCENE = """\
 radio: {center_frequency_hz: 900.0e+6}
@@ -85,8 +86,15 @@ def test_a_scene_is_measured_once_and_all_settings_read_it(tmp_path):
     assert set(result["skips"]) >= {"guard and first repetition", "channel per snapshot"}
     assert all(seconds >= 0 for seconds in result["skips"].values())
     assert by_name["paper"]["phase_deg"] > 3 * plan["phase_deg"]
+    # a quiet room needs nothing: the survey leaves the readings as they are
+    room = result["room"]
+    assert room["added"] == [] and set(room["saved_s"]) == set(room["skipped"])
+    assert UNLISTED_TAGS in room["skipped"] and room["tones"][0] == room["tones"][1]
+    assert room["phase_deg"][0] == room["phase_deg"][1] == pytest.approx(plan["phase_deg"], rel=0.1)
+    assert room["surveyed_s"] < 1.5 * room["plain_s"]
     assert (tmp_path / "p.png").read_bytes().startswith(b"\x89PNG")
     page = (tmp_path / "p.md").read_text()
+    assert "What each room needs" in page and "| short | nothing |" in page
     assert "| short | plan |" in page and "What each skipped step saves" in page
     again = subprocess.run(
         command.split(), capture_output=True, text=True, cwd=tmp_path, timeout=120

@@ -156,11 +156,24 @@ def report(model):
             + " deg, misfit of the curves "
             + " / ".join(f"{value:.2f}" for value in carrier.misfit_deg)
             + " deg (port 1 / 2)",
+            *_hysteresis(carrier),
             *_expected(model, carrier),
         ]
     lines += _left_out(model.cross_validation)
     lines += [f"assumed: {line}" for line in model.provenance.get("assumed", [])]
     return lines
+
+
+def _hysteresis(carrier):
+    if carrier.hysteresis_n is None:
+        return []
+    half_n = carrier.hysteresis_n
+    if not half_n:
+        return ["  loading and unloading do not differ by more than noise"]
+    return [
+        f"  loading and unloading differ by up to {2 * half_n:.2f} N at the same phases; the "
+        f"curves lie between, and force_std_n covers {half_n:.2f} N"
+    ]
 
 
 def _expected(model, carrier):

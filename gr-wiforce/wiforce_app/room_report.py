@@ -5,6 +5,10 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
+# Steps that only some rooms need.
+UNLISTED_TAGS = "separation of tags that the scene does not list"
+NOISE_WEIGHTS = "weights against noise between the lines of the tags"
+COMPRESSION = "correction of the receiver's compression"
 _COLUMNS = f"{'found':<34}{'level':>10}  "
 
 
@@ -137,6 +141,8 @@ def changes_of(plan, adapted):
         changes.append(f"adds the tag of {clocks} to the separation ({added} more tones)")
     if adapted.room is not None:
         changes.append("adds weights that suppress the noise between the lines of the tags")
+    if adapted.compression is not None:
+        changes.append("adds a correction of the receiver's compression")
     return changes
 
 
@@ -153,7 +159,9 @@ def skipped_of(adapted):
     """
     skipped = []
     if not adapted.others:
-        skipped.append("separation of tags that the scene does not list")
+        skipped.append(UNLISTED_TAGS)
     if adapted.room is None:
-        skipped.append("weights against noise between the lines of the tags")
+        skipped.append(NOISE_WEIGHTS)
+    if adapted.compression is None:
+        skipped.append(COMPRESSION)
     return skipped

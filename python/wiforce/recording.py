@@ -122,6 +122,8 @@ class RecordingReader:
         Follow each press over time instead of inverting each group by itself.
     on_groups : callable, optional
         Called with every batch of Groups that has been read (see ``Receiver``).
+    survey : bool
+        Whether to survey the room first; False reads by the given plan, as a stream is read.
 
     Attributes
     ----------
@@ -133,7 +135,7 @@ class RecordingReader:
         Reads the groups.
     survey : Survey or None
         Of the room, from the untouched reference; the plan is adapted to it. None for two antennas,
-        and for recordings that are too short.
+        for recordings that are too short, and where none was wanted.
     source : object
         Its ``read()`` gives the next Groups of tones, an empty one at the end; ``kernels`` are the
         readers of the files, by path, and ``captures`` the recordings.
@@ -161,6 +163,7 @@ class RecordingReader:
         frame_offset: int | None = None,
         tracked: bool = False,
         on_groups: Callable[[Groups], None] | None = None,
+        survey: bool = True,
     ) -> None:
         if frame_offset is not None and not (
             isinstance(frame_offset, int | np.integer) and frame_offset >= 0
@@ -178,7 +181,7 @@ class RecordingReader:
         self.frame_offset = frame_offset
         self._check_length()
         self.survey = None
-        if scene.environment.receive_antennas == 1:
+        if survey and scene.environment.receive_antennas == 1:
             self.survey = survey_recording(recording, plan, frame_offset)
             plan = adapted(plan, self.survey)
             samples = recording.read(

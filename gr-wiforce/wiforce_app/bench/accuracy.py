@@ -10,6 +10,7 @@ import click
 
 from ..progress import progress
 from .cases import cases
+from .rooms import RoomRow, room_cases, room_table
 
 _QUICK_RUNS, _FULL_RUNS = 10, 40
 
@@ -32,9 +33,10 @@ def accuracy(as_json, full, part, plot_path, seed, jobs):
     """Compare phase errors of each estimator with the Cramer-Rao bound.
 
     Monte Carlo simulation of channel snapshots: noise, fading, static and moving clutter, clock
-    offset and drift, group length, off state, two tags, missing snapshots.
+    offset and drift, group length, off state, two tags, missing snapshots. Shipped scenes of rooms
+    are simulated at sample level and read with and without the survey.
     """
-    wanted = [case for case in cases(full) if part in case.name]
+    wanted = [case for case in [*cases(full), *room_cases(full)] if part in case.name]
     if not wanted:
         raise click.BadParameter(f"no case has a name that contains {part!r}", param_hint="--case")
     if plot_path is not None:
@@ -45,7 +47,11 @@ def accuracy(as_json, full, part, plot_path, seed, jobs):
     if as_json:
         click.echo(json.dumps({"rows": [dataclasses.asdict(row) for row in rows]}, indent=1))
     else:
-        click.echo(table(rows))
+        of_rooms = [row for row in rows if isinstance(row, RoomRow)]
+        others = [row for row in rows if not isinstance(row, RoomRow)]
+        parts = [table(others)] if others else []
+        parts += [room_table(of_rooms)] if of_rooms else []
+        click.echo("\n\n".join(parts))
     if plot_path is not None:
         from .picture import plot_losses
 
@@ -57,7 +63,7 @@ def measure(wanted, runs, seed=1, jobs=None):
 
     Parameters
     ----------
-    wanted : sequence of Case
+    wanted : sequence of Case or RoomCase
     runs : int
         Per case, unless the case says otherwise.
     seed : int
@@ -66,11 +72,9 @@ def measure(wanted, runs, seed=1, jobs=None):
 
     Returns
     -------
-    list of montecarlo.Row
+    list of montecarlo.Row or rooms.RoomRow
         Case by case, estimator by estimator.
     """
-    from .montecarlo import summarise
-
     # The longest first, so that all cores end at about the same time.
     tasks = [(case, run, seed) for case in wanted for run in range(case.runs or runs)]
     tasks.sort(key=lambda task: -task[0].groups)
@@ -85,15 +89,13 @@ def measure(wanted, runs, seed=1, jobs=None):
     for case in wanted:
         results = [result for _, result in sorted(found[case.name], key=lambda item: item[0])]
         for estimator in case.estimators:
-            rows.append(summarise(case, estimator, [result[estimator] for result in results]))
+            rows.append(case.summarise(estimator, [result[estimator] for result in results]))
     return rows
 
 
 def _work(task):
-    from .montecarlo import run_case
-
     case, run, seed = task
-    return case.name, run, run_case(case, run, seed)
+    return case.name, run, case.run(run, seed)
 
 
 def table(rows):

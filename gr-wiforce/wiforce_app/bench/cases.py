@@ -44,6 +44,18 @@ class Case:
     def reference_groups(self):
         return round(REFERENCE_GROUPS * max(1.0, 625 / self.group_length))
 
+    def run(self, run, seed):
+        """Run once; estimator to ``RunResult``."""
+        from .montecarlo import run_case
+
+        return run_case(self, run, seed)
+
+    def summarise(self, estimator, results):
+        """Combine the results of all runs to a row."""
+        from .montecarlo import summarise
+
+        return summarise(self, estimator, results)
+
 
 def cases(full=False):
     """All cases, in the order of the report."""

@@ -70,7 +70,8 @@ def tradeoff(scenes, as_json, quick, folder, fresh, plot_path, page_path):
     if as_json:
         click.echo(json.dumps({"scenes": results}, indent=1))
     else:
-        click.echo(f"{table(results)}\n\n{verdicts(results)}\n\n{skip_table(results)}")
+        parts = (table, verdicts, room_table, skip_table)
+        click.echo("\n\n".join(part(results) for part in parts))
 
 
 def _measured(name, folder, runs):
@@ -111,6 +112,41 @@ def verdicts(results):
     return "\n\n".join(sentences)
 
 
+_ROOM_HEAD = (
+    "scene", "added by the survey", "skipped, and what it would take (ms per s)", "tones",
+    "survey (ms)", "ms per s without", "with", "phase (deg) without", "with",
+)  # fmt: skip
+
+
+def room_table(results):
+    """Markdown: what the survey of each room adds and skips, and its processor time."""
+    rows = []
+    for result in results:
+        room, signal_s = result["room"], result["signal_s"]
+        if room is None:
+            continue
+        skipped = [
+            f"{name}: {1e3 * room['saved_s'][name] / signal_s:.1f}"
+            if name in room["saved_s"]
+            else name
+            for name in room["skipped"]
+        ]
+        before, after = room["tones"]
+        rows.append(
+            [
+                Path(result["scene"]).stem,
+                "; ".join(room["added"]) or "nothing",
+                "; ".join(skipped),
+                f"{before}" if before == after else f"{before} -> {after}",
+                f"{1e3 * room['survey_s']:.0f}",
+                f"{1e3 * room['plain_s'] / signal_s:.1f}",
+                f"{1e3 * room['surveyed_s'] / signal_s:.1f}",
+                *("" if value is None else f"{value:.3g}" for value in room["phase_deg"]),
+            ]
+        )
+    return markdown_table(_ROOM_HEAD, rows)
+
+
 def skip_table(results):
     """Markdown: processor time in ms per second of signal that each skipped step saves."""
     names = list(dict.fromkeys(name for result in results for name in result["skips"]))
@@ -145,6 +181,7 @@ def _page(results, scenes, plot_path, page_path):
         picture=picture,
         table=table(results),
         verdicts=verdicts(results),
+        rooms=room_table(results),
         skips=skip_table(results),
     )
 

@@ -24,7 +24,9 @@ from gnuradio.wiforce.simulation.score import read_truth, score
 from gnuradio.wiforce.simulation.simulator import simulate, write_truth
 
 from ..evaluation.error_summary import calibration_bias_deg
+from ..evaluation.experiment import with_mean_phases
 from ..measure import measure_steps
+from .room_reading import survey_of_room
 from .throughput.recording import GROUP_LENGTH, WAVEFORM, Recording
 
 _GROUP_LENGTHS = (125, 250, 625, 1250)
@@ -115,8 +117,9 @@ def measure_scene(name, folder, runs):
     Returns
     -------
     dict
-        ``scene``, ``signal_s``, ``points`` (a dict per setting) and ``skips`` (time of each step
-        that the plan leaves out), all of plain values.
+        ``scene``, ``signal_s``, ``points`` (a dict per setting), ``skips`` (time of each step that
+        the plan leaves out) and ``room`` (what the survey adds and skips; None for two antennas),
+        all of plain values.
     """
     from gnuradio import gr
 
@@ -125,15 +128,27 @@ def measure_scene(name, folder, runs):
     with tempfile.TemporaryDirectory(dir=folder, prefix=".tradeoff-") as place:
         place = Path(place)
         written = simulate(scene, place / "capture")
-        recordings = [
-            _both_types(open_capture(path)) for path in written if path.suffix == ".sigmf-meta"
-        ]
+        captures = [open_capture(path) for path in written if path.suffix == ".sigmf-meta"]
+        recordings = [_both_types(capture) for capture in captures]
         signal_s = recordings[0].samples / scene.radio.sample_rate_hz
         scene_run = _SceneRun(recordings, place / "truth.csv", signal_s, runs)
         points = scene_run.measure(settings_of(scene))
+        room = None
+        if len(captures) == 1:
+            room = _room(captures[0], scene, place / "truth.csv")
     return {
         "scene": str(name), "signal_s": signal_s, "points": points, "skips": _skips(scene),
+        "room": room,
     }  # fmt: skip
+
+
+def _room(capture, scene, truth_path):
+    """What the survey adds and skips (`survey_of_room`), with errors without and with it."""
+    settings = plan(scene)
+    row, *runs = survey_of_room(capture, settings)
+    truth = _truth(scene, truth_path)
+    errors = [_errors(scene, run.readings, truth)["phase_deg"] for run in reversed(runs)]
+    return row | {"phase_deg": errors}
 
 
 def _skips(scene):
@@ -158,14 +173,8 @@ def _both_types(capture):
 
 def _truth(scene, path):
     """Truth at the centres of the groups, with the phases of the mean reflection."""
-    air = AirChannel(scene)
-    write_truth(scene, air, path)
-    rows = read_truth(path)
-    for row in rows:
-        pressed = air.sensors[row["sensor"]].pressed
-        phases = pressed.mean_phases_deg([row["time_s"]], scene.group_period_s)[0]
-        row["phase1_deg"], row["phase2_deg"] = phases
-    return rows
+    write_truth(scene, AirChannel(scene), path)
+    return with_mean_phases(scene, read_truth(path))
 
 
 def _timed(work, *arguments):
@@ -226,7 +235,8 @@ class _SceneRun:
             "group_length": setting.plan.group_length,
             "bound_deg": self._bound_deg(setting),
         }
-        return point | _errors(setting, readings, self._truth(setting.plan.scene))
+        scene = setting.plan.scene
+        return point | _errors(scene, readings, self._truth(scene))
 
     def _truth(self, scene):
         key = "truth", scene.phase_group.snapshots
@@ -251,10 +261,9 @@ class _SceneRun:
         return self._known[key]
 
 
-def _errors(setting, readings, truth):
+def _errors(scene, readings, truth):
     """Median errors over all sensors, without the calibration error of the untouched phases."""
     phase, force, location = [], [], []
-    scene = setting.plan.scene
     for i, sensor in enumerate(scene.sensors):
         found = score(readings, truth, sensor.name)
         phase.append(wrap_deg(found.phase_error_deg - calibration_bias_deg(scene, i)))

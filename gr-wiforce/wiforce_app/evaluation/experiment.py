@@ -2,6 +2,7 @@
 """One scene as an experiment: simulated, read by both methods, scored."""
 
 import tempfile
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +18,14 @@ from gnuradio.wiforce.simulation.score import read_truth, score
 from gnuradio.wiforce.simulation.simulator import simulate
 
 from ..read import read_capture
+from .causes import OWN, other_causes, with_cause
+from .channels import snapshot_channels
 from .doppler_spectrum import doppler_spectrum
 from .error_summary import calibration_bias_deg, summary
 from .paper_method import paper_changes, paper_errors
+
+# The paper's method with the constant offset of the tag's clock removed, as a row of the report.
+CORRECTED = "paper, clock offset removed"
 
 
 def run(scene_name, work_folder):
@@ -37,25 +43,16 @@ def run(scene_name, work_folder):
     dict
         Plain values for JSON. Per sensor: the errors of this receiver, of the paper's method as
         published and with the constant clock offset removed, the errors that the plan expects, and
-        for pictures the readings and the Doppler spectrum. Phase errors compare the change since
-        the untouched state with the mean reflection of the group. Calibration errors of the
+        for pictures the readings and the Doppler spectrum. ``causes``: errors of both with each
+        disturbance that explains a published figure (see `causes`). Phase errors compare the change
+        since the untouched state with the mean reflection of the group. Calibration errors of the
         untouched phases and changes of the force within a group are therefore part of the force
         and location errors only.
     """
     scene = load_scene(scene_name)
-    with tempfile.TemporaryDirectory(dir=work_folder, prefix=".capture-") as folder:
-        capture = Path(folder) / "capture"
-        simulate(scene, capture)
-        truth = _with_mean_phases(scene, read_truth(f"{capture}.truth.csv"))
-        recording = open_capture(capture)
-        readings = []
-        read_capture(recording, scene, readings.append)
-        changes = paper_changes(recording, scene)
-        spectrum = doppler_spectrum(recording, scene)
-    expected = expect(plan(scene))
-    sensors = [
-        _sensor(scene, i, readings, changes, truth, expected[i]) for i in range(len(scene.sensors))
-    ]
+    with simulated(scene, work_folder) as (recording, truth, channels):
+        spectrum = doppler_spectrum(channels, scene.snapshot_period_s)
+        sensors, readings = _read(scene, recording, truth, channels)
     return {
         "scene": str(scene_name),
         "about": about_scene(scene_name),
@@ -63,11 +60,55 @@ def run(scene_name, work_folder):
         "reference_s": scene.reference_s,
         "sensors": sensors,
         "sum": _sum_of_forces(scene, readings, truth),
+        "causes": _causes(scene_name, scene, sensors[0], work_folder),
         "spectrum": spectrum,
     }
 
 
-def _with_mean_phases(scene, truth):
+@contextmanager
+def simulated(scene, work_folder):
+    """A temporary capture of a scene: the recording, rows of truth, channels (N, K)."""
+    with tempfile.TemporaryDirectory(dir=work_folder, prefix=".capture-") as folder:
+        capture = Path(folder) / "capture"
+        simulate(scene, capture)
+        truth = with_mean_phases(scene, read_truth(f"{capture}.truth.csv"))
+        recording = open_capture(capture)
+        yield recording, truth, snapshot_channels(recording, scene, Path(folder) / "channels")
+
+
+def _read(scene, recording, truth, channels):
+    """Results of every sensor, and all readings."""
+    readings = []
+    read_capture(recording, scene, readings.append)
+    changes = paper_changes(channels, scene)
+    expected = expect(plan(scene))
+    sensors = [
+        _sensor(scene, i, readings, changes, truth, expected[i]) for i in range(len(scene.sensors))
+    ]
+    return sensors, readings
+
+
+def _causes(scene_name, scene, own, work_folder):
+    """Errors by cause; empty where the scene explains no published figure."""
+    found = {}
+    for cause, change in other_causes(scene_name).items():
+        disturbed = with_cause(scene, change)
+        with simulated(disturbed, work_folder) as captured:
+            found[cause] = _errors(_read(disturbed, *captured)[0][0])
+    return {OWN: _errors(own), **found} if found else {}
+
+
+def _errors(sensor):
+    kept = ("phase_rms_deg", "force_n", "location_mm")
+    errors = {
+        name: {key: sensor["methods"][method].get(key) for key in kept}
+        for name, method in (("ours", "ours"), ("paper", CORRECTED))
+    }
+    read = len(sensor["methods"]["ours"].get("force_n_errors", []))
+    return {**errors, "flagged": sensor["flagged"], "read": read}
+
+
+def with_mean_phases(scene, truth):
     """Truth rows with the phases of the mean reflection of each group, not of its centre."""
     tags = AirChannel(scene).sensors
     for row in truth:
@@ -84,7 +125,7 @@ def _sensor(scene, index, readings, changes, truth, expected):
     rows = [row for row in truth if row["sensor"] == name]
     phase_error = wrap_deg(ours.phase_error_deg - calibration_bias_deg(scene, index))
     methods = {"ours": summary(phase_error, ours.force_error_n, ours.location_error_mm)}
-    for method, detrend in (("paper", False), ("paper, clock offset removed", True)):
+    for method, detrend in (("paper", False), (CORRECTED, True)):
         methods[method] = paper_errors(scene, index, changes, rows, detrend)
     return {
         "sensor": name,

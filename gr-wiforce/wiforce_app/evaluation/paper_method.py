@@ -1,36 +1,60 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The paper's method on a capture: its estimator in this receiver, its inversion, its errors."""
 
-import dataclasses
+from dataclasses import replace
 
 import numpy as np
+from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.off_state import corrected_phase_deg
+from gnuradio.wiforce.planning.plan import plan
+from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.signal.carrier import wrap_deg
+from gnuradio.wiforce.signal.partial_weights import tones_of
 
-from ..read import read_capture
 from .error_summary import calibration_bias_deg, summary
 
 _ESTIMATOR = "paper"
+_BATCH = 64  # groups
+# The method has no use for the tolerance; a receiver refuses a wider one without a survey.
+_TOLERANCE_PPM = 100.0
 
 
-def paper_changes(recording, scene):
-    """Change of every group since the first, complex of magnitude 1; shape (groups, 2S).
+def paper_changes(channels, scene):
+    """Change of every group since the first, by Fourier sums at the lines 1 and 4.
 
-    Fourier sums at the lines 1 and 4, each group relative to the previous one (paper, section 3.3),
-    accumulated. Of the first receive antenna, because the paper has one.
+    Each group is compared with the previous one (paper, section 3.3) and the changes accumulate.
+    Nothing is surveyed, and no snapshot is left out, because the paper does neither.
+
+    Parameters
+    ----------
+    channels : ndarray of complex, shape (N, K)
+        Of one receive antenna (see `snapshot_channels`), because the paper has one.
+    scene : Scene
+
+    Returns
+    -------
+    ndarray of complex, shape (groups, 2S)
+        Of magnitude 1.
     """
-    scene = dataclasses.replace(
-        scene,
-        phase_group=dataclasses.replace(scene.phase_group, estimator=_ESTIMATOR),
-        environment=dataclasses.replace(scene.environment, receive_antennas=1),
+    settings = plan(
+        replace(
+            scene,
+            sensors=tuple(replace(s, clock_tolerance_ppm=_TOLERANCE_PPM) for s in scene.sensors),
+            phase_group=replace(scene.phase_group, estimator=_ESTIMATOR),
+            environment=replace(scene.environment, receive_antennas=1),
+        )
     )
     changes = []
-    read_capture(
-        recording,
-        scene,
-        on_reading=lambda reading: None,
-        on_groups=lambda groups: changes.append(groups.ratios),
+    receiver = Receiver(
+        settings, derotated=False, on_groups=lambda groups: changes.append(groups.ratios)
     )
+    length, weights = settings.group_length, settings.table.weights
+    for first in range(0, len(channels) // length, _BATCH):
+        whole = channels[first * length : (first + _BATCH) * length]
+        whole = whole[: len(whole) // length * length].reshape(-1, length, channels.shape[1])
+        tones = np.stack([tones_of(weights, snapshots) for snapshots in whole])
+        receiver.process(Groups(first + np.arange(len(tones)), tones))
+    receiver.finish()
     return np.concatenate(changes)
 
 

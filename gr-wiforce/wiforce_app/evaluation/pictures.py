@@ -4,9 +4,12 @@
 from pathlib import Path
 
 import numpy as np
-from gnuradio.wiforce._config import DATA_DIR
+
+from .causes import published_phase_std
 
 _STYLES = {"ours": "-", "paper": ":", "paper, clock offset removed": "--"}
+
+_OF_CAUSES = {"ours": "ours, by cause", "paper": "paper, clock offset removed, by cause"}
 
 
 def plot_distances(results, folder, figures):
@@ -14,13 +17,14 @@ def plot_distances(results, folder, figures):
     from matplotlib.figure import Figure
 
     at = [figures.get(Path(result["scene"]).stem, {}).get("distance_m") for result in results]
-    own = sorted((d, r["sensors"][0]) for d, r in zip(at, results, strict=True) if d is not None)
+    own = sorted(
+        ((d, r) for d, r in zip(at, results, strict=True) if d is not None),
+        key=lambda item: item[0],
+    )
     if len(own) < 2:
         return False
     distance = [100 * d for d, _ in own]
-    published = np.genfromtxt(
-        Path(DATA_DIR) / "data" / "paper" / "distance_phase_std.csv", delimiter=",", names=True
-    )
+    published = published_phase_std()
     canvas = Figure(figsize=(7, 4), layout="constrained")
     axis = canvas.subplots()
     axis.errorbar(
@@ -32,10 +36,13 @@ def plot_distances(results, folder, figures):
         ms=4,
         label="published",
     )
-    for method, marker in (("ours", "o"), ("paper, clock offset removed", "^")):
-        rms = [sensor["methods"][method]["phase_rms_deg"] for _, sensor in own]
-        axis.plot(distance, rms, marker + _STYLES[method], label=method)
-    axis.plot(distance, [sensor["bound_rms_deg"] for _, sensor in own], "k:", label="bound")
+    for at_cm, (_, result) in zip(distance, own, strict=True):
+        for method, style in (("ours", "C0o-"), ("paper", "C1^-")):
+            rms = [found[method]["phase_rms_deg"] for found in result["causes"].values()]
+            label = _OF_CAUSES[method] if at_cm == distance[0] else None
+            axis.plot([at_cm] * len(rms), rms, style, ms=4, label=label)
+    bound = [result["sensors"][0]["bound_rms_deg"] for _, result in own]
+    axis.plot(distance, bound, "k:", label="bound")
     axis.set_yscale("log")
     axis.set_xlabel("distance from the receiver (cm), antennas 4 m apart")
     axis.set_ylabel("phase rms (deg)")

@@ -9,15 +9,15 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
 import click
-import yaml
-from gnuradio.wiforce._config import DATA_DIR, VERSION
+from gnuradio.wiforce._config import VERSION
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.textfile import check_output, write_whole
 from gnuradio.wiforce.scene import load_scene, shipped_scenes, simulation_warnings
 from gnuradio.wiforce.sensor.file import sensor_to_dict
 
 from ..progress import progress
-from .report import table, write_report
+from .causes import other_causes, paper_figures
+from .report import cause_table, table, write_report
 
 
 def evaluate_scenes(names, folder, jobs=None, fresh=False):
@@ -68,8 +68,11 @@ def evaluate_scenes(names, folder, jobs=None, fresh=False):
             pool.shutdown(wait=False, cancel_futures=True)
             raise
     results = [result_of(folder, name, marks[name]) for name in names]
-    write_report(results, folder, _paper_figures())
-    click.echo(table(results, _paper_figures()))
+    figures = paper_figures()
+    write_report(results, folder, figures)
+    click.echo(table(results, figures))
+    if causes := cause_table(results, figures):
+        click.echo(f"\n{causes}")
     click.echo(f"\nreport: {folder / 'report.md'}")
 
 
@@ -80,12 +83,14 @@ def _run(name, folder):
 
 
 def mark_of(name):
-    """Hash of everything a result depends on: the scene, its sensors and this version."""
+    """Hash of everything a result depends on: the scene, its causes, sensors and this version."""
     scene = load_scene(name)
     used = {sensor.model for sensor in scene.sensors}
     used |= {tag.truth_model for tag in scene.simulation.tags} if scene.simulation else set()
     sensors = [sensor_to_dict(scene.load_model(model)) for model in sorted(used)]
-    content = json.dumps([VERSION, scene.as_dict(), sensors], sort_keys=True)
+    content = json.dumps(
+        [VERSION, scene.as_dict(), other_causes(str(name)), sensors], sort_keys=True
+    )
     return hashlib.sha256(content.encode()).hexdigest()
 
 
@@ -105,8 +110,3 @@ def result_of(folder, name, mark):
 def keep_result(folder, name, mark, result):
     """Write a result atomically."""
     write_whole(_file(folder, name), json.dumps({"mark": mark, "result": result}))
-
-
-def _paper_figures():
-    path = Path(DATA_DIR) / "data" / "paper" / "figures.yaml"
-    return yaml.safe_load(path.read_text(encoding="utf-8"))

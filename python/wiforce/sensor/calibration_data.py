@@ -10,6 +10,7 @@ from ..signal.carrier import same_carrier
 from . import curves, line
 from .checks import check_places, continuous_phase, split_untouched
 from .model import LEAST_FREQUENCY_HZ
+from .sweeps import sweep_directions
 from .tables import CalibrationTable
 
 # Forces at which curves of different locations are compared.
@@ -32,6 +33,8 @@ class ContactCurve:
         The press that each sample belongs to.
     copied : bool
         Whether it is the mirror image of another location.
+    direction : ndarray of int, shape (n,), or None
+        1 while loading, -1 while unloading, 0 where it is unknown.
 
     Examples
     --------
@@ -43,6 +46,7 @@ class ContactCurve:
     added_deg: np.ndarray
     press: np.ndarray
     copied: bool = False
+    direction: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -222,11 +226,14 @@ def _without_untouched_sweeps(
         rows = np.flatnonzero(
             keep & (table.location_mm == key[0]) & (table.port == key[1]) & (table.press == key[2])
         )
-        before = split_untouched(table.take(rows), untouched[key[1] - 1])
-        if np.any(before) and not np.all(before):
-            below.append(table.force_n[rows[before]].max())
-            above.append(table.force_n[rows[~before]].min())
-            keep[rows[before]] = False
+        # While unloading, the line opens at another force than the one that shorted it.
+        direction = sweep_directions(table.force_n[rows])
+        for branch in (rows[direction == sign] for sign in np.unique(direction)):
+            before = split_untouched(table.take(branch), untouched[key[1] - 1])
+            if np.any(before) and not np.all(before):
+                below.append(table.force_n[branch[before]].max())
+                above.append(table.force_n[branch[~before]].min())
+                keep[branch[before]] = False
     if not below:
         return table.take(keep), None
     return table.take(keep), (float(np.median(below)), float(np.median(above)))
@@ -263,6 +270,7 @@ def _curve(
     forces: list[np.ndarray] = []
     added: list[np.ndarray] = []
     presses: list[np.ndarray] = []
+    directions: list[np.ndarray] = []
     for press in dict.fromkeys(rows.press):
         one = rows.take(rows.press == press)
         order, phase = continuous_phase(one, permittivity)
@@ -272,9 +280,16 @@ def _curve(
         forces.append(one.force_n[order])
         added.append(phase)
         presses.append(one.press[order])
+        directions.append(sweep_directions(one.force_n)[order])
     force, value = np.concatenate(forces), np.concatenate(added)
     order = np.argsort(force, kind="stable")
-    return ContactCurve(force[order], value[order], np.concatenate(presses)[order], copied)
+    return ContactCurve(
+        force[order],
+        value[order],
+        np.concatenate(presses)[order],
+        copied,
+        np.concatenate(directions)[order],
+    )
 
 
 def with_location_steps(data: CarrierData, location_steps: str) -> CarrierData:

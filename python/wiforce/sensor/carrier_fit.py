@@ -7,6 +7,7 @@ from ..signal.carrier import wrap_deg
 from . import curves, line
 from .calibration_data import compared_forces
 from .fit import CurveFitter, noise_and_misfit
+from .hysteresis import find_hysteresis
 from .location import learn_interpolation
 
 # No press is so wide that it moves a short by more than this beyond what the line does.
@@ -27,6 +28,9 @@ def fit_carrier(data, form, knots, length_mm, permittivity):
     )
     interpolation = interpolate(
         data, coefficients, covariance, form, knots, length_mm, data.location_mm
+    )
+    difference_n = find_hysteresis(
+        data.all_curves(), [fit for port in fits for fit in port], fitter
     )
     untouched = data.untouched_deg
     if untouched is None:
@@ -50,6 +54,7 @@ def fit_carrier(data, form, knots, length_mm, permittivity):
         noise_deg=tuple(noise for noise, _ in quality),
         misfit_deg=tuple(misfit for _, misfit in quality),
         interpolation=interpolation.transitions,
+        hysteresis_n=None if difference_n is None else difference_n / 2,
     )
 
 

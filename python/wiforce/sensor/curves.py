@@ -21,6 +21,8 @@ from .model import SensorModel
 from .transfer import transfer_std_deg
 
 FORMS = ("cubic", "power", "spline")
+# Relative step of the force for the slope of a phase.
+_SLOPE_STEP = 0.01
 
 
 class PowerBasis:
@@ -118,6 +120,9 @@ class Carrier:
         but a form that does not fit; one standard deviation, per port.
     interpolation : tuple of Transition
         See :class:`~.location.LocationInterpolation`.
+    hysteresis_n : float or None
+        Half of the largest difference between loading and unloading, in N; None where the
+        calibration did not hold both.
     """
 
     frequency_hz: float
@@ -129,6 +134,7 @@ class Carrier:
     noise_deg: tuple
     misfit_deg: tuple
     interpolation: tuple
+    hysteresis_n: float | None = None
 
 
 @dataclass(frozen=True)
@@ -217,7 +223,24 @@ class CurveModel(SensorModel):
             + curves.misfit_deg[port] ** 2
             for port in (0, 1)
         ]
-        return np.sqrt(np.stack(variance, axis=-1))
+        variance = np.stack(variance, axis=-1)
+        if curves.hysteresis_n:
+            variance = variance + self._hysteresis_deg(force, location, carrier) ** 2
+        return np.sqrt(variance)
+
+    def _hysteresis_deg(self, force, location, carrier):
+        """Standard deviation of each phase by which force is as uncertain as by hysteresis.
+
+        Hysteresis changes both phases as a change of the force does. Standard deviations are
+        independent of each other, and force follows from the sum of both phases, in which location
+        cancels: the factor makes the standard deviation of that sum as large.
+        """
+        step = _SLOPE_STEP * force
+        phases = [self.short_deg(force + sign * step, location, carrier) for sign in (1, -1)]
+        slope = np.abs(phases[0] - phases[1]) / (2 * step)[..., None]
+        total = slope.sum(axis=-1, keepdims=True)
+        factor = total / np.maximum(np.linalg.norm(slope, axis=-1, keepdims=True), 1e-12)
+        return self.carriers[carrier].hysteresis_n * factor * slope
 
     def _scaled(self, index, frequency_hz):
         """Fields that change at another carrier."""

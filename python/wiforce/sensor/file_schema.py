@@ -210,6 +210,12 @@ class CarrierCurves:
         check=_check_transitions,
         doc="Ways in which the curves may change between the calibrated locations.",
     )
+    hysteresis_n: float | None = key(
+        Number(unit="N", low=0, high=MAX_FORCE_N, optional=True),
+        default=None,
+        doc="Half of the largest difference between loading and unloading; null where the "
+        "calibration did not hold both.",
+    )
 
 
 @declared
