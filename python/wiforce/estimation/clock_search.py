@@ -13,7 +13,7 @@ from .group_tones import GroupTones, without_loud
 from .groups import Array
 from .joint_clock import likelihood_bias, phase_errors, phase_information
 from .least_squares import GroupFit, ToneModel
-from .noise import OUTLIER_RATIO, NoiseEstimate
+from .noise import OUTLIER_RATIO, NoiseEstimate, usual_noise
 from .pulse_fit import fit_pulses
 from .tracked_tag import TrackedTag
 
@@ -149,7 +149,8 @@ class ClockSearch:
         residuals = np.array([self._model.solve(item)[2] for item in items])
         levels = residuals.mean(axis=1)
         fitting = residuals[levels <= OUTLIER_RATIO * np.median(levels)]
-        self._noise.set(fitting.mean(axis=0), items)
+        freedom = max(len(items[0].tones) - 2 * len(self._model.locked), 1)
+        self._noise.set(usual_noise(fitting, freedom), items)
 
     def _refine(self, items: Sequence[GroupTones]) -> None:
         """Fit all clocks to a block of groups by the complete model, from their present values."""

@@ -138,6 +138,7 @@ class EndSeparator:
         gain = np.full((count, 2 * len(tags)), np.inf)
         white = gain.copy()
         noise = np.ones((count, subcarriers))
+        raised = np.ones((count, subcarriers))
         clocks = np.zeros((5, count, len(tags)))
         disturbed = np.zeros((count, len(tags)), bool)
         for row, item in enumerate(self._model.prepare(groups)):
@@ -148,25 +149,33 @@ class EndSeparator:
                 clocks[:, row, i] = _clock_of(tag, item)
             gain[row] = white[row] = own_gain
             if item.usable and self._noise.known:
-                ratio = self._noise.ratio(residual)
+                inverse = self._noise.inverse
                 if fit is not None:
-                    factor = self._coherence.update(fit, self._noise.inverse)
+                    freedom = max(len(fit.residual) - len(fit.rows), 1)
+                    raised[row] = self._noise.raised(residual, freedom)
+                    inverse = inverse / raised[row]
+                ratio = float(residual @ inverse) / subcarriers
+                if fit is not None:
+                    factor = self._coherence.update(fit, inverse)
                     if ratio > _SIGNIFICANT_RESIDUAL:
                         factor = np.maximum(factor, ratio)
                     gain[row, fit.rows] *= factor
                     disturbed[row] = self._coherence.disturbed.reshape(-1, 2).any(axis=1)
                 if update and not item.missing:
-                    self._learn(residual, ratio, item)
+                    self._learn(residual, ratio, item, raised[row])
             if self._noise.known:
                 noise[row] = self._noise.variance
         locked, phase, offset_ppm, delay, overlapping = clocks[:, :, : self._tags]
         ends, gain, white = (each[:, : 2 * self._tags] for each in (ends, gain, white))
+        lost = np.mean(1 - 1 / raised, axis=1)
         return groups.having(
             tones=None,
             snapshot_weights=None,
             ends=ends,
             gain=gain,
-            noise=noise,
+            noise=noise * raised,
+            raised=raised,
+            interference=groups.interference + (1 - groups.interference) * lost,
             snr_db=self._snr_db(ends, white, noise),
             locked=locked > 0,
             clock_phase=phase,
@@ -198,9 +207,9 @@ class EndSeparator:
             elif item.center_s - tag.last_seen_s > _LOST_S:
                 tag.drop()
 
-    def _learn(self, residual: Array, ratio: float, item: GroupTones) -> None:
+    def _learn(self, residual: Array, ratio: float, item: GroupTones, raised: Array) -> None:
         self._latest.append(item)
-        if self._noise.learn(residual, ratio, item) is Verdict.MODEL_LOST:
+        if self._noise.learn(residual, ratio, item, raised) is Verdict.MODEL_LOST:
             # Clocks and noise are acquired again, from groups that all differ from the model.
             self._search.run(self._latest)
             self._coherence.reset()
