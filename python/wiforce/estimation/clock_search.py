@@ -11,7 +11,7 @@ from .acquisition import DELAY_EVIDENCE, acquire
 from .group_tones import GroupTones, without_loud
 from .joint_clock import likelihood_bias, phase_errors
 from .least_squares import ToneModel
-from .noise import OUTLIER_RATIO, NoiseEstimate
+from .noise import OUTLIER_RATIO, NoiseEstimate, usual_noise
 from .pulse_fit import fit_pulses
 from .tracked_tag import TrackedTag
 
@@ -131,10 +131,11 @@ class ClockSearch:
 
     def _take_residuals(self, groups: GroupTones) -> None:
         """Estimate the noise from the residuals of a block of groups, without outliers."""
-        residuals = self._model.solve(groups, self._model.predict(groups))[2].noise()
+        fit = self._model.solve(groups, self._model.predict(groups))[2]
+        residuals = fit.noise()
         levels = residuals.mean(axis=1)
         fitting = residuals[levels <= OUTLIER_RATIO * np.median(levels)]
-        self._noise.set(fitting.mean(axis=0), groups.level.max())
+        self._noise.set(usual_noise(fitting, fit.freedom), groups.level.max())
 
     def _refine(self, groups: GroupTones) -> None:
         """Fit all clocks to a block of groups by the complete model, from their present values."""

@@ -47,23 +47,26 @@ class TrackedClocks:
         Whether the group contains the tag.
     ratio : ndarray, shape (G,)
         Residual of each group over the noise before it.
+    raised : ndarray, shape (G, K)
+        Noise of each group over that of the groups before (``NoiseEstimate.raised``).
     inverse_noise : ndarray, shape (G, K)
-        1 / sigma_k^2 before each group.
+        1 / sigma_k^2 of each group, by the groups before and ``raised``.
     variance : ndarray, shape (G, K)
-        sigma_k^2 after it.
+        sigma_k^2 after it, without ``raised``.
     model_lost : bool
         Whether the last of these groups shows that clocks or noise are wrong.
 
     Examples
     --------
     >>> path, noise = ClockPath(np.zeros((3, 1)), np.zeros((3, 1))), np.ones((3, 62))
-    >>> len(TrackedClocks(path, np.ones((3, 1), bool), np.ones(3), noise, noise))
+    >>> len(TrackedClocks(path, np.ones((3, 1), bool), np.ones(3), noise, noise, noise))
     3
     """
 
     path: ClockPath
     received: Array
     ratio: Array
+    raised: Array
     inverse_noise: Array
     variance: Array
     model_lost: bool = False
@@ -114,13 +117,16 @@ class ClockTracking:
     def predict(self, groups: GroupTones) -> TrackedClocks:
         """Clocks and noise in groups that they were acquired from."""
         noise, clocks = self._noise, self._model.predict(groups)
-        residual = self._model.solve(groups, clocks)[2].noise()
+        fit = self._model.solve(groups, clocks)[2]
+        residual = fit.noise()
+        raised = np.array([noise.raised(each, fit.freedom) for each in residual])
         last_seen_s = np.array([tag.last_seen_s for tag in self._model.locked])
         return TrackedClocks(
             clocks,
             last_seen_s >= groups.center_s[:, None] - 1e-9,
-            residual @ noise.inverse / len(noise.inverse),
-            np.tile(noise.inverse, (len(groups), 1)),
+            np.mean(residual * noise.inverse / raised, axis=1),
+            raised,
+            noise.inverse / raised,
             np.tile(noise.variance, (len(groups), 1)),
         )
 
@@ -166,7 +172,7 @@ class ClockTracking:
         wandering = np.array([tag.clock.wanders for tag in locked], bool)
         phase, rate = np.empty((2, *assumed.phase.shape))
         received = np.zeros(phase.shape, bool)
-        inverse, variance = np.empty((2, *expansion.power.shape))
+        raised, inverse, variance = np.empty((3, *expansion.power.shape))
         ratios: list[float] = []
         model_lost = False
         phases, levels = assumed.phase.tolist(), groups.level.tolist()
@@ -189,12 +195,14 @@ class ClockTracking:
                 phase[row, i], rate[row, i] = tracker.phase, tracker.rate
             shifts = np.remainder(phase[row] - assumed.phase[row] + np.pi, 2 * np.pi) - np.pi
             shifts[wandering] = 0.0  # contained in the wander that was removed
-            inverse[row] = noise.inverse
             residual = group.power_at(shifts) / freedom
-            ratio = noise.ratio(residual)
+            raised[row] = noise.raised(residual, freedom)
+            inverse[row] = noise.inverse / raised[row]
+            ratio = noise.ratio(residual, raised[row])
             ratios.append(ratio)
             if not missing[row]:
-                model_lost = noise.learn(residual, ratio, levels[row]) is Verdict.MODEL_LOST
+                verdict = noise.learn(residual, ratio, levels[row], raised[row])
+                model_lost = verdict is Verdict.MODEL_LOST
             variance[row] = noise.variance
             if model_lost:
                 break
@@ -203,6 +211,7 @@ class ClockTracking:
             ClockPath(phase[:count], rate[:count]),
             received[:count],
             np.array(ratios),
+            raised[:count],
             inverse[:count],
             variance[:count],
             model_lost,

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Noise in H on each subcarrier, estimated from the residual of the least-squares fit."""
+"""Noise in H on each subcarrier, estimated from the residual of the least-squares fit.
+
+It is the same in all groups, except where a transmitter on a few subcarriers interferes with some
+of them (``NoiseEstimate.raised``).
+"""
 
 from __future__ import annotations
 
@@ -24,6 +28,20 @@ OUTLIER_RATIO = 3.0
 # changes disturbs fewer groups.
 STEP_GROUPS = 8
 _STEP = 1.33
+# A transmitter on few subcarriers leaves the rest of them as they are: up to this lower quartile of
+# the ratios, a group's noise may be raised on single subcarriers. Bursts, presses that change and
+# errors of a clock raise it on all.
+_UNHURT_RATIO = 1.5
+# Standard deviations above which a subcarrier is raised: exceeded by noise in 1 of 10 million. The
+# limit grows with the cube of the quartile, since a residual with the profile of a fading tag
+# (exponential powers, 14 times the quartile at most) is no narrow-band transmitter.
+_RAISED_STDS = 5.2
+# Least ratio that counts: with an SNR above 20 dB, what edges of the tag spread over the
+# subcarriers reaches 3, and less costs hardly anything.
+_LEAST_RAISED = 4.0
+# Groups in a row in which it is raised after which that is its usual noise. A transmitter that is
+# on a subcarrier in four groups of ten hardly ever stays for as long.
+_LASTING_GROUPS = 16
 
 
 class Verdict(Enum):
@@ -84,6 +102,7 @@ class NoiseEstimate:
         self._groups = 0
         self.memory = max(_LEAST_MEMORY_GROUPS, int(_MEMORY_S / group_period_s))
         self._ratios: deque[float] = deque(maxlen=STEP_GROUPS)
+        self._raised_groups: Array = np.zeros(0, int)
 
     def set(self, variance: Array, level: float, groups: int | None = None) -> None:
         """Set the variance of the noise, limited to the rounding errors of the tones.
@@ -103,11 +122,33 @@ class NoiseEstimate:
         if groups is not None:
             self._groups = groups
 
-    def ratio(self, residual: Array) -> float:
-        """Mean of a residual's variance (K,) over the noise; 1 when the model fits."""
-        return float(residual @ self.inverse) / len(residual)
+    def ratio(self, residual: Array, raised: Array | float = 1.0) -> float:
+        """Mean of a residual's variance (K,) over the noise, 1 when the model fits.
 
-    def learn(self, residual: Array, ratio: float, level: float) -> Verdict:
+        ``raised`` is that of the group (:meth:`raised`).
+        """
+        return float(residual @ (self.inverse / raised)) / len(residual)
+
+    def raised(self, residual: Array, freedom: int) -> Array:
+        """Noise of a group over that of the groups before, 1 where it is not significantly more.
+
+        Parameters
+        ----------
+        residual : ndarray, shape (K,)
+            Mean square of the group's whitened residual per degree of freedom.
+        freedom : int
+            Its complex degrees of freedom on each subcarrier.
+
+        Returns
+        -------
+        ndarray, shape (K,)
+            Above 1 on subcarriers that a narrow-band transmitter interfered with.
+        """
+        return raised_subcarriers(residual * self.inverse, freedom)
+
+    def learn(
+        self, residual: Array, ratio: float, level: float, raised: Array | None = None
+    ) -> Verdict:
         """Update the estimate by a complete group.
 
         Parameters
@@ -115,14 +156,18 @@ class NoiseEstimate:
         residual : ndarray, shape (K,)
             Mean square of the whitened residual per degree of freedom.
         ratio : float
-            See :meth:`ratio`.
+            See :meth:`ratio`; of the subcarriers that are not raised.
         level : float
             Mean power of the group's whitened tones.
+        raised : ndarray, shape (K,), optional
+            See :meth:`raised`. These subcarriers are learned only if it lasts.
 
         Returns
         -------
         Verdict
         """
+        if raised is not None:
+            residual = self._without_passing(residual, raised > 1)
         self._ratios.append(ratio)
         full = len(self._ratios) == STEP_GROUPS
         if full and min(self._ratios) > OUTLIER_RATIO:
@@ -139,3 +184,81 @@ class NoiseEstimate:
         self._groups = min(self._groups + 1, self.memory)
         self.set(self.variance + (residual - self.variance) / self._groups, level)
         return Verdict.LEARNED
+
+    def _without_passing(self, residual: Array, raised: Array) -> Array:
+        """A residual with the usual noise on subcarriers that are raised for a short time."""
+        if len(self._raised_groups) != len(raised):
+            self._raised_groups = np.zeros(len(raised), int)
+        self._raised_groups = np.where(raised, self._raised_groups + 1, 0)
+        passing = raised & (self._raised_groups <= _LASTING_GROUPS)
+        return np.where(passing, self.variance, residual)
+
+
+def raised_subcarriers(ratios: Array, freedom: int) -> Array:
+    """Ratios of a group's noise to the usual one, 1 where they are not significantly more.
+
+    Parameters
+    ----------
+    ratios : ndarray, shape (K,)
+        Mean square residual over the usual noise, each of ``freedom`` complex degrees of freedom.
+    freedom : int
+
+    Returns
+    -------
+    ndarray, shape (K,)
+        All 1 where the lower quartile of the ratios is raised as well.
+
+    Notes
+    -----
+    The limit is that of a chi-squared variable of 2 ``freedom`` degrees of freedom by the
+    approximation of E. B. Wilson and M. M. Hilferty (1931).
+
+    Examples
+    --------
+    >>> ratios = np.ones(62)
+    >>> ratios[10:18] = 100.0
+    >>> raised_subcarriers(ratios, 14)[8:12].tolist()
+    [1.0, 1.0, 100.0, 100.0]
+    >>> bool(np.all(raised_subcarriers(np.full(62, 100.0), 14) == 1))
+    True
+    """
+    limit = (1 - 1 / (9 * freedom) + _RAISED_STDS / (3 * freedom**0.5)) ** 3
+    limit = max(limit, _LEAST_RAISED)
+    if ratios.max() > limit:
+        quarter = len(ratios) // 4
+        quartile = max(1.0, np.partition(ratios, quarter)[quarter])
+        if quartile <= _UNHURT_RATIO:
+            return np.where(ratios > limit * quartile**3, ratios, 1.0)
+    return np.ones_like(ratios)
+
+
+def usual_noise(residuals: Array, freedom: int) -> Array:
+    """Mean of the residuals of some groups without subcarriers that are raised in some of them.
+
+    Parameters
+    ----------
+    residuals : ndarray, shape (G, K)
+        Mean square residual of each group and subcarrier.
+    freedom : int
+        Complex degrees of freedom of each.
+
+    Returns
+    -------
+    ndarray, shape (K,)
+
+    Examples
+    --------
+    >>> residuals = np.ones((12, 62))
+    >>> residuals[:4, 10:18] = 100.0
+    >>> bool(np.all(usual_noise(residuals, 14) == 1))
+    True
+    """
+    quartile = np.sort(residuals, axis=0)[len(residuals) // 4]
+    if not np.all(quartile > 0):
+        return np.asarray(residuals.mean(axis=0))
+    # The quartile of 12 groups lies below the mean, by about one standard deviation of a ratio.
+    inverse = (1 - 0.7 * freedom**-0.5) / quartile if freedom > 1 else 0.3 / quartile
+    kept = np.array([raised_subcarriers(each * inverse, freedom) == 1 for each in residuals])
+    if kept.all():
+        return np.asarray(residuals.mean(axis=0))
+    return np.asarray(np.sum(residuals * kept, axis=0) / np.maximum(kept.sum(axis=0), 1))

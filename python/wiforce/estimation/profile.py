@@ -105,7 +105,12 @@ class ProfileCheck:
         self._groups[:] = 0
 
     def process(
-        self, ends: Array, reference: Array, weights: Array, noise: Array
+        self,
+        ends: Array,
+        reference: Array,
+        weights: Array,
+        noise: Array,
+        raised: Array | None = None,
     ) -> tuple[Array, Array]:
         """Remove the image from a batch, and compare what remains with the reference.
 
@@ -119,6 +124,8 @@ class ProfileCheck:
             w_k, which sum to 1.
         noise : ndarray, shape (G, 2S, K)
             Variance of V - R V_ref; infinite where an end was not received.
+        raised : ndarray, shape (G, K), optional
+            ``Groups.raised``. These subcarriers count less when profiles are compared.
 
         Returns
         -------
@@ -154,6 +161,9 @@ class ProfileCheck:
         ratio = np.where(np.isfinite(ratio), ratio, 0) + second
         residual = ends - ratio[:, :, None] * reference
         cost = np.where(level != 0, power / np.maximum(own_power, 1e-300), 1.0)
+        if raised is not None:
+            residual = residual / np.sqrt(raised)[:, None]
+            noise = noise / raised[:, None]
         return ends, cost * self._factors(residual, reference, noise)
 
     def _factors(self, residual: Array, reference: Array, noise: Array) -> Array:

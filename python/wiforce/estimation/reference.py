@@ -107,6 +107,7 @@ class ConjugateDifference:
         """Take a new untouched reference from the groups that follow."""
         self._sum: Array | None = None
         self._precision = np.zeros(self._ends)
+        self._precisions: Array = np.zeros((self._ends, 1))  # on each subcarrier
         self._late = np.zeros(self._ends, bool)
         self._stop = None
         self._begins = True
@@ -169,8 +170,11 @@ class ConjugateDifference:
         if self._against_previous:
             return self._step(group, received, total)
         learning = received & (index < stop)
-        total[learning] += values[learning] / gain[learning, None]
+        raised = np.ones(values.shape) if group.raised is None else group.raised
+        weights = np.where(learning[:, None], 1 / (gain[:, None] * raised), 0)
+        total[learning] += values[learning] * weights[learning]
         self._precision[learning] += 1 / gain[learning]
+        self._precisions = self._precisions + weights
         self._held.append(group.having(in_reference=learning[None]))
         complete = np.all((self._precision > 0) & (index + 1 >= stop))
         if self._holding and not complete and len(self._held) < 2 * self.reference_groups:
@@ -202,8 +206,22 @@ class ConjugateDifference:
             self._sum = np.zeros(groups.ends.shape[1:], complex)
         with np.errstate(divide="ignore", invalid="ignore"):
             gain = 1 / self._precision
-            reference = np.where(self._precision > 0, self._sum.T * gain, 0).T
-        return self._difference(groups, in_reference, reference, gain)
+            reference = np.where(self._precisions > 0, self._sum / self._precisions, 0)
+        return self._difference(
+            self._with_noise_of_reference(groups), in_reference, reference, gain
+        )
+
+    def _with_noise_of_reference(self, groups: Groups) -> Groups:
+        """Groups with more noise where interference raised that of the whole reference."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            excess = self._precision[:, None] / self._precisions - 1
+            excess = np.where(self._precisions > 0, excess, 0)
+            share = 1 / (groups.gain * self._precision)
+        if groups.raised is None or not np.any(excess > 1e-9):
+            return groups
+        share = np.where(np.isfinite(share), share, 0)
+        more = np.einsum("ge,ek->gk", share, excess) / self._ends
+        return groups.having(noise=groups.noise * (1 + more / groups.raised))
 
     def _difference(
         self, groups: Groups, in_reference: Array, reference: Array, reference_gain: Array
@@ -218,7 +236,9 @@ class ConjugateDifference:
         power = np.where(self._precision > 0, np.maximum(power - noise, _LEAST_POWER * power), 0.0)
         if self._profile is not None:
             variance = (groups.gain + reference_gain)[:, :, None] * groups.noise[:, None]
-            ends, factor = self._profile.process(groups.ends, reference, weights, variance)
+            ends, factor = self._profile.process(
+                groups.ends, reference, weights, variance, groups.raised
+            )
             groups = groups.having(ends=ends, gain=groups.gain * factor)
         with np.errstate(divide="ignore", invalid="ignore"):
             changes = groups.ends * (reference.conj() / power[:, :, None])

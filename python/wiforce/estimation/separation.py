@@ -143,9 +143,11 @@ class EndSeparator:
             tones, usable = tones[len(part["gain"]) :], usable[len(part["gain"]) :]
         arrays = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
         # Tags found by a survey are solved for, but not given.
-        for name in arrays.keys() - {"noise"}:
+        for name in arrays.keys() - {"noise", "raised"}:
             each = 2 if name in ("ends", "gain", "snr_db") else 1
             arrays[name] = arrays[name][:, : each * self._tags]
+        lost = np.mean(1 - 1 / arrays["raised"], axis=1)
+        arrays["interference"] = groups.interference + (1 - groups.interference) * lost
         return groups.having(tones=None, snapshot_weights=None, **arrays)
 
     def _separate_run(self, groups: GroupTones, update: bool) -> dict[str, Array]:
@@ -159,14 +161,15 @@ class EndSeparator:
         ends, gain, fit = self._model.solve(groups, clocks.path)
         factors, disturbed = self._coherence.update(fit, clocks.inverse_noise)
         significant = np.where(clocks.ratio > _SIGNIFICANT_RESIDUAL, clocks.ratio, 1.0)
-        raised, disturbed_tags = gain.copy(), np.zeros((len(groups), len(self._model.tags)), bool)
-        raised[:, fit.rows] *= np.maximum(factors, significant[:, None])
+        stated, disturbed_tags = gain.copy(), np.zeros((len(groups), len(self._model.tags)), bool)
+        stated[:, fit.rows] *= np.maximum(factors, significant[:, None])
         disturbed_tags[:, fit.rows[::2] // 2] = disturbed[:, ::2] | disturbed[:, 1::2]
         arrays = {
             **self._clock_arrays(clocks),
             "ends": ends,
-            "gain": raised,
-            "noise": clocks.variance,
+            "gain": stated,
+            "noise": clocks.variance * clocks.raised,
+            "raised": clocks.raised,
             "snr_db": self._snr_db(ends, gain, clocks.variance),
             "disturbed": disturbed_tags,
         }
@@ -174,7 +177,7 @@ class EndSeparator:
             self._latest.extend((groups, row) for row in np.flatnonzero(groups.missing == 0))
         if clocks.model_lost:
             self._search_again()
-            arrays["noise"][-1] = self._noise.variance
+            arrays["noise"][-1] = self._noise.variance * clocks.raised[-1]
         return arrays
 
     def _without_ends(self, groups: GroupTones) -> dict[str, Array]:
@@ -191,6 +194,7 @@ class EndSeparator:
             "ends": np.zeros((count, ends, subcarriers), complex),
             "gain": np.full((count, ends), np.inf),
             "noise": np.tile(noise, (count, 1)),
+            "raised": np.ones((count, subcarriers)),
             "snr_db": np.full((count, ends), np.nan),
             "disturbed": nothing > 0,
         }
