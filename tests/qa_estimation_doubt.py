@@ -14,9 +14,12 @@ from gnuradio.wiforce.estimation.drift import DriftRate
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.least_squares import GroupFit
 from gnuradio.wiforce.estimation.profile import ProfileCheck, image_of
+from gnuradio.wiforce.estimation.sensor_readout import SensorReadout
 from gnuradio.wiforce.estimation.tracked_tag import TagClock
+from gnuradio.wiforce.io.readings import Flag
 from gnuradio.wiforce.planning.clutter_band import automatic_band_hz
 from gnuradio.wiforce.planning.loss import end_variances
+from gnuradio.wiforce.sensor.file import load_sensor
 from gnuradio.wiforce.signal.clutter import clutter_basis
 from gnuradio.wiforce.signal.lines import centered_times_s
 from gnuradio.wiforce.signal.waveform import sounding_waveform
@@ -271,3 +274,35 @@ def test_automatic_clutter_band_costs_a_tenth_of_a_db_at_most(clock_hz, snapshot
         for hertz in (0.0, found)
     ]
     assert costs[1] <= costs[0] * 10**0.01
+
+
+@pytest.mark.parametrize(
+    ("surveyed_snr_db", "std_deg", "flagged"),
+    [
+        (10.0, 2.0, True),
+        (10.0, 0.2, False),
+        (3.0, 2.0, False),
+        (-np.inf, 2.0, False),
+        (None, 2.0, False),
+    ],
+)
+def test_noise_on_the_lines_alone_is_flagged(surveyed_snr_db, std_deg, flagged):
+    """A stronger tag on nearly the same clock takes the place of ours: no touch, and no flag."""
+    none = np.zeros((1, 2), bool)
+    groups = Groups(
+        [20],
+        ratios=np.ones((1, 2), complex),
+        phase_std_deg=np.full((1, 2), std_deg),
+        snr_db=np.full((1, 2), -10.0),
+        locked=np.ones((1, 1), bool),
+        overlapping=np.zeros((1, 1), bool),
+        new_reference=np.zeros(1, bool),
+        in_reference=none,
+        late_reference=none,
+        reshaped=none,
+    )
+    readout = SensorReadout(
+        load_sensor("line-900mhz"), 900e6, 0j, 0.036, surveyed_snr_db=surveyed_snr_db
+    )
+    found = readout.read(groups, sensor=0)
+    assert bool(found["flags"][0] & Flag.INCONSISTENT.value) == flagged

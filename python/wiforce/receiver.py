@@ -183,10 +183,17 @@ def make_readout(
     'Readout'
     """
     period_s, carrier_hz = plan.group_period_s, plan.center_frequency_hz
+    surveyed = plan.surveyed_snr_db or [None] * len(plan.sensors)
     sensors = {
         s.name: SensorReadout(
-            s.model, carrier_hz, s.off_reflection, period_s, tracked, s.drift_deg_per_sqrt_s
+            s.model,
+            carrier_hz,
+            s.off_reflection,
+            period_s,
+            tracked,
+            s.drift_deg_per_sqrt_s,
+            snr_db,
         )
-        for s in plan.sensors
+        for s, snr_db in zip(plan.sensors, surveyed, strict=True)
     }
     return Readout(sensors, period_s, estimator_named(plan.estimator).ratios, on_groups)

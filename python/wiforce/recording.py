@@ -190,6 +190,8 @@ class RecordingReader:
             samples = samples[frame_offset : recording.segments[0].length]
             found = measure_compression(samples, plan.waveform)
             plan = replace(plan, compression=found)
+            if self.survey is not None and not plan.others:
+                plan = replace(plan, surveyed_snr_db=self.survey.snr_db)
         self.plan = plan
         self.receiver = Receiver(plan, tracked, on_groups=on_groups)
         self.source: _Tones | _AntennaRatio

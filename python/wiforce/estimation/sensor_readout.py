@@ -21,6 +21,10 @@ if TYPE_CHECKING:
 _NAN = math.nan
 # Phase std above which a disturbance of the tag's own lines is flagged: most of it may be hidden.
 _DISTURBED_DEG = 1.0
+# The survey measures noise between the lines, the SNR of a reading includes what is left on them.
+# It is up to 4 dB less in rooms that are read correctly, and 21 dB or more beside a second tag on
+# nearly the same clock (tests/rooms).
+_LEFT_ON_LINES_DB = 15.0
 
 
 class SensorReadout:
@@ -41,6 +45,8 @@ class SensorReadout:
         each group by itself.
     drift_deg_per_sqrt_s : float, optional
         Stated random walk of the untouched phases; learned when not given.
+    surveyed_snr_db : float, optional
+        SNR of line 1 of the tag against the noise between the lines.
 
     Examples
     --------
@@ -65,9 +71,11 @@ class SensorReadout:
         group_period_s: float,
         tracked: bool = False,
         drift_deg_per_sqrt_s: float | None = None,
+        surveyed_snr_db: float | None = None,
     ) -> None:
         self._model = model
         self._frequency_hz = frequency_hz
+        self._surveyed_snr_db = surveyed_snr_db
         self._period_s = group_period_s
         self._off = np.asarray(off_reflection, complex)
         self._untouched = np.array(model.untouched_deg(frequency_hz))
@@ -102,9 +110,8 @@ class SensorReadout:
         with np.errstate(invalid="ignore"):
             phases, slope = corrected_phase_deg(level, self._untouched, self._off)
             std = std * slope
-        if groups.disturbed is not None:
-            unsure = groups.disturbed[:, sensor] & (std.max(axis=1) > _DISTURBED_DEG)
-            flags[readable & unsure] |= Flag.INCONSISTENT.value
+        unsure = self._is_disturbed(groups, sensor) & (std.max(axis=1) > _DISTURBED_DEG)
+        flags[readable & unsure] |= Flag.INCONSISTENT.value
         weak = readable & (std.max(axis=1) > WEAK_PHASE_DEG)
         flags[weak] |= Flag.WEAK.value
         values = np.full((len(groups), 4), _NAN)
@@ -123,6 +130,16 @@ class SensorReadout:
             "flags": flags,
             **dict(zip(ESTIMATES, values.T, strict=True)),
         }
+
+    def _is_disturbed(self, groups: Groups, sensor: int) -> Array:
+        """Whether something is received on the tag's own lines that is no noise; shape (G,)."""
+        disturbed = np.zeros(len(groups), bool)
+        if groups.disturbed is not None:
+            disturbed |= groups.disturbed[:, sensor]
+        if self._surveyed_snr_db is not None and groups.snr_db is not None:
+            snr_db = groups.snr_db[:, 2 * sensor : 2 * sensor + 2].min(axis=1)
+            disturbed |= snr_db < self._surveyed_snr_db - _LEFT_ON_LINES_DB
+        return disturbed
 
     def _image(self) -> Array:
         """Changes of arg R that a touch can cause; shape (n, 2).

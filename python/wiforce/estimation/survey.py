@@ -105,6 +105,13 @@ class Survey:
         return heights * _ENBW / len(self.frequency_hz) / 2
 
     @property
+    def snr_db(self) -> tuple[float, ...]:
+        """SNR of line 1 of each tag in a snapshot, in dB; -inf where none stands out."""
+        power = self.line_power
+        levels = 10 * np.log10(np.maximum(power, 1e-300))
+        return tuple(np.where(power > 0, levels, -np.inf).tolist())
+
+    @property
     def resolution_hz(self) -> float:
         """Half width of a line in the spectrum, in Hz."""
         return float(_LOBE_BINS * (self.frequency_hz[1] - self.frequency_hz[0]))

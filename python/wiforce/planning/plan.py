@@ -87,6 +87,9 @@ class Plan:
         What the receiver's compression adds to the ends; None where none was measured.
     room : RoomNoise or None
         What a survey has found between the tags' lines; None where nothing disturbs them.
+    surveyed_snr_db : tuple of float
+        SNR of line 1 of each tag in a survey; empty where there was none, or where other tags are
+        solved for, whose residual is known to remain on the lines.
 
     Examples
     --------
@@ -109,6 +112,7 @@ class Plan:
     others: tuple[TagClock, ...] = ()
     compression: Compression | None = field(default=None, repr=False)
     room: RoomNoise | None = field(default=None, repr=False)
+    surveyed_snr_db: tuple[float, ...] = ()
 
     @property
     def clocks_hz(self) -> tuple[float, ...]:
