@@ -2,6 +2,7 @@
 """Readings of a sensor in the hands of a person, without a radio."""
 
 import numpy as np
+from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.readings import Reading
 from gnuradio.wiforce.sensor import load_sensor
 
@@ -61,5 +62,7 @@ class HandHeldSensor:
     def wait_for_reference(self, idle):
         idle()
 
-    def tare(self, idle):
+    def tare(self, idle, force=False):
+        if self.force_n and not force:
+            raise InputError("tare", "must be of the untouched sensor; release it")
         self.tares += 1

@@ -17,7 +17,7 @@ from gnuradio.wiforce.sensor import (
     load_sensor,
     read_tap_csv,
 )
-from gnuradio.wiforce.sensor.plausibility import press_doubts
+from gnuradio.wiforce.sensor.entry_doubts import press_doubts
 from gnuradio.wiforce.sensor.session_plan import Target
 
 PLAN = SessionPlan("arm", 900e6)

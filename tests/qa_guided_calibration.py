@@ -173,9 +173,16 @@ def test_finishing_early_makes_a_sensor_of_what_is_stored(sensor, path):
 
 
 def test_help_and_progress_are_shown_on_request(sensor, path):
-    _, shown, _ = run(sensor, path, ["?", "r", "t"])
+    _, shown, _ = run(sensor, path, ["?", "r"])
     assert "undo: remove the last measurement" in shown and "0 of 10 measurements" in shown
-    assert sensor.tares == 1 and "reference was measured again" in shown
+
+
+def test_tare_while_pressed_is_carried_out_when_repeated(sensor, path):
+    """A reference that was measured during a press shows a touch until it is measured again."""
+    _, shown, _ = run(sensor, path, ["t", "1", "t", "t"])
+    assert shown.count("must be of the untouched sensor") == 2 and sensor.tares == 1
+    assert "t measures the reference nevertheless" in shown
+    assert shown.count("reference was measured again") == 1
 
 
 def test_sensor_that_is_still_pressed_is_not_taken_as_untouched(sensor, path):

@@ -96,7 +96,11 @@ def table_of(table, output, guided):
     """Path of the table: the argument, or with ``--live`` a file beside the output by default."""
     if table is None and guided is None:
         raise click.UsageError("Missing argument 'TABLE'.", click.get_current_context())
-    return table if table is not None else str(Path(output).with_suffix(".taps.csv"))
+    if table is None:
+        return str(Path(output).with_suffix(".taps.csv"))
+    if guided is not None and Path(table).suffix.lower() != ".csv":
+        raise InputError(table, "file of a session must end in .csv")
+    return table
 
 
 def complete_settings(settings, guided):
@@ -194,7 +198,7 @@ def _measure(session, scene, scale, args, amplitude, **radio):
         scene, open_radio(args, scene, **radio), lambda reading: presses.note(reading), amplitude
     )
     watch = Watch(live, args, quiet=True)
-    presses = LivePresses(live, watch, session.plan.sensor, scene.group_period_s)
+    presses = LivePresses(live, watch, session.plan.sensor, scene.group_period_s, scene.reference_s)
     dialogue = GuidedCalibration(session, presses, OperatorLines(), click.echo, scale)
     try:
         live.start()

@@ -40,6 +40,7 @@ class GuidedCalibration:
         plan = session.plan
         self._largest_deg = steady_deg(plan.frequency_hz, plan.permittivity)
         self._doubtful, self._location_mm, self._ended = None, None, None
+        self._tare_refused = False
         self._commands = {
             "k": self._keep,
             "u": self._undo,
@@ -129,7 +130,7 @@ class GuidedCalibration:
         return True
 
     def _measure(self, line, target):
-        self._doubtful = None
+        self._doubtful, self._tare_refused = None, False
         try:
             press = self._press(line, target)
         except InputError as error:
@@ -203,10 +204,13 @@ class GuidedCalibration:
         self._session.skip_location(target.location_mm)
 
     def _tare(self, target):
+        force, self._tare_refused = self._tare_refused, False
         try:
-            self._presses.tare(self._idle)
+            self._presses.tare(self._idle, force)
         except InputError as error:
-            self._refuse(error)
+            self._echo(f"  {error}")
+            self._echo("  If it is released, t measures the reference nevertheless.")
+            self._tare_refused = True
         else:
             self._echo("  the untouched reference was measured again")
 

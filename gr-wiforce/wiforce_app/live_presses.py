@@ -25,13 +25,13 @@ class LivePresses:
     watch : Watch
         Notices when the device is gone.
     sensor : str
-    group_period_s : float
-        Length of a group, in s.
+    group_period_s, reference_s : float
+        Length of a group and of the untouched reference, in s.
     """
 
-    def __init__(self, session, watch, sensor, group_period_s):
+    def __init__(self, session, watch, sensor, group_period_s, reference_s):
         self._session, self._watch, self._sensor = session, watch, sensor
-        self._period_s = group_period_s
+        self._period_s, self._reference_s = group_period_s, reference_s
         self._readings = deque(maxlen=_KEPT)
         self.groups = max(LEAST_GROUPS, math.ceil(_MEASURE_S / group_period_s))
 
@@ -68,14 +68,20 @@ class LivePresses:
         InputError
             When too few arrive.
         """
-        begin_s = self._session.time_s + self._period_s / 2
-        end = time.monotonic() + _PATIENCE_S + 4 * self.groups * self._period_s
+        return self._after(self._session.time_s, self.groups, idle)
+
+    def _after(self, begin_s, groups, idle):
+        """Readings of the first groups that begin after a time of the run."""
+        wait_s = begin_s - self._session.time_s + 4 * groups * self._period_s
+        end = time.monotonic() + _PATIENCE_S + 2 * wait_s
         while True:
-            found = [each for each in list(self._readings) if each.time_s >= begin_s]
-            if len(found) >= self.groups:
-                return found[: self.groups]
+            found = [
+                each for each in list(self._readings) if each.time_s - self._period_s / 2 >= begin_s
+            ]
+            if len(found) >= groups:
+                return found[:groups]
             if time.monotonic() > end:
-                rule = f"must give {self.groups} readings; is its tag on, and in reach?"
+                rule = f"must give {groups} readings; is its tag on, and in reach?"
                 raise InputError(f"sensor '{self._sensor}'", rule, len(found))
             idle()
             time.sleep(_LOOK_S)
@@ -96,8 +102,16 @@ class LivePresses:
             idle()
             time.sleep(_LOOK_S)
 
-    def tare(self, idle):
+    def tare(self, idle, force=False):
         """Measure the untouched reference again.
+
+        Parameters
+        ----------
+        idle : callable
+            Called while waiting.
+        force : bool
+            Even if readings say that the sensor is touched, as they do when it was touched during
+            the last reference.
 
         Raises
         ------
@@ -105,14 +119,9 @@ class LivePresses:
             When the sensor is touched.
         """
         touched = sum(reading.touch == 1 for reading in self.collect(idle))
-        if touched:
+        if touched and not force:
             raise InputError("tare", "must be of the untouched sensor; release it")
         self._session.reader.tare()
-        self._readings.clear()
-        end = time.monotonic() + _PATIENCE_S
-        while not any("reference" in each.flags for each in list(self._readings)):
-            if time.monotonic() > end:
-                raise InputError("tare", "was not carried out")
-            idle()
-            time.sleep(_LOOK_S)
+        # Groups that were under way, and the first after the reference, are not part of it.
+        self._after(self._session.time_s + self._reference_s + 2 * self._period_s, 1, idle)
         self.wait_for_reference(idle)

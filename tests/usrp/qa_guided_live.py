@@ -157,6 +157,7 @@ def test_table_of_a_guided_calibration_gives_the_same_sensor(calibrated, tmp_pat
 @pytest.mark.parametrize(
     ("words", "rule"),
     [
+        (["arm.yaml", "--scene", "demo", "--args", "addr=127.0.0.9"], "must end in .csv"),
         (["--scene", "demo", "--args", "addr=127.0.0.9", "--sensor", "leg"], "scene's: arm, got"),
         (["--scene", "demo", "--args", "addr=127.0.0.9", "--length-mm", "60"], "must be that of"),
         (["--scene", "demo", "--args", "addr=127.0.0.9", "--locations", "20"], "two or more"),
@@ -195,6 +196,31 @@ def test_interrupted_session_ends_in_order_and_is_kept(bench, tmp_path):
     table = tmp_path / "arm.taps.csv"
     assert f"presses stored in {table}: 1; the same command continues" in person.shown
     assert len(table.read_text().splitlines()) == 3 and not (tmp_path / "arm.yaml").exists()
+
+
+def test_reference_that_was_touched_is_measured_again(bench, tmp_path):
+    """The reader takes the released sensor for a touched one: nothing could be measured."""
+    with bench.person(tmp_path / "arm.yaml") as person:
+
+        def answer(*lines):
+            for line in lines:
+                person.type(line)
+                prompt = person.prompt()
+            return prompt
+
+        person.prompt()
+        person.press(4.0, 30.0)
+        answer("t", "t")
+        assert person.shown.count("tare: must be of the untouched sensor") == 1
+        person.release()
+        answer("")
+        assert "not stored: untouched sensor: must" in person.shown
+        prompt = answer("t", "t")
+        assert person.shown.count("reference was measured again") >= 2
+        for _ in range(2):
+            person.answer(prompt)
+            prompt = person.prompt()
+        assert "phases -172." in person.shown and "stored, 1 of 10" in person.shown
 
 
 # The last test, since the device is gone then.

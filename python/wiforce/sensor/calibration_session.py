@@ -14,8 +14,8 @@ from ..signal.carrier import wrap_deg
 from .calibration import calibrate
 from .checks import LEAST_FORCES
 from .curves import CurveModel
+from .entry_doubts import force_doubt, press_doubts
 from .force_gauge import UNITS_N
-from .plausibility import force_doubt, press_doubts
 from .press_measurement import PressMeasurement
 from .session_file import SessionFile
 from .session_plan import Coverage, SessionPlan, Target
