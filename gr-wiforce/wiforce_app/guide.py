@@ -194,11 +194,9 @@ def _measure(session, scene, scale, args, amplitude, **radio):
     from .watch import Watch
 
     signal.signal(signal.SIGTERM, _interrupt)
-    live = LiveSession(
-        scene, open_radio(args, scene, **radio), lambda reading: presses.note(reading), amplitude
-    )
+    live = LiveSession(scene, open_radio(args, scene, **radio), lambda reading: None, amplitude)
     watch = Watch(live, args, quiet=True)
-    presses = LivePresses(live, watch, session.plan.sensor, scene.group_period_s, scene.reference_s)
+    presses = LivePresses(live, watch, session.plan.sensor, scene)
     dialogue = GuidedCalibration(session, presses, OperatorLines(), click.echo, scale)
     try:
         live.start()

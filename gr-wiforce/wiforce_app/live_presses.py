@@ -6,6 +6,7 @@ import time
 from collections import deque
 
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.estimation.fixed_tag import fixed_tag_readings
 from gnuradio.wiforce.sensor.press_measurement import LEAST_GROUPS
 
 # Length of a measurement: a person can hold a press still for half a second.
@@ -17,7 +18,7 @@ _KEPT = 4096
 
 
 class LivePresses:
-    """Collects readings of one sensor.
+    """Collects readings of one sensor, made without its model (see `fixed_tag_readings`).
 
     Parameters
     ----------
@@ -25,20 +26,25 @@ class LivePresses:
     watch : Watch
         Notices when the device is gone.
     sensor : str
-    group_period_s, reference_s : float
-        Length of a group and of the untouched reference, in s.
+    scene : Scene
     """
 
-    def __init__(self, session, watch, sensor, group_period_s, reference_s):
+    def __init__(self, session, watch, sensor, scene):
         self._session, self._watch, self._sensor = session, watch, sensor
-        self._period_s, self._reference_s = group_period_s, reference_s
+        self._period_s, self._reference_s = scene.group_period_s, scene.reference_s
         self._readings = deque(maxlen=_KEPT)
-        self.groups = max(LEAST_GROUPS, math.ceil(_MEASURE_S / group_period_s))
+        self.groups = max(LEAST_GROUPS, math.ceil(_MEASURE_S / self._period_s))
+        index = scene.sensor_names.index(sensor)
+        planned = session.reader.plan.sensors[index]
+        untouched_deg = planned.model.untouched_deg(scene.radio.center_frequency_hz)
+        self._made_of = index, sensor, untouched_deg, planned.off_reflection, self._period_s
+        readout = session.reader.receiver.readout
+        self._on_groups, readout.on_groups = readout.on_groups, self._note
 
-    def note(self, reading):
-        """Keep a reading; in the thread of the reader."""
-        if reading.sensor == self._sensor:
-            self._readings.append(reading)
+    def _note(self, groups):
+        """Keep the readings of a batch; in the thread of the reader."""
+        self._on_groups(groups)
+        self._readings.extend(fixed_tag_readings(groups, *self._made_of))
 
     def idle(self):
         """Check that the session goes on.

@@ -22,7 +22,7 @@ from .session_plan import Coverage, SessionPlan, Target
 from .tables import read_tap_csv
 
 # Untouched phases of runs with the same scene agree within this: their difference is drift.
-_UNTOUCHED_DEG = 3.0
+_UNTOUCHED_DEG = 1.0
 
 
 class Residual(NamedTuple):
