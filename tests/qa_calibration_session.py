@@ -180,7 +180,7 @@ def test_untouched_phases_of_another_model_are_refused(tmp_path):
     """The scene got another model in between: its presses refer to other phases."""
     with CalibrationSession(PLAN, tmp_path / "arm.taps.csv") as session:
         session.add(untouched())
-        session.add(untouched(2.0))
+        session.add(untouched(0.5))
         with pytest.raises(InputError, match="must have the phases of the session's start"):
             session.add(untouched(20.0))
 
