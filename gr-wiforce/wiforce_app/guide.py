@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 from gnuradio.wiforce.errors import InputError
 
-from .options import radio_options
+from .options import optional_radio_options
 
 
 class _Numbers(click.ParamType):
@@ -32,7 +32,7 @@ _OPTIONS = (
         is_flag=True,
         help="Lead through the measurements with a UHD device, and store them in TABLE.",
     ),
-    functools.partial(radio_options, required=False),
+    optional_radio_options,
     click.option("--sensor", help="With --live: the scene's sensor. Default: its only one."),
     click.option(
         "--locations",

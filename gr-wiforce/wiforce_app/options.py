@@ -33,6 +33,7 @@ readings_output = click.option(
 tracked_presses = click.option("--tracked", is_flag=True, help="Track each press over time.")
 
 _OF_A_RADIO = (
+    click.option("--args", required=True, help="UHD device arguments: addr=192.168.10.2."),
     click.option("--tx-gain", type=float, metavar="DB", help="Default: the device's own."),
     click.option("--rx-gain", type=float, metavar="DB", help="Default: the device's own."),
     click.option("--antenna", help="Receive antenna, for example RX2."),
@@ -48,28 +49,24 @@ _OF_A_RADIO = (
 )
 
 
-def radio_options(command, required=True):
-    """Add the options that open a device.
+_SCENE = click.option(
+    "--scene", "scene_path", required=True, help="Scene file, or name of a shipped scene."
+)
 
-    Parameters
-    ----------
-    command : callable
-    required : bool
-        Whether scene and device must be given.
 
-    Returns
-    -------
-    callable
-    """
-    scene = click.option(
-        "--scene",
-        "scene_path",
-        required=required,
-        help="Scene file, or name of a shipped scene.",
+def radio_options(command):
+    """Add the options that open a device."""
+    for option in reversed((_SCENE, *_OF_A_RADIO)):
+        command = option(command)
+    return command
+
+
+def optional_radio_options(command):
+    """Add the options that open a device, to a command that can do without one."""
+    scene, args = (
+        click.option("--scene", "scene_path", help="Scene file, or name of a shipped scene."),
+        click.option("--args", help="UHD device arguments: addr=192.168.10.2."),
     )
-    args = click.option(
-        "--args", required=required, help="UHD device arguments: addr=192.168.10.2."
-    )
-    for option in reversed((scene, args, *_OF_A_RADIO)):
+    for option in reversed((scene, args, *_OF_A_RADIO[1:])):
         command = option(command)
     return command
