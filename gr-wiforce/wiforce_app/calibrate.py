@@ -8,7 +8,8 @@ import numpy as np
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.textfile import check_output
 
-from .options import CARRIER_HZ
+from .guide import complete_settings, guide, guided_options, table_of
+from .options import CARRIER_HZ, FiniteRange
 
 _REPORTED_FORCES_N = (2.0, 4.0, 6.0, 8.0)
 _FORMS = ("auto", "auto-beyond", "cubic", "power", "spline")
@@ -16,7 +17,7 @@ _STEPS = ("nearest", "given", "line")
 
 
 @click.command()
-@click.argument("table", type=click.Path())
+@click.argument("table", type=click.Path(), required=False)
 @click.option("-o", "--output", required=True, type=click.Path(), help="SENSOR.yaml to write.")
 @click.option("--frequency-hz", type=CARRIER_HZ, help="Carrier, where the file does not say.")
 @click.option(
@@ -53,21 +54,33 @@ _STEPS = ("nearest", "given", "line")
     "--mirror", is_flag=True, help="Take absent locations from the other half, ports swapped."
 )
 @click.option(
+    "--ruler-std-mm",
+    type=FiniteRange(0),
+    help="Standard deviation of the locations. Default: 0, with --live 0.3.",
+)
+@click.option(
     "--refine", "refined", metavar="SENSOR", help="Refine this sensor with TABLE instead."
 )
 @click.option("--plot", "plot_path", type=click.Path(), help="Picture of data and curves, PNG.")
-def calibrate(table, output, frequency_hz, kind, name, refined, plot_path, **settings):
+@guided_options
+def calibrate(table, output, frequency_hz, kind, name, refined, plot_path, guided, **settings):
     """Make a sensor model of a TABLE of known presses.
 
     TABLE is a VNA's CSV (freq_mhz, location_mm, port, force_n, phase_deg; rows with force 0 and no
     location are the untouched sensor), an index CSV of Touchstone files (file, force_n,
     location_mm), or taps read over the air (phase1_deg, phase2_deg, force_n, location_mm). A column
     press or trial tells presses at one location apart.
+
+    With --live, a person with a ruler and a force gauge is led through the measurements at a UHD
+    device. They are stored in TABLE (by default SENSOR.taps.csv) as they are taken; the same
+    command continues after an interruption.
     """
     from gnuradio.wiforce import sensor
 
     if Path(output).suffix.lower() not in (".yaml", ".yml"):
         raise InputError(output, "sensor file must end in .yaml")
+    table = table_of(table, output, guided)
+    settings = complete_settings(settings, guided)
     inputs = [table, *([refined] if refined else [])]
     check_output(output, inputs)
     if plot_path is not None:
@@ -75,6 +88,12 @@ def calibrate(table, output, frequency_hz, kind, name, refined, plot_path, **set
 
         check_picture(plot_path, inputs)
     name = name or Path(output).stem
+    if guided is not None:
+        if (frequency_hz, kind) != (None, None):
+            raise InputError("--live", "must be given without --frequency-hz and --kind")
+        frequency_hz, kind = guide(table, guided, settings), "taps"
+        if frequency_hz is None:
+            return
     data = _read(sensor, table, kind or sensor.table_kind(table), frequency_hz)
     bench = None if refined is None else sensor.load_sensor(refined, frequency_hz=frequency_hz)
     line = (

@@ -2,12 +2,16 @@
 """Sensor models, their calibration and inversion."""
 
 from .calibration import calibrate
+from .calibration_session import CalibrationSession
 from .calibration_warnings import calibration_warnings
 from .file import load_sensor, sensor_from_dict, sensor_to_dict, shipped_sensors, write_sensor
+from .force_gauge import ForceGauge, parse_force
 from .inversion import Inversion
 from .model import LineModel, SensorModel
 from .plausibility import estimate_line, phase_suspicions, suspicions
+from .press_measurement import PressMeasurement, measure_press, measure_untouched
 from .refine import refine
+from .session_plan import SessionPlan
 from .simulated_vna import measure_vna
 from .smoother import smooth_press
 from .tables import (
@@ -22,16 +26,23 @@ from .touch_test import touch_of
 from .tracker import PressTracker
 
 __all__ = [
+    "CalibrationSession",
     "CalibrationTable",
+    "ForceGauge",
     "Inversion",
     "LineModel",
+    "PressMeasurement",
     "PressTracker",
     "SensorModel",
+    "SessionPlan",
     "calibrate",
     "calibration_warnings",
     "estimate_line",
     "load_sensor",
+    "measure_press",
+    "measure_untouched",
     "measure_vna",
+    "parse_force",
     "phase_suspicions",
     "read_tap_csv",
     "read_touchstone_index",

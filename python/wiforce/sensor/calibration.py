@@ -35,6 +35,7 @@ def calibrate(
     location_steps: str = "nearest",
     mirror: bool = False,
     permittivity: float = 1.0,
+    ruler_std_mm: float = 0.0,
     source: str | None = None,
     date: str | None = None,
 ) -> curves.CurveModel:
@@ -66,6 +67,8 @@ def calibrate(
         swapped.
     permittivity : float
         Effective relative permittivity of the line.
+    ruler_std_mm : float
+        Standard deviation of the locations in the table.
     source, date : str, optional
         For the provenance; the table's source and today by default.
 
@@ -95,6 +98,8 @@ def calibrate(
     True
     """
     _check_settings(length_mm, form, onset_force_n, location_steps, permittivity)
+    if not 0 <= ruler_std_mm <= length_mm:
+        raise InputError("ruler_std_mm", f"must be 0 to {length_mm:g}", ruler_std_mm)
     check_table(table, length_mm)
     assumed: list[str] = []
     data = [
@@ -111,8 +116,10 @@ def calibrate(
     validation["locations"] = [
         row
         for d, c in zip(data, carriers, strict=True)
-        for row in leave_locations_out(d, c, form, knots, length_mm)
+        for row in leave_locations_out(d, c, form, knots, length_mm, ruler_std_mm, permittivity)
     ]
+    if ruler_std_mm:
+        assumed.append(f"locations are known to {ruler_std_mm:g} mm (standard deviation)")
     onset = _onset(data, forces, onset_force_n, assumed)
     spans = np.concatenate([carrier.force_span_n for carrier in carriers])
     return curves.CurveModel(
@@ -134,6 +141,7 @@ def calibrate(
         carriers=tuple(carriers),
         knots_n=knots,
         permittivity=float(permittivity),
+        ruler_std_mm=float(ruler_std_mm) or None,
         cross_validation=validation,
     )
 

@@ -266,6 +266,11 @@ class SensorFile:
         default=None,
         doc="Standard deviation of each phase that the transfer adds.",
     )
+    ruler_std_mm: float | None = key(
+        Number(unit="mm", low=0, high=MAX_LENGTH_MM, optional=True),
+        default=None,
+        doc="Standard deviation of the calibrated locations; enters that of every location read.",
+    )
 
 
 @declared

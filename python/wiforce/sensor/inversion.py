@@ -89,6 +89,8 @@ class Inverter:
 
     def __init__(self, model: "SensorModel", carriers: tuple[int, ...]):
         self.forward = ForwardMap(model, carriers)
+        # An error of the ruler moves both phases as another location does, by the same distance.
+        self._ruler_mm2 = (model.ruler_std_mm or 0.0) ** 2
         self._posterior = press_posterior(
             self.forward.force_n,
             self.forward.location_mm,
@@ -114,6 +116,8 @@ class Inverter:
         if location_mm is not None:
             location_mm = self._known_location(location_mm, len(phases))
         values, codes = self._posterior.invert(phases, std, location_mm)
+        if location_mm is None:
+            values[:, -1] += self._ruler_mm2
         return inversion_of(values, codes)
 
     def _known_location(self, location_mm, count):
@@ -150,7 +154,9 @@ class Inverter:
         # no more can be unknown than the domain is wide
         normal[0, 0] += 12.0 / np.ptp(self.forward.force_n) ** 2
         normal[1, 1] += 12.0 / np.ptp(self.forward.location_mm) ** 2
-        return np.linalg.inv(normal)
+        covariance = np.linalg.inv(normal)
+        covariance[1, 1] += self._ruler_mm2
+        return covariance
 
 
 def _standard_deviations(std_deg, shape):

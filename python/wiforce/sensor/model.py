@@ -52,6 +52,9 @@ class SensorModel:
     transferred_from_hz, transfer_std_deg : float or None
         Carrier of the calibration where the model was transferred from another one, and the
         standard deviation of each phase that this adds.
+    ruler_std_mm : float or None
+        Standard deviation of the locations that the calibration was made at. It enters that of
+        every location read.
     """
 
     name: str
@@ -63,6 +66,7 @@ class SensorModel:
     provenance: dict = field(default_factory=dict, compare=False)
     transferred_from_hz: float | None = None
     transfer_std_deg: float | None = None
+    ruler_std_mm: float | None = None
 
     def carrier_index(self, frequency_hz=None):
         """Index of a carrier; ``None`` stands for the only one.

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from . import curves
+from . import curves, line
 from .calibration_data import CarrierData, ContactCurve, compared_forces
 from .carrier_fit import interpolate
 from .fit import CurveFitter, force_knots
@@ -135,6 +135,8 @@ def leave_locations_out(
     form: str,
     knots: np.ndarray | None,
     length_mm: float,
+    ruler_std_mm: float = 0.0,
+    permittivity: float = 1.0,
 ) -> list[dict[str, Any]]:
     """Predict each inner location from the others.
 
@@ -149,6 +151,10 @@ def leave_locations_out(
         See :func:`.fit.force_knots`.
     length_mm : float
         Of the line.
+    ruler_std_mm : float
+        Standard deviation of the locations.
+    permittivity : float
+        Effective relative permittivity of the line.
 
     Returns
     -------
@@ -167,6 +173,7 @@ def leave_locations_out(
     forces = compared_forces(data)
     basis = curves.force_basis(form, knots)(forces)
     rows = []
+    ruler_deg = ruler_std_mm * line.round_trip_deg_per_mm(data.frequency_hz, permittivity)
     for j in range(1, len(data.location_mm) - 1):
         kept = np.arange(len(data.location_mm)) != j
         interpolation = interpolate(
@@ -182,18 +189,18 @@ def leave_locations_out(
             values = basis @ carrier.coefficients_deg[port].T
             weights = interpolation.weights(data.location_mm[j], port)
             error = values[:, kept] @ weights - values[:, j]
-            expected = np.sqrt(
-                interpolation.variance(
-                    np.full(len(forces), data.location_mm[j]), port, values[:, kept]
-                )
+            variance = interpolation.variance(
+                np.full(len(forces), data.location_mm[j]), port, values[:, kept]
             )
+            # The errors of the ruler at this location and at those that predict it.
+            variance = variance + ruler_deg**2 * (1 + weights @ weights)
             rows.append(
                 {
                     "frequency_mhz": round(data.frequency_hz / 1e6, 6),
                     "location_mm": float(data.location_mm[j]),
                     "port": port + 1,
                     "rms_deg": round(float(np.sqrt(np.mean(error**2))), 4),
-                    "expected_deg": round(float(np.sqrt(np.mean(expected**2))), 4),
+                    "expected_deg": round(float(np.sqrt(np.mean(variance))), 4),
                 }
             )
     return rows

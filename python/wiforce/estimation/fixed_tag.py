@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Readings of a tag that is known not to move, whose sensor is not known yet.
+
+The reader tells a touch from a motion of the tag by the model of the sensor: a press in the middle
+of the line changes both phases alike, as a motion does. Before a sensor is calibrated there is no
+model to decide by. A tag that lies still, as during a calibration, needs none.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..io.readings import Flag, Reading, flag_words
+from .groups import Groups
+from .off_state import corrected_phase_deg
+
+# Change of a phase by which the line is touched. The shorted line differs from the open one by much
+# more at one end at least (docs/sensors.md), drift between two tares by much less.
+_TOUCHED_DEG = 6.0
+
+
+def fixed_tag_readings(
+    groups: Groups,
+    sensor: int,
+    name: str,
+    untouched_deg: ArrayLike,
+    off_reflection: ArrayLike,
+    group_period_s: float,
+) -> list[Reading]:
+    """Touch, phases and flags of one sensor, without force and location.
+
+    Parameters
+    ----------
+    groups : Groups
+        With ``ratios``, ``phase_std_deg`` and the arrays of separation and reference.
+    sensor : int
+        Index of the sensor.
+    name : str
+        Its name.
+    untouched_deg : array_like, shape (2,)
+        psi_10 and psi_20, in degrees.
+    off_reflection : complex or array_like of two
+        G_off / rho, per switch where they differ.
+    group_period_s : float
+        Length of a group, in s.
+
+    Returns
+    -------
+    list of Reading
+        One per group. Phases refer to the untouched reference alone: no drift is subtracted.
+
+    Examples
+    --------
+    >>> none = np.zeros((2, 2), bool)
+    >>> change = np.exp(1j * np.radians([[0.1, 0.1], [40.0, 40.0]]))  # a press in the middle
+    >>> groups = Groups(
+    ...     [20, 21], ratios=change, phase_std_deg=np.full((2, 2), 0.1),
+    ...     locked=np.ones((2, 1), bool), overlapping=np.zeros((2, 1), bool),
+    ...     in_reference=none, late_reference=none, reshaped=none)
+    >>> readings = fixed_tag_readings(groups, 0, "arm", (-172.9, -172.9), 0j, 0.036)
+    >>> [(r.touch, round(r.phase1_deg, 1)) for r in readings]
+    [(0, -172.8), (1, -132.9)]
+    """
+    ends = slice(2 * sensor, 2 * sensor + 2)
+    ratios = groups.ratios[:, ends]
+    readable = groups.locked[:, sensor] & ~groups.overlapping[:, sensor]
+    readable &= np.isfinite(groups.phase_std_deg[:, ends]).all(axis=1)
+    readable &= (np.abs(ratios) > 0).all(axis=1)
+    with np.errstate(invalid="ignore"):
+        phases, _ = corrected_phase_deg(ratios, untouched_deg, off_reflection)
+    touched = np.abs(np.degrees(np.angle(ratios))).max(axis=1) > _TOUCHED_DEG
+    raised = {
+        Flag.REFERENCE: groups.in_reference[:, ends].any(axis=1),
+        Flag.GAP: groups.missing > 0,
+        Flag.SATURATED: groups.saturated,
+        Flag.MOVED: groups.reshaped[:, ends].any(axis=1),
+        Flag.INCONSISTENT: groups.late_reference[:, ends].any(axis=1),
+    }
+    flags = np.zeros(len(groups), np.int64)
+    for flag, rows in raised.items():
+        flags[rows] |= flag.value
+    readings = []
+    for row, index in enumerate(groups.index.tolist()):
+        found = (None, None, None)
+        if readable[row]:
+            found = (int(touched[row]), *phases[row].tolist())
+        readings.append(
+            Reading(
+                (index + 0.5) * group_period_s,
+                name,
+                found[0],
+                phase1_deg=found[1],
+                phase2_deg=found[2],
+                flags=flag_words(int(flags[row])),
+            )
+        )
+    return readings

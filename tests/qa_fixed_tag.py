@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Touch and phases of a tag that lies still, read without the model of its sensor."""
+
+import numpy as np
+import pytest
+from gnuradio.wiforce.estimation.fixed_tag import fixed_tag_readings
+from gnuradio.wiforce.estimation.groups import Groups
+
+UNTOUCHED = (-172.9, 170.0)
+
+
+def readings(changes_deg, **arrays):
+    """Readings of the second of two sensors whose phases change like this."""
+    changes = np.asarray(changes_deg, float)
+    count = len(changes)
+    none = np.zeros((count, 4), bool)
+    ratios = np.exp(1j * np.radians(np.hstack([np.zeros((count, 2)), changes])))
+    known = {
+        "ratios": ratios,
+        "phase_std_deg": np.full((count, 4), 0.1),
+        "locked": np.ones((count, 2), bool),
+        "overlapping": np.zeros((count, 2), bool),
+        "in_reference": none,
+        "late_reference": none,
+        "reshaped": none,
+    }
+    groups = Groups(10 + np.arange(count), **{**known, **arrays})
+    return fixed_tag_readings(groups, 1, "arm", UNTOUCHED, 0j, 0.036)
+
+
+@pytest.mark.parametrize(
+    ("change_deg", "touch"),
+    [((0.3, -0.2), 0), ((3.0, 3.0), 0), ((25.0, 25.0), 1), ((-40.0, 2.0), 1), ((170.0, 190.0), 1)],
+)
+def test_touch_is_told_by_the_change_alone(change_deg, touch):
+    """A press in the middle of an unknown sensor would be taken for a motion of the tag."""
+    (reading,) = readings([change_deg])
+    assert reading.touch == touch and reading.sensor == "arm" and reading.flags == ()
+    assert reading.time_s == pytest.approx(10.5 * 0.036)
+    found = np.array([reading.phase1_deg, reading.phase2_deg])
+    expected = np.array(UNTOUCHED) + change_deg
+    assert np.allclose((found - expected + 180) % 360, 180) and np.all(np.abs(found) <= 180)
+
+
+def test_groups_without_the_tag_have_no_touch_and_no_phases():
+    locked = np.array([[True, True], [True, False], [False, True]])
+    found = readings(np.full((3, 2), 30.0), locked=locked)
+    assert [each.touch for each in found] == [1, None, 1]
+    assert found[1].phase1_deg is None
+
+
+@pytest.mark.parametrize(
+    ("array", "flag"),
+    [
+        ("in_reference", "reference"),
+        ("reshaped", "moved"),
+        ("late_reference", "inconsistent"),
+    ],
+)
+def test_flags_are_those_of_the_sensors_own_ends(array, flag):
+    raised = np.zeros((3, 4), bool)
+    raised[1, 3] = raised[2, 0] = True
+    found = readings(np.full((3, 2), 30.0), **{array: raised})
+    assert [each.flags for each in found] == [(), (flag,), ()]
+
+
+def test_gaps_and_saturation_are_flagged():
+    missing, saturated = np.array([0, 5]), np.array([True, False])
+    found = readings(np.zeros((2, 2)), missing=missing, saturated=saturated)
+    assert [each.flags for each in found] == [("saturated",), ("gap",)]
