@@ -110,8 +110,9 @@ class Fan(Scatterers):
 class Lamps(Effect):
     """Lamps that reflect more or less at twice the mains' frequency and all harmonics.
 
-    ``level_db`` is that of the line at 1 kHz (of the next harmonic, where the mains are at 60 Hz);
-    the amplitudes of harmonics fall as 1/h.
+    ``level_db`` is that of the amplitude at 1 kHz (of the next harmonic, where the mains are at
+    60 Hz), of which the lines at positive and negative frequency have half each; the amplitudes of
+    harmonics fall as 1/h.
     """
 
     level_db: float
@@ -127,7 +128,7 @@ class Lamps(Effect):
         at = np.arange(8193) / 8192
         order = np.arange(1, self.harmonics + 1)[:, None]
         at_1k = round(1000 / (2 * self.mains_hz))
-        size = 2 * at_1k / order / np.sqrt(3)
+        size = at_1k / order / np.sqrt(3)
         # Lamps of one room, on different paths.
         self.late = [
             air.path(rng.uniform(-20e-9, 80e-9), self.level_db) * np.exp(2j * np.pi * rng.random())

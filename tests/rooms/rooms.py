@@ -93,11 +93,6 @@ def _rooms():
         "lamps-10-at-1040": Room(
             (reflections.Lamps(-10),), phase_deg=0.08, force_n=0.1, clock_hz=1040.0
         ),
-        # As strong as those of 10 and 25 dB if their level is that of the cosine, not of each line.
-        "lamps-31": Room((reflections.Lamps(-31),)),
-        "lamps-16-at-1040": Room(
-            (reflections.Lamps(-16),), phase_deg=0.08, force_n=0.1, clock_hz=1040.0
-        ),
         "lamps-60hz-10": Room((reflections.Lamps(-10, mains_hz=60.0),), False),
         "ripple": Room((radio.Ripple(),), False),
         "bursts-20": Room((radio.Bursts(0.2, 25),), phase_deg=0.06, force_n=0.08),
