@@ -21,6 +21,9 @@ from .plan import Plan
 # Noise that the room adds to a tone, relative to white noise, below which the weights stay as they
 # are: it costs 0.2 dB in that tone.
 NEGLIGIBLE = 0.05
+# Noise in a tone, relative to that with weights for the latest survey, up to which weights for an
+# earlier one are kept: 0.4 dB.
+_AS_GOOD = 1.1
 # Tags that are solved for besides the scene's: each costs as much time per group as a sensor.
 _MOST_TAGS = 2
 # A line's frequency is known to this part of its width, and may drift by as much again.
@@ -89,6 +92,76 @@ def adapted(plan: Plan, survey: Survey | None) -> Plan:
     except InputError:  # too many lines are disturbed: their residual will say so
         return plan
     return colored
+
+
+def readapted(current: Plan, plan: Plan, survey: Survey | None) -> Plan:
+    """Adapt a plan to a room that was surveyed again.
+
+    Parameters
+    ----------
+    current : Plan
+        In use: adapted to an earlier survey.
+    plan : Plan
+        Of the scene.
+    survey : Survey or None
+        The new one.
+
+    Returns
+    -------
+    Plan
+        The current one where it reads the room as it is about as well as one that is adapted to it:
+        surveys of the same room always differ a little.
+
+    Raises
+    ------
+    InputError
+        As by :func:`adapted`.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.planning.plan import plan
+    >>> settings = plan("demo")
+    >>> readapted(settings, settings, None) is settings
+    True
+    """
+    if survey is None:
+        return current
+    better = adapted(plan, survey)
+    same_tags = _same_clocks(current.clocks, better.clocks) and _same_clocks(
+        current.others, better.others
+    )
+    if better is current or not same_tags or current.clutter_hz < better.clutter_hz:
+        return better
+    solved = [
+        source
+        for source in survey.sources
+        if source.kind == "tag"
+        and any(_agree(clock, _clock_of(source, survey)) for clock in current.others)
+    ]
+    noise = [
+        _noise_of_tones(each.table, survey.noise(each.group_length, each.clutter_hz, solved))
+        for each in (current, better)
+    ]
+    suits = len(noise[0]) == len(noise[1]) and np.all(noise[0] <= _AS_GOOD * noise[1])
+    return current if suits else better
+
+
+def _same_clocks(clocks: Sequence[TagClock], others: Sequence[TagClock]) -> bool:
+    """Whether two lists hold the same clocks, in any order."""
+    return len(clocks) == len(others) and all(
+        any(_agree(clock, other) for other in others) for clock in clocks
+    )
+
+
+def _agree(clock: TagClock, other: TagClock) -> bool:
+    """Whether a clock lies within the tolerance of another."""
+    return abs(clock.clock_hz - other.clock_hz) <= 1e-6 * clock.tolerance_ppm * clock.clock_hz
+
+
+def _noise_of_tones(table: ToneTable, room: RoomNoise) -> np.ndarray:
+    """Variance of the noise in each tone, the white noise of a snapshot being 1."""
+    power = np.sum(np.abs(table.weights) ** 2, axis=1)
+    return np.asarray((1 + room_noise_of_tones(table, room)) * power)
 
 
 def _require_one_tag_each(plan: Plan, survey: Survey) -> None:
