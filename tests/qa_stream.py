@@ -78,9 +78,9 @@ def groups(captures):
     return found
 
 
-def stream(settings, received, tare=None, batch=1):
+def stream(settings, received, tare=None, batch=1, again_s=10.0):
     """A reader of a stream, its readings, and its plan after each group."""
-    reader, readings, plans = StreamReader(settings), [], []
+    reader, readings, plans = StreamReader(settings, survey_again_s=again_s), [], []
     for first in range(0, len(received), batch):
         if tare is not None and first == tare:
             reader.tare()
@@ -187,6 +187,44 @@ def test_stream_room_that_is_quiet_again_returns_to_the_scene_s_plan(groups):
     assert plans[TARE] is not settings and reader.plan is settings
     assert reader.findings == []
     assert_right(readings)
+
+
+def test_stream_room_is_surveyed_again_without_a_tare_while_nothing_is_touched(groups):
+    """Nobody tells the reader that lamps were switched on: it has to find out."""
+    settings = wiforce.plan(SCENE)
+    received = groups["quiet"][:TARE] + groups["busy"][TARE:]
+    reader, readings, plans = stream(settings, received, again_s=0.25)
+    # Surveys after the reference end with group 12, and with 12 + 8 + 18; 46 is the press.
+    changes = [g for g in range(1, len(plans)) if plans[g] is not plans[g - 1]]
+    assert changes == [38]
+    assert {finding.kind for finding in reader.findings} == {"lamps", "tag"}
+    quiet = stream(settings, groups["quiet"])[1]
+    assert [r.time_s for r in readings] == [r.time_s for r in quiet]
+    assert as_rows(readings[:TARE]) == as_rows(quiet[:TARE])
+    assert_right(readings)
+    told = stream(settings, received, TARE)[1]
+    for got, want in zip(readings[-12:], told[-12:], strict=True):
+        assert (got.touch, got.flags) == (want.touch, want.flags)
+        assert got.phase1_deg == pytest.approx(want.phase1_deg, abs=0.4)
+    for batch in (5, 11):
+        assert as_rows(stream(settings, received, None, batch, 0.25)[1]) == as_rows(readings)
+
+
+def test_stream_touched_groups_are_never_a_new_reference(groups):
+    """A press during a survey that nobody asked for would be taken for the untouched sensor."""
+    settings = wiforce.plan(SCENE)
+    press = [g for g, r in enumerate(stream(settings, groups["quiet"])[1]) if r.touch]
+    received = groups["quiet"][: press[0] - 5] + groups["busy"][press[0] - 5 :]
+    reader, readings, plans = stream(settings, received, again_s=0.25)
+    assert all(plan is settings for plan in plans)
+    assert not any("reference" in r.flags for r in readings[20:])
+
+
+def test_stream_quiet_room_is_surveyed_again_without_any_change(groups):
+    settings = wiforce.plan(SCENE)
+    reader, readings, _ = stream(settings, groups["quiet"], again_s=0.1)
+    assert reader.plan is settings
+    assert as_rows(readings) == as_rows(stream(settings, groups["quiet"])[1])
 
 
 def test_stream_that_ends_during_the_survey_is_read(groups):

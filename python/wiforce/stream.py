@@ -5,29 +5,32 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-import numpy as np
-
 from .errors import InputError
 from .estimation.folded_groups import FoldedGroups
 from .estimation.groups import Groups
 from .estimation.snapshot_group import GroupScreen, SnapshotGroup
 from .estimation.survey import Survey
+from .estimation.surveyed_groups import SurveyedGroups
 from .io.readings import GroupCounts, Reading
 from .planning.findings import Finding, findings
 from .planning.plan import Plan
 from .planning.reference_survey import survey_reference, surveyed_snapshots
-from .planning.room import adapted, readapted
+from .planning.room import adapted, is_same_room, readapted
 from .receiver import Receiver
+
+# Time after a survey until the next one, in s: a survey takes a tenth of a second of one core.
+AGAIN_S = 10.0
 
 
 class StreamReader:
     """Reads the phase groups of a stream as they arrive.
 
     The groups of the untouched reference are kept until the room is surveyed in them. They are then
-    read with the weights that suit the room, and so are all that follow. After a tare the room is
-    surveyed again while reading goes on. Where other weights suit it, they are used from the group
-    after the survey on, with a new reference that is computed from the surveyed groups. All this
-    depends on the index of the groups alone, and no group is lost.
+    read with the weights that suit the room, and so are all that follow. The room is surveyed again
+    after a tare, and every ten seconds as soon as no sensor is touched for the length of a
+    reference; reading goes on meanwhile. Where other weights suit the room, they are used from the
+    group after the survey on, with a new reference that is computed from the surveyed groups. All
+    this depends on the groups alone and not on when they arrive, and no group is lost.
 
     Parameters
     ----------
@@ -35,6 +38,8 @@ class StreamReader:
         Of a scene: ``wiforce.plan(scene)``.
     tracked : bool
         Follow each press over time instead of inverting each group by itself.
+    survey_again_s : float
+        Time after a survey until the next one, in s.
 
     Attributes
     ----------
@@ -66,22 +71,25 @@ class StreamReader:
     ([], 1)
     """
 
-    def __init__(self, plan: Plan, tracked: bool = False) -> None:
+    def __init__(self, plan: Plan, tracked: bool = False, survey_again_s: float = AGAIN_S) -> None:
         self.plan = self._scene_plan = plan
         self.survey: Survey | None = None
         self.findings: list[Finding] | None = None
         self.counts = GroupCounts()
         self.on_groups: Callable[[Groups], None] | None = None
-        self._tracked = tracked
+        self._tracked, self._again_s = tracked, survey_again_s
         self._screen = GroupScreen(plan.group_length)
         self._surveyed = surveyed_snapshots(plan)
-        self._kept: list[SnapshotGroup] | None = [] if self._surveyed else None
+        self._kept: SurveyedGroups | None = None
+        self._adapted_to: Survey | None = None
+        self._due: int | None = None  # group from which on the room may be surveyed again
         self._receiver: Receiver | None = None
         self._tones: FoldedGroups | None = None
-        if self._kept is None:
-            self._use(plan)
-        else:
+        if self._surveyed:
+            self._kept = self._survey_from(first=0)
             _ = plan.table, plan.sensors  # errors in them are raised before samples arrive
+        else:
+            self._use(plan)
 
     def process(self, groups: Sequence[SnapshotGroup]) -> list[Reading]:
         """Take the next groups; give the readings that are ready, in order.
@@ -101,57 +109,65 @@ class StreamReader:
         for group in map(self._screen.process, groups):
             if self._receiver is not None:
                 waiting.append(group)
-            if self._kept is not None:
-                self._kept.append(group.copy())
-                if self._is_surveyed(self._kept):
-                    readings += self._read(waiting)
-                    waiting = []
-                    readings += self._adapt(self._kept)
+            if self._kept is None and self._due is not None and group.index >= self._due:
+                self._kept = self._survey_from(untouched_groups=self.plan.reference_groups)
+            if self._kept is None:
+                continue
+            self._kept.add(group)
+            ready, waiting = self._read(waiting), []
+            self._kept.check(ready, self.plan.group_period_s)
+            readings += ready
+            if self._kept.complete:
+                readings += self._adapt(self._kept)
         return readings + self._read(waiting)
 
     def tare(self) -> None:
         """Take a new untouched reference from the groups that follow, and survey the room in it."""
         if self._receiver is not None:  # else the reference is being taken
             self._receiver.tare()
-            self._kept = [] if self._surveyed else None
+            self._kept = self._survey_from() if self._surveyed else None
 
     def finish(self) -> list[Reading]:
         """Give the readings of all groups that are still held back."""
         readings: list[Reading] = []
-        if self._receiver is None and self._kept:
+        if self._receiver is None and self._kept is not None and self._kept.groups:
             readings = self._adapt(self._kept)
         return readings + self._receiver.finish() if self._receiver is not None else []
 
-    def _is_surveyed(self, kept: list[SnapshotGroup]) -> bool:
-        """Whether the groups hold all snapshots of the survey, or the time for it is over."""
-        begin = self._origin(kept)
-        return (kept[-1].index + 1 - begin) * self.plan.group_length >= self._surveyed
+    def _survey_from(self, first: int | None = None, untouched_groups: int = 0) -> SurveyedGroups:
+        return SurveyedGroups(self._surveyed, self.plan.group_length, first, untouched_groups)
 
-    def _origin(self, kept: list[SnapshotGroup]) -> int:
-        """First group of the reference: of the run, or since the tare."""
-        return 0 if self._receiver is None else kept[0].index
-
-    def _adapt(self, kept: list[SnapshotGroup]) -> list[Reading]:
+    def _adapt(self, kept: SurveyedGroups) -> list[Reading]:
         """Survey the room in the groups kept, and go on with the plan that suits it."""
         self._kept = None
-        first = self._origin(kept) * self.plan.group_length
-        snapshots = np.concatenate([group.snapshots for group in kept])
-        folded = np.concatenate([group.folded[group.present] for group in kept])
-        self.survey = survey_reference(self._scene_plan, snapshots - first, folded)
+        last = kept.groups[-1].index
+        self._due = last + 1 + round(self._again_s / self.plan.group_period_s)
+        survey = survey_reference(self._scene_plan, kept.snapshots, kept.folded)
         if self._receiver is None:
-            self._use(adapted(self._scene_plan, self.survey))
-            return self._read(kept)
-        try:
-            better = readapted(self.plan, self._scene_plan, self.survey)
-        except InputError:  # a second tag that could be meant has appeared: ours is tracked
-            better = self.plan
+            self.survey = self._adapted_to = survey
+            self._use(adapted(self._scene_plan, survey))
+            return self._read(kept.groups)
+        if survey is None:
+            return []
+        self.survey = survey
+        better = self._better(survey)
         if better is self.plan:
             self._state()
             return []
         readings = self._receiver.finish()
-        self._use(better, kept[-1].index + 1)
+        self._use(better, last + 1)
         self._receiver.tare()
-        return readings + self._read(kept)
+        return readings + self._read(kept.groups)
+
+    def _better(self, survey: Survey) -> Plan:
+        """The plan in use, or another one where that suits the room as it is."""
+        if is_same_room(self.plan, self._adapted_to, survey):
+            return self.plan
+        self._adapted_to = survey
+        try:
+            return readapted(self.plan, self._scene_plan, survey)
+        except InputError:  # a second tag that could be meant has appeared: ours is tracked
+            return self.plan
 
     def _use(self, plan: Plan, first_group: int = 0) -> None:
         """Read with a plan, and give the readings from a group on."""

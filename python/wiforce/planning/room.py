@@ -132,18 +132,59 @@ def readapted(current: Plan, plan: Plan, survey: Survey | None) -> Plan:
     )
     if better is current or not same_tags or current.clutter_hz < better.clutter_hz:
         return better
-    solved = [
+    noise, least = _noise_of_tones(current, survey), _noise_of_tones(better, survey)
+    suits = len(noise) == len(least) and np.all(noise <= _AS_GOOD * least)
+    return current if suits else better
+
+
+def is_same_room(plan: Plan, before: Survey | None, survey: Survey) -> bool:
+    """Whether two surveys show the same room to the weights of a plan.
+
+    Parameters
+    ----------
+    plan : Plan
+    before : Survey or None
+        The one that the plan is adapted to.
+    survey : Survey
+        A later one.
+
+    Returns
+    -------
+    bool
+        True where no other weights need to be designed.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.estimation.survey import survey_channel
+    >>> from gnuradio.wiforce.planning.plan import plan
+    >>> settings = plan("demo")
+    >>> noise = np.random.default_rng(1).standard_normal((4000, 62, 2)) @ [1, 1j]
+    >>> survey = survey_channel(noise, settings.waveform, settings.clocks)
+    >>> is_same_room(settings, survey, survey), is_same_room(settings, None, survey)
+    (True, False)
+    """
+    if before is None:
+        return False
+    measured_clocks = [tuple(map(measured, plan.clocks, each.clocks)) for each in (before, survey)]
+    moving_hz = [each.moving_hz() for each in (before, survey)]
+    noise = [_noise_of_tones(plan, each) for each in (before, survey)]
+    return (
+        _same_clocks(*measured_clocks)
+        and len(_solved(plan, before)) == len(_solved(plan, survey))
+        and (moving_hz[1] <= max(plan.clutter_hz, moving_hz[0]))
+        and bool(np.all(noise[1] <= _AS_GOOD * noise[0]))
+        and bool(np.all(noise[0] <= _AS_GOOD * noise[1]))
+    )
+
+
+def _solved(plan: Plan, survey: Survey) -> list[Source]:
+    """Sources of a survey that a plan solves for."""
+    return [
         source
         for source in survey.sources
         if source.kind == "tag"
-        and any(_agree(clock, _clock_of(source, survey)) for clock in current.others)
+        and any(_agree(clock, _clock_of(source, survey)) for clock in plan.others)
     ]
-    noise = [
-        _noise_of_tones(each.table, survey.noise(each.group_length, each.clutter_hz, solved))
-        for each in (current, better)
-    ]
-    suits = len(noise[0]) == len(noise[1]) and np.all(noise[0] <= _AS_GOOD * noise[1])
-    return current if suits else better
 
 
 def _same_clocks(clocks: Sequence[TagClock], others: Sequence[TagClock]) -> bool:
@@ -158,8 +199,10 @@ def _agree(clock: TagClock, other: TagClock) -> bool:
     return abs(clock.clock_hz - other.clock_hz) <= 1e-6 * clock.tolerance_ppm * clock.clock_hz
 
 
-def _noise_of_tones(table: ToneTable, room: RoomNoise) -> np.ndarray:
+def _noise_of_tones(plan: Plan, survey: Survey) -> np.ndarray:
     """Variance of the noise in each tone, the white noise of a snapshot being 1."""
+    table, clutter_hz = plan.table, plan.clutter_hz
+    room = survey.noise(table.group_length, clutter_hz, _solved(plan, survey))
     power = np.sum(np.abs(table.weights) ** 2, axis=1)
     return np.asarray((1 + room_noise_of_tones(table, room)) * power)
 
