@@ -215,8 +215,10 @@ def test_stream_touched_groups_are_never_a_new_reference(groups):
     settings = wiforce.plan(SCENE)
     press = [g for g, r in enumerate(stream(settings, groups["quiet"])[1]) if r.touch]
     received = groups["quiet"][: press[0] - 5] + groups["busy"][press[0] - 5 :]
-    reader, readings, plans = stream(settings, received, again_s=0.25)
-    assert all(plan is settings for plan in plans)
+    # Surveys begin with groups 16 and 37: the second one would end with 54, in the press.
+    reader, readings, plans = stream(settings, received, again_s=0.1)
+    assert all(plan is settings for plan in plans) and reader.findings == []
+    assert any(r.touch for r in readings[46:])
     assert not any("reference" in r.flags for r in readings[20:])
 
 
