@@ -64,6 +64,7 @@ class StreamReader:
     Examples
     --------
     >>> from gnuradio.wiforce.planning.plan import plan
+    >>> import numpy as np
     >>> reader = StreamReader(plan("demo"))
     >>> shape = (625, 64)
     >>> group = SnapshotGroup(0, np.zeros(shape), np.zeros((625, 2)), np.ones(625, bool))
