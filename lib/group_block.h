@@ -3,6 +3,7 @@
 
 #include "kernel/counter.h"
 #include "kernel/doppler/group_collector.h"
+#include "noise_tags.h"
 #include <gnuradio/wiforce/names.h>
 
 #include <cstdint>
@@ -38,10 +39,12 @@ protected:
             const int missing = d_collector.group().missing();
             const int rejected = d_collector.group().rejected();
             const int saturated = d_collector.saturated();
-            if (missing + rejected > 0) {
+            const bool incomplete = missing + rejected > 0;
+            d_incomplete_groups += incomplete;
+            if (d_collector.passes_snapshots())
+                tag_snapshots(produced, incomplete);
+            else if (incomplete)
                 this->message_port_pub(d_incomplete_port, incomplete_pdu());
-                d_incomplete_groups += 1;
-            }
             if (missing > 0)
                 tag(produced, names::MISSING, missing);
             if (rejected > 0)
@@ -65,10 +68,22 @@ protected:
     kernel::counter d_incomplete_groups;
 
 private:
+    void tag(int item, const char* key, const pmt::pmt_t& value)
+    {
+        this->add_item_tag(0, this->nitems_written(0) + item, pmt::mp(key), value);
+    }
     void tag(int item, const char* key, std::uint64_t value)
     {
-        this->add_item_tag(
-            0, this->nitems_written(0) + item, pmt::mp(key), pmt::from_uint64(value));
+        tag(item, key, pmt::from_uint64(value));
+    }
+
+    // What is known of the snapshots that the item consists of.
+    void tag_snapshots(int item, bool incomplete)
+    {
+        const kernel::phase_group& group = d_collector.group();
+        tag(item, names::NOISE, noise_value(group.noises().data(), group.length()));
+        if (incomplete)
+            tag(item, names::MASK, pmt::init_u8vector(group.length(), group.mask()));
     }
 
     pmt::pmt_t incomplete_pdu() const

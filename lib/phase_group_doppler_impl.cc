@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "phase_group_doppler_impl.h"
 
+#include "kernel/doppler/collected_snapshots.h"
 #include "kernel/doppler/doppler_spectrum.h"
 #include "kernel/doppler/tone_accumulator.h"
 #include <gnuradio/io_signature.h>
@@ -31,6 +32,12 @@ phase_group_doppler::sptr phase_group_doppler::spectrum(int group_length)
 {
     return gnuradio::make_block_sptr<phase_group_doppler_impl>(
         std::make_unique<kernel::doppler_spectrum>(group_length), group_length);
+}
+
+phase_group_doppler::sptr phase_group_doppler::collected(int group_length)
+{
+    return gnuradio::make_block_sptr<phase_group_doppler_impl>(
+        std::make_unique<kernel::collected_snapshots>(group_length), group_length);
 }
 
 phase_group_doppler_impl::phase_group_doppler_impl(

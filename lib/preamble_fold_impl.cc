@@ -3,6 +3,7 @@
 
 #include "noise_tags.h"
 
+#include "kernel/doppler/collected_snapshots.h"
 #include "kernel/doppler/tone_accumulator.h"
 #include "kernel/require.h"
 #include <gnuradio/io_signature.h>
@@ -73,12 +74,31 @@ preamble_fold::sptr preamble_fold::tones(const std::vector<std::complex<double>>
 {
     const kernel::preamble_folder folder(frame_length, first_averaged, repetitions);
     check(sample_rate, item_type);
-    return for_items<tone_fold>(
+    return for_items<group_fold>(
         item_type,
         folder,
         sample_rate,
         frame_offset,
         std::make_unique<kernel::tone_accumulator>(weights, group_length),
+        group_length);
+}
+
+preamble_fold::sptr preamble_fold::collected(int group_length,
+                                             int frame_length,
+                                             int first_averaged,
+                                             int repetitions,
+                                             double sample_rate,
+                                             std::uint64_t frame_offset,
+                                             const std::string& item_type)
+{
+    const kernel::preamble_folder folder(frame_length, first_averaged, repetitions);
+    check(sample_rate, item_type);
+    return for_items<group_fold>(
+        item_type,
+        folder,
+        sample_rate,
+        frame_offset,
+        std::make_unique<kernel::collected_snapshots>(group_length),
         group_length);
 }
 
@@ -254,11 +274,11 @@ int vector_fold<Sample>::take(const Sample* averaged, int frames, std::uint64_t 
 }
 
 template <class Sample>
-tone_fold<Sample>::tone_fold(const kernel::preamble_folder& folder,
-                             double sample_rate,
-                             std::uint64_t frame_offset,
-                             std::unique_ptr<kernel::doppler_transform> transform,
-                             int group_length)
+group_fold<Sample>::group_fold(const kernel::preamble_folder& folder,
+                               double sample_rate,
+                               std::uint64_t frame_offset,
+                               std::unique_ptr<kernel::doppler_transform> transform,
+                               int group_length)
     : gr::block("preamble_fold",
                 gr::io_signature::make(1, 1, sizeof(Sample)),
                 gr::io_signature::make(1, 1, transform->rows() * VECTOR_BYTES)),
@@ -268,7 +288,7 @@ tone_fold<Sample>::tone_fold(const kernel::preamble_folder& folder,
 }
 
 template <class Sample>
-int tone_fold<Sample>::take(const Sample* averaged, int frames, std::uint64_t snapshot)
+int group_fold<Sample>::take(const Sample* averaged, int frames, std::uint64_t snapshot)
 {
     auto& collector = this->d_collector;
     if (collector.must_end_before(snapshot)) {

@@ -86,16 +86,16 @@ private:
     std::vector<kernel::snapshot_noise> d_noise; // of the frames last folded
 };
 
-// The tones of a phase group; its snapshots never leave the thread.
+// The tones of a phase group, or its snapshots together.
 template <class Sample>
-class tone_fold : public group_block<preamble_fold_impl<Sample>>
+class group_fold : public group_block<preamble_fold_impl<Sample>>
 {
 public:
-    tone_fold(const kernel::preamble_folder& folder,
-              double sample_rate,
-              std::uint64_t frame_offset,
-              std::unique_ptr<kernel::doppler_transform> transform,
-              int group_length);
+    group_fold(const kernel::preamble_folder& folder,
+               double sample_rate,
+               std::uint64_t frame_offset,
+               std::unique_ptr<kernel::doppler_transform> transform,
+               int group_length);
 
 protected:
     int take(const Sample* averaged, int frames, std::uint64_t snapshot) override;

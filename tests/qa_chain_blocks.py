@@ -29,9 +29,9 @@ def plan():
 class Tap:
     """The ratios of all groups that a receiver reads."""
 
-    def __init__(self, receiver):
+    def __init__(self):
         self._batches = []
-        receiver.readout.on_groups = self._batches.append
+        self.take = self._batches.append
 
     @property
     def ratios(self):
@@ -44,7 +44,7 @@ def run(*chain):
     flowgraph.run()
 
 
-def readings_of_blocks(plan, source, tracked):
+def readings_of_blocks(plan, source, tracked, port=names.INCOMPLETE):
     """Readings by one block per step, and the ratios between the last two."""
     doppler = wiforce.phase_group_doppler(plan.table.weights, plan.group_length)
     separation, average = wiforce.end_separation(plan), wiforce.subcarrier_average(plan)
@@ -68,7 +68,8 @@ def readings_of_blocks(plan, source, tracked):
     flowgraph = gr.top_block()
     flowgraph.connect(*chain)
     flowgraph.connect(average, sink)
-    flowgraph.msg_connect(doppler, names.INCOMPLETE, separation, names.INCOMPLETE)
+    if port:
+        flowgraph.msg_connect(doppler, port, separation, port)
     flowgraph.run()
     assert inversion.failure is None and inversion.ended.is_set()
     return readings, np.reshape(sink.data(), (-1, 2))
@@ -76,8 +77,9 @@ def readings_of_blocks(plan, source, tracked):
 
 def readings_of_reader(plan, source, tracked):
     readings = []
+    tap = Tap()
     reader = wiforce.reader(plan, "sc16", tracked=tracked, on_reading=readings.append)
-    tap = Tap(reader.receiver)
+    reader.groups.stream.on_groups = tap.take
     run(source, reader)
     assert reader.failure is None
     return readings, tap.ratios
@@ -85,8 +87,8 @@ def readings_of_reader(plan, source, tracked):
 
 def readings_of_receiver(plan, codes, lost, tracked):
     """Readings by NumPy alone, in double precision; ``lost`` samples are absent."""
-    receiver = wiforce.Receiver(plan, tracked)
-    tap = Tap(receiver)
+    tap = Tap()
+    receiver = wiforce.Receiver(plan, tracked, on_groups=tap.take)
     frames = codes.astype(float).reshape(25, plan.group_length, 720, 2) / 32768
     used = frames[:, :, 64:320, 0] + 1j * frames[:, :, 64:320, 1]
     folded = used.reshape(25, plan.group_length, 4, 64).mean(axis=2)
@@ -127,6 +129,27 @@ def test_chain_blocks_reader_and_receiver_give_equal_readings(codes, plan, lost,
             if b.force_n is not None:
                 assert a.force_n == pytest.approx(b.force_n, abs=0.04 * b.force_std_n)
                 assert a.location_mm == pytest.approx(b.location_mm, abs=0.04 * b.location_std_mm)
+
+
+def test_chain_gap_without_its_message_affects_only_its_group(codes, plan):
+    lost = slice(18 * GROUP + 100_000, 18 * GROUP + 136_000)
+    tags = [rx_time(0, 0.0), rx_time(lost.start, lost.stop / SAMPLE_RATE_HZ)]
+    source = array_source(np.delete(codes, lost, axis=0), tags)
+    readings, _ = readings_of_blocks(plan, source, tracked=False, port=None)
+    assert [r.touch for r in readings[16:21]] == [1, 1, None, 1, 1]
+    assert readings[18].flags == ("gap",) and readings[18].force_n is None
+
+
+def test_chain_block_invalid_message_ends_the_flowgraph(plan):
+    separation = wiforce.end_separation(plan)
+    separation.to_basic_block()._post(pmt.intern(names.INCOMPLETE), pmt.PMT_T)
+    rows = len(plan.table.tones)
+    run(array_source(np.zeros((3, 64 * rows), np.complex64), group_tags(3)), separation, sink_of(2))
+    assert separation.failure is not None
+
+
+def sink_of(ends):
+    return blocks.null_sink(ends * 64 * gr.sizeof_gr_complex)
 
 
 def group_tags(count):

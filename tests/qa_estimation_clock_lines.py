@@ -152,9 +152,9 @@ def test_tag_two_percent_off_is_read_like_a_crystal(tmp_path):
 
 
 def test_wide_tolerance_is_refused_where_nothing_is_surveyed():
-    """Weights of a stream are fixed before the clock is known: it would never be found."""
-    scene = load_scene({"sensors": [WIDE]})
-    rule = r"sensors\[0\].clock_tolerance_ppm: must be at most 1000 here: only in a recording"
+    """Weights that were designed for the nominal clock would never find it."""
+    scene = load_scene({"sensors": [WIDE], "reference_s": 0.08})
+    rule = r"sensors\[0\].clock_tolerance_ppm: must be at most 1000 here: a wider one is searched"
     for make in (wiforce.Receiver, wiforce.end_separation, wiforce.reader):
         with pytest.raises(InputError, match=rule):
             make(plan(scene))

@@ -14,7 +14,8 @@ APPLICATION = ROOT / "gr-wiforce"
 
 # From the top. Units of one layer do not import each other.
 LAYERS = (
-    {"blocks", "recording"},
+    {"blocks"},
+    {"recording", "stream"},
     {"receiver"},
     {"planning"},
     {"scene", "gui"},

@@ -168,6 +168,38 @@ def test_tones_in_one_thread_are_those_of_two_blocks_to_the_bit(chunk, item_type
     assert one[0].snapshots() == two[0].snapshots()
 
 
+@pytest.mark.parametrize("chunk", [None, 364])
+def test_collected_groups_hold_the_snapshots_with_their_noise_and_mask(chunk):
+    """The room is surveyed in them, and the tones are computed from them."""
+    length, rate = 8, 12.5e6
+    samples = np.random.default_rng(5).integers(-2000, 2000, size=(90 * 720, 2)).astype(np.int16)
+    left, tags, _ = with_losses(samples, [(720 * 11 + 100, 1500), (720 * 30, 720 * 20)], rate)
+    parameters = {"frame_length": 720, "sample_rate": rate, "item_type": "sc16"}
+    fold = wiforce.preamble_fold(**parameters)
+    two = [wiforce.preamble_fold(**parameters), wiforce.phase_group_doppler.collected(length)]
+    one = [wiforce.preamble_fold.collected(length, **parameters)]
+    folded, tones_tags, _ = run_tones(left, tags, chunk, [fold])
+    by_snapshot, snapshot, noise = {}, 0, []
+    for offset, vector in enumerate(folded):
+        snapshot = tones_tags.get((offset, "snapshot"), snapshot)
+        noise += tones_tags.get((offset, "noise"), [])
+        by_snapshot[snapshot] = vector, noise[2 * offset : 2 * offset + 2]
+        snapshot += 1
+    for chain in (one, two):
+        items, own, pdus = run_tones(left, tags, chunk, chain)
+        assert not pdus and len(items) == 9
+        for row, item in enumerate(items.reshape(-1, length, 64)):
+            first = own[row, "group"] * length
+            present = np.array([first + n in by_snapshot for n in range(length)])
+            assert own.get((row, "mask"), [1] * length) == present.tolist()
+            assert own.get((row, "missing"), 0) == np.sum(~present)
+            for n in np.flatnonzero(present):
+                vector, of_vector = by_snapshot[first + n]
+                np.testing.assert_array_equal(item[n], vector)
+                assert own[row, "noise"][2 * n : 2 * n + 2] == of_vector
+            assert not item[~present].any()
+
+
 def run_tones(samples, tags, chunk, chain):
     """Tones, their tags and the PDUs of incomplete groups, as plain values."""
     if samples.dtype == np.int16:
@@ -181,11 +213,23 @@ def run_tones(samples, tags, chunk, chain):
     sink, messages = blocks.vector_sink_c(length), blocks.message_debug()
     flowgraph = gr.top_block()
     flowgraph.connect(source, packets, *chain, sink)
-    flowgraph.msg_connect((chain[-1], "incomplete"), (messages, "store"))
+    if pmt.to_python(chain[-1].message_ports_out()):
+        flowgraph.msg_connect((chain[-1], "incomplete"), (messages, "store"))
     flowgraph.run()
-    found = sorted((t.offset, str(t.key), pmt.to_uint64(t.value)) for t in sink.tags())
+    found = {(t.offset, str(t.key)): plain_value(t.value) for t in sink.tags()}
     pdus = [pmt.serialize_str(messages.get_message(n)) for n in range(messages.num_messages())]
     return np.array(sink.data()).reshape(-1, length), found, pdus
+
+
+def plain_value(value):
+    """Value of a tag as a number or a list."""
+    for is_vector, elements in (
+        (pmt.is_f32vector, pmt.f32vector_elements),
+        (pmt.is_u8vector, pmt.u8vector_elements),
+    ):
+        if is_vector(value):
+            return list(elements(value))
+    return pmt.to_uint64(value)
 
 
 def test_times_without_a_loss_change_nothing():

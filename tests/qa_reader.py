@@ -4,7 +4,6 @@
 import dataclasses
 
 import numpy as np
-import pmt
 import pytest
 from device_times import rx_time
 from gnuradio import blocks, gr, wiforce
@@ -24,16 +23,14 @@ def codes(tmp_path_factory):
     return press_codes(tmp_path_factory.mktemp("capture"))
 
 
-def read(samples, tags=(), chunk=None, rewire=None):
-    """Readings of codes (n, 2) or floats (n,) through the reader block, rewired when asked for."""
+def read(samples, tags=(), chunk=None):
+    """Readings of codes (n, 2) or floats (n,) through the reader block."""
     source = array_source(samples, tags)
     if chunk is not None:
         source.set_max_noutput_items(chunk)
     readings = []
     input_type = "sc16" if samples.ndim == 2 else "fc32"
     reader = wiforce.reader(SCENE, input_type=input_type, on_reading=readings.append)
-    if rewire is not None:
-        rewire(reader)
     flowgraph = gr.top_block()
     flowgraph.connect(source, reader)
     flowgraph.run()
@@ -126,21 +123,11 @@ def test_reader_group_with_a_gap_is_read_from_its_other_snapshots(codes):
     assert reading.location_mm == pytest.approx(37, abs=0.3)
 
 
-def test_reader_gap_without_its_message_affects_only_its_group(codes):
-    def forget_a_connection(reader):
-        reader.msg_disconnect(reader.fold, "incomplete", reader.groups, "incomplete")
+def test_reader_exception_ends_the_flowgraph():
+    def fail(reading):
+        raise RuntimeError("no space left")
 
-    start, lost = 18 * GROUP + 100_000, 36_000
-    kept = np.concatenate([codes[:start], codes[start + lost :]])
-    tags = [rx_time(0, 0.0), rx_time(start, (start + lost) / 12.5e6)]
-    readings = read(kept, tags, rewire=forget_a_connection)
-    assert [r.touch for r in readings[16:21]] == [1, 1, None, 1, 1]
-    assert readings[18].flags == ("gap",) and readings[18].force_n is None
-
-
-def test_reader_invalid_message_ends_the_flowgraph():
-    reader = wiforce.reader(SCENE)
-    reader.groups.to_basic_block()._post(pmt.intern("incomplete"), pmt.PMT_T)
+    reader = wiforce.reader(SCENE, on_reading=fail)
     flowgraph = gr.top_block()
     flowgraph.connect(blocks.null_source(gr.sizeof_gr_complex), reader)
     flowgraph.start()
@@ -148,7 +135,7 @@ def test_reader_invalid_message_ends_the_flowgraph():
     assert reader.ended.wait(60)
     flowgraph.stop()
     flowgraph.wait()
-    assert reader.failure is not None and reader.failure is reader.groups.failure
+    assert isinstance(reader.failure, RuntimeError) and reader.failure is reader.groups.failure
 
 
 def test_reader_invalid_samples_affect_only_their_group(codes):

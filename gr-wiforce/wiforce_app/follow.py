@@ -13,6 +13,8 @@ from gnuradio.wiforce.estimation.frame import SEARCHED_FRAMES
 from gnuradio.wiforce.estimation.recorded_frames import find_frames, first_frame, no_frames
 from gnuradio.wiforce.io.capture import open_capture
 
+from .room_report import RoomNews
+
 # Its log would mix with readings on standard output; failures are raised all the same.
 gr.logging().set_default_level(gr.log_levels.off)
 
@@ -55,8 +57,10 @@ class GrowingCapture:
         flowgraph.connect(self._source, self._reader)
         runner = threading.Thread(target=self._run, args=(flowgraph,))
         runner.start()
+        room = RoomNews()
         try:
             while (reading := self._readings.get()) is not _END:
+                room.report(self._reader.findings)
                 yield [reading]
         finally:
             self._source.ended.set()

@@ -76,11 +76,14 @@ class LiveSession:
         self._transmitted = wiforce.sounding_source(amplitude=amplitude, **sounding)
         self.alignment = wiforce.frame_alignment(**sounding)
         self.meter = level_meter()
-        self.reader = wiforce.reader(
-            scene, input_type="sc16", tracked=tracked, on_reading=on_reading
-        )
         self._latest = deque(maxlen=_KEPT_BATCHES)
-        self.reader.receiver.readout.on_groups = self._latest.append
+        self.reader = wiforce.reader(
+            scene,
+            input_type="sc16",
+            tracked=tracked,
+            on_reading=on_reading,
+        )
+        self.reader.groups.stream.on_groups = self._latest.append
         self.recorder = self._make_recorder(recording, amplitude) if recording is not None else None
         # UHD's blocks throw when a device disappears, which must not end the process.
         self._flowgraph = gr.top_block("gr-wiforce live", catch_exceptions=True)

@@ -53,7 +53,7 @@ def measure_steps(plan):
         samples = Path(f"{capture}.sigmf-data")
         signal_s = samples.stat().st_size / 4 / scene.radio.sample_rate_hz
         chain = _Chain(samples, plan)
-        took, tones = _reader_times(samples, plan_of(scene)), chain.tones()
+        took, tones = _receiver_times(samples, plan_of(scene)), chain.tones()
         took["fold"] = chain.fold()
         took["tones"] = tones - took["fold"]
         took["guard and first repetition"] = chain.whole_frames() - tones
@@ -93,20 +93,23 @@ def _pressed(scene):
     return dataclasses.replace(scene, simulation=simulation, environment=environment)
 
 
-def _reader_times(samples, plan):
+def _receiver_times(samples, plan):
     """The channel estimator, and the receiver's stages, over the whole recording."""
     from gnuradio import blocks, gr, wiforce
 
     flowgraph = gr.top_block()
-    reader = wiforce.reader(plan, input_type="sc16")
-    rows = len(plan.table.tones)
+    waveform, rows = plan.waveform, len(plan.table.tones)
+    fold = wiforce.preamble_fold.tones(
+        plan.table.weights, plan.group_length, **waveform.folding, item_type="sc16"
+    )
+    rotation = plan.table.derotation(waveform.sample_rate_hz)
+    estimator = wiforce.ofdm_channel_estimator(waveform.equalizer(), rows, rotation)
     sink = blocks.vector_sink_c(rows * FFT_LENGTH)
-    reader.connect(reader.estimator, sink)
-    flowgraph.connect(blocks.file_source(4, str(samples)), reader)
+    flowgraph.connect(blocks.file_source(4, str(samples)), fold, estimator, sink)
     flowgraph.run()
     tones = np.array(sink.data(), np.complex64).reshape(-1, rows, FFT_LENGTH)
-    took = _stage_times(plan, tones[:, :, plan.waveform.bins])
-    return took | {"channel": _seconds(reader.estimator)}
+    took = _stage_times(plan, tones[:, :, waveform.bins])
+    return took | {"channel": _seconds(estimator)}
 
 
 def _stage_times(plan, tones):

@@ -12,7 +12,7 @@ from gnuradio.wiforce.scene import scene_of
 from .interrupts import Interrupted
 from .options import capture_scene, readings_output, tracked_presses
 from .progress import progress
-from .room_report import finding_line
+from .room_report import RoomNews
 from .stream_events import describe_events
 
 
@@ -57,9 +57,7 @@ def read(capture, scene_path, output, plot_path, datatype, frame_offset, tracked
     else:
         reader = RecordingReader(recording, settings, frame_offset, tracked)
         warn_of_leftover(recording, reader)
-        for finding in findings(reader.survey, settings, reader.plan):
-            if finding.matters:
-                click.echo(f"gr-wiforce: room: {finding_line(finding)}", err=True)
+        RoomNews().report(findings(reader.survey, settings, reader.plan))
     for difference in differences:
         warn(recording.path, difference)
     if frame_offset is None and reader.frame_offset:

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Findings of a survey as text, shared by the commands that print them."""
 
+import sys
 from dataclasses import asdict, dataclass, field
 
+import click
 import numpy as np
 
 # Steps that only some rooms need.
@@ -115,6 +117,41 @@ def finding_line(finding):
     str
     """
     return f"{finding.name}, {finding.level_db:+.0f} dB: {finding.handling}"
+
+
+class RoomNews:
+    """What each survey of a run has found that the one before had not."""
+
+    def __init__(self):
+        self._latest, self._known = None, []
+
+    def report(self, found):
+        """Print the findings that matter, where they differ from those printed before.
+
+        Parameters
+        ----------
+        found : list of Finding or None
+            Of the latest survey; the same list until there is another one.
+        """
+        if found is None or found is self._latest:
+            return
+        self._latest = found
+        mattering = [finding for finding in found if finding.matters]
+        # Frequencies and levels differ a little from survey to survey.
+        known = [(each.kind, round(each.frequency_hz), each.handling) for each in mattering]
+        if known == self._known:
+            return
+        self._known = known
+        for finding in mattering:
+            report_room(finding_line(finding))
+        if not mattering:
+            report_room("nothing found any more that matters")
+
+
+def report_room(text):
+    """Print what a survey has found, in a line of its own."""
+    start = "\r\033[K" if sys.stderr.isatty() else ""
+    click.echo(f"{start}gr-wiforce: room: {text}", err=True)
 
 
 def changes_of(plan, adapted):

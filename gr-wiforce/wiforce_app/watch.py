@@ -11,6 +11,7 @@ from gnuradio.wiforce.estimation.frame import describe_frames
 from gnuradio.wiforce.io.readings import Reading
 
 from .live_session import DeviceLost, LiveSession
+from .room_report import RoomNews, finding_rows
 from .stream_events import describe_events, describe_loss
 
 _LINE_S = 0.5
@@ -51,6 +52,7 @@ class Watch:
         self._quiet = quiet
         self._terminal = sys.stderr.isatty() and not quiet
         self._last = {}
+        self._room = RoomNews()
 
     def note(self, reading: Reading) -> None:
         """Keep a reading for the status line, and whether it is saturated."""
@@ -99,6 +101,7 @@ class Watch:
     def status(self) -> dict:
         """State of the session as plain values."""
         session = self._session
+        room = session.reader.findings
         return {
             "time_s": session.time_s,
             "device_start_s": session.start_s,
@@ -109,6 +112,7 @@ class Watch:
             "groups": session.reader.counts.asdict(),
             "frame_offset": session.alignment.offset,
             "clock_offset_ppm": _clock_offsets(session),
+            "room": None if room is None else finding_rows(room),
             "readings": {name: reading.row() for name, reading in self._last.items()},
         }
 
@@ -122,6 +126,7 @@ class Watch:
 
     def _warn(self):
         session = self._session
+        self._room.report(session.reader.findings)
         gaps, lost = session.gaps, session.samples_lost
         if gaps > self._gaps:
             text = (

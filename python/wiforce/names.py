@@ -13,11 +13,9 @@ REJECTED = "rejected"
 SATURATED = "saturated"
 RETUNED = "retuned"
 STATE = "state"
+MASK = "mask"  # also a key of the PDUs on the port "incomplete", with GROUP
 
 # Message ports
 INCOMPLETE = "incomplete"
 READINGS = "readings"
 TARE = "tare"
-
-# Keys of the PDUs on the port "incomplete" (with GROUP)
-MASK = "mask"

@@ -34,6 +34,11 @@ class Receiver:
     on_groups : callable, optional
         Called with every batch of :class:`Groups` that has been read, before transitions are
         flagged.
+    first_group : int
+        The first group whose readings are given. Earlier ones only serve to acquire clocks and
+        reference.
+    counts : GroupCounts, optional
+        Of the readings given before, which are counted on.
 
     Attributes
     ----------
@@ -73,6 +78,8 @@ class Receiver:
         tracked: bool = False,
         derotated: bool = True,
         on_groups: Callable[[Groups], None] | None = None,
+        first_group: int = 0,
+        counts: GroupCounts | None = None,
     ) -> None:
         plan.check_clocks()
         self.plan = plan
@@ -84,7 +91,7 @@ class Receiver:
             len(plan.clocks), plan.reference_groups, plan.waveform
         )
         self.average = SubcarrierAverage(plan.smoothing_groups)
-        self.readout = make_readout(plan, tracked, on_groups)
+        self.readout = make_readout(plan, tracked, on_groups, first_group, counts)
         self._blas = ThreadpoolController()
 
     @property
@@ -162,13 +169,17 @@ class Receiver:
 
 
 def make_readout(
-    plan: Plan, tracked: bool = False, on_groups: Callable[[Groups], None] | None = None
+    plan: Plan,
+    tracked: bool = False,
+    on_groups: Callable[[Groups], None] | None = None,
+    first_group: int = 0,
+    counts: GroupCounts | None = None,
 ) -> Readout:
     """Make the readout of a plan's sensors.
 
     Parameters
     ----------
-    plan, tracked, on_groups
+    plan, tracked, on_groups, first_group, counts
         As for :class:`Receiver`.
 
     Returns
@@ -196,4 +207,5 @@ def make_readout(
         )
         for s, snr_db in zip(plan.sensors, surveyed, strict=True)
     }
-    return Readout(sensors, period_s, estimator_named(plan.estimator).ratios, on_groups)
+    ratios = estimator_named(plan.estimator).ratios
+    return Readout(sensors, period_s, ratios, on_groups, first_group, counts)

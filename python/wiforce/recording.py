@@ -19,16 +19,19 @@ from .estimation.compression import measure_compression
 from .estimation.folded_groups import FoldedGroups
 from .estimation.groups import Groups, is_clipped
 from .estimation.recorded_frames import find_frames, first_frame, require_frames
-from .estimation.survey import LONGEST_S, Survey, survey_folded
+from .estimation.snapshot_group import GroupScreen, SnapshotGroup
+from .estimation.survey import Survey
 from .io.capture import Capture, open_capture
 from .io.capture_files import second_antenna
 from .io.readings import COLUMNS, NUMBERS, GroupCounts, Reading
 from .planning.plan import Plan
 from .planning.plan import plan as plan_of
-from .planning.room import adapted
+from .planning.reference_survey import survey_reference, surveyed_snapshots
+from .planning.room import adapted, expecting_snr
 from .receiver import Receiver
 from .scene import Scene, scene_of
-from .wiforce_kernels import folded_reader, interference_screen, tone_reader
+from .signal.waveform import FFT_LENGTH
+from .wiforce_kernels import folded_reader, tone_reader
 
 if TYPE_CHECKING:
     import pandas
@@ -180,18 +183,15 @@ class RecordingReader:
             find_frames(recording, plan.waveform)
         self.frame_offset = frame_offset
         self._check_length()
-        self.survey = None
+        self.survey = survey_recording(recording, plan, frame_offset) if survey else None
+        plan = adapted(plan, self.survey)
         if survey and scene.environment.receive_antennas == 1:
-            self.survey = survey_recording(recording, plan, frame_offset)
-            plan = adapted(plan, self.survey)
             samples = recording.read(
                 frame_offset + _COMPRESSION_FRAMES * plan.waveform.frame_length
             )
             samples = samples[frame_offset : recording.segments[0].length]
             found = measure_compression(samples, plan.waveform)
-            plan = replace(plan, compression=found)
-            if self.survey is not None and not plan.others:
-                plan = replace(plan, surveyed_snr_db=self.survey.snr_db)
+            plan = expecting_snr(replace(plan, compression=found), self.survey)
         self.plan = plan
         self.receiver = Receiver(plan, tracked, on_groups=on_groups)
         self.source: _Tones | _AntennaRatio
@@ -260,22 +260,17 @@ def survey_recording(recording: Capture, plan: Plan, frame_offset: int) -> Surve
     Returns
     -------
     Survey or None
-        None where fewer than 0.1 s are free of gaps.
+        None where fewer than 0.1 s of the reference are free of gaps, and for two antennas.
 
     Examples
     --------
     >>> survey_recording(open_capture("press"), plan("demo"), 0)  # doctest: +SKIP
     """
-    waveform = plan.waveform
-    longest = min(plan.require_scene().reference_s, LONGEST_S) / waveform.snapshot_period_s
-    # A power of two is quicker to transform.
-    count = 1 << max(0, int(np.log2(max(1.0, longest))))
+    count = surveyed_snapshots(plan)
+    if not count:
+        return None
     found = folded_reader(**_frame_settings(recording, plan, frame_offset)).read(count)
-    whole = np.isfinite(found["folded"]).all(axis=1)
-    snapshots, folded = found["snapshot"][whole], found["folded"][whole]
-    folded = max(np.split(folded, np.flatnonzero(np.diff(snapshots) > 1) + 1), key=len)
-    mains_hz = plan.require_scene().environment.possible_mains_hz
-    return survey_folded(folded, waveform, plan.clocks, mains_hz)
+    return survey_reference(plan, found["snapshot"], found["folded"])
 
 
 def _frame_settings(recording: Capture, plan: Plan, frame_offset: int) -> dict[str, Any]:
@@ -330,10 +325,9 @@ class _AntennaRatio:
         beside = open_capture(second_antenna(recording.path.with_suffix("")))
         beside.check_against(plan.require_scene())
         self._length = plan.group_length
-        self._shape = (len(plan.table.tones), len(plan.waveform.bins))
         self._waveform = plan.waveform
         self._folded = FoldedGroups(plan.table, plan.waveform)
-        self._screen = interference_screen(plan.group_length)
+        self._screen = GroupScreen(plan.group_length)
         self.captures = recording, beside
         self.kernels = {
             each.path: folded_reader(**_frame_settings(each, plan, frame_offset))
@@ -374,32 +368,23 @@ class _AntennaRatio:
 
     def _groups(self, count: int) -> Groups:
         """Groups of the first frames that are kept."""
-        (snapshots, folded, noise, saturated), self._kept = (
+        if not count:
+            return Groups(np.zeros(0, np.int64))
+        first, self._kept = (
             tuple(values[:count] for values in self._kept),
             tuple(values[count:] for values in self._kept),
         )
-        places = snapshots // self._length
-        index, starts = np.unique(places, return_index=True)
-        tones = np.zeros((len(index), *self._shape), complex)
-        weights = np.zeros((len(index), self._length), bool)
-        clipped = np.zeros(len(index), np.int64)
-        rejected = np.zeros(len(index), np.int64)
-        bounds = [*starts, len(snapshots)]
-        for row, (start, end) in enumerate(zip(bounds, bounds[1:], strict=False)):
-            present = np.zeros(self._length, bool)
-            present[snapshots[start:end] % self._length] = True
-            marks = self._screen.examine(present, folded[start:end], noise[start:end])
-            kept = folded[start:end][~marks[present]]
-            tones[row], weights[row] = self._folded.solve(present & ~marks, kept)
-            clipped[row] = saturated[start:end].sum()
-            rejected[row] = marks.sum()
-        missing = self._length - np.diff(bounds)
-        missing[~weights.any(axis=1)] = self._length
-        return Groups(
-            index,
-            tones,
-            missing,
-            is_clipped(clipped, self._length),
-            snapshot_weights=weights,
-            interference=rejected / self._length,
-        )
+        starts = np.unique(first[0] // self._length, return_index=True)[1]
+        runs = zip(*(np.split(values, starts[1:]) for values in first), strict=True)
+        return self._folded.groups([self._screen.process(self._group(*run)) for run in runs])
+
+    def _group(
+        self, snapshots: np.ndarray, folded: np.ndarray, noise: np.ndarray, saturated: np.ndarray
+    ) -> SnapshotGroup:
+        length = self._length
+        slots = snapshots % length
+        present = np.zeros(length, bool)
+        present[slots] = True
+        every = np.zeros((length, FFT_LENGTH), np.complex64), np.zeros((length, 2))
+        every[0][slots], every[1][slots] = folded, noise
+        return SnapshotGroup(int(snapshots[0] // length), *every, present, int(saturated.sum()))

@@ -2,10 +2,11 @@
 """Read captures of real rooms with the product and count confident wrong readings.
 
     build/run python3 tests/rooms/score.py [--room NAME ...] [--seeds 3] [--mixtures 100]
-        [--jobs 1] [--keep FOLDER] [--json FILE] [--list]
+        [--stream] [--jobs 1] [--keep FOLDER] [--json FILE] [--list]
 
 For every room and seed: a VNA table is calibrated (``gr-wiforce calibrate``), a capture read
-(``gr-wiforce read``), and the readings are compared with the truth.
+(``gr-wiforce read``, or the block Reader with ``--stream``), and the readings are compared with the
+truth.
 
 A reading is judged if its whole group lies in the hold of a press (steady) or where nothing is
 pressed; presses that come and go are not judged. An unflagged reading is wrong
@@ -54,7 +55,33 @@ def calibrated(table, cache):
     shutil.copy(kept, table.with_suffix(".yaml"))
 
 
-def score_capture(name, seed, folder, cache, keep):
+def read_stream(capture, scene, output):
+    """Read a capture as a stream of samples; returns exit status and message."""
+    program = (
+        "import sys; from gnuradio import gr, wiforce\n"
+        "from gnuradio.wiforce.estimation.recorded_frames import first_frame, require_frames\n"
+        "from gnuradio.wiforce.io.capture import open_capture\n"
+        "capture, plan = open_capture(sys.argv[1]), wiforce.plan(sys.argv[2])\n"
+        "offset = first_frame(capture, plan.waveform, require_frames(capture, plan.waveform))\n"
+        "flowgraph = gr.top_block()\n"
+        "with wiforce.open_writer(sys.argv[3]) as writer:\n"
+        "    reader = wiforce.reader(plan, 'folded', on_reading=writer.begin().write)\n"
+        "    source = wiforce.capture_source(capture, plan.scene, offset)\n"
+        "    flowgraph.connect(source, reader)\n"
+        "    flowgraph.run()\n"
+        "sys.exit(str(reader.failure) if reader.failure else 0)\n"
+    )
+    command = [sys.executable, "-c", program, *map(str, (capture, scene, output))]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    return done.returncode, done.stderr.strip()
+
+
+def read_recording(capture, scene, output):
+    """Read a capture with the command; returns exit status and message."""
+    return command("read", capture, "--scene", scene, "-o", output)
+
+
+def score_capture(name, seed, folder, cache, keep, read=read_recording):
     """Write, calibrate, read and judge one capture."""
     began = time.monotonic()
     room = room_named(name)
@@ -62,9 +89,7 @@ def score_capture(name, seed, folder, cache, keep):
     write_room(room, seed, folder)
     calibrated(folder / "finger.csv", cache)
     output = folder / "readings.csv"
-    status, message = command(
-        "read", folder / "capture", "--scene", folder / "scene.yaml", "-o", output
-    )
+    status, message = read(folder / "capture", folder / "scene.yaml", output)
     tally = Tally(refused=[f"exit {status}: {message.replace(f'{folder}/', '')}"])
     if status == 0:
         with open(output, newline="") as stream:
@@ -118,6 +143,7 @@ def parse(arguments):
     parser.add_argument("--seeds", type=int, default=3, help="captures of every room")
     parser.add_argument("--first-seed", type=int, default=1)
     parser.add_argument("--mixtures", type=int, default=0, help="random mixtures, one capture each")
+    parser.add_argument("--stream", action="store_true", help="read with the block Reader")
     parser.add_argument("--jobs", type=int, default=1, help="captures at the same time")
     parser.add_argument("--keep", type=Path, metavar="FOLDER", help="keep all files there")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures")
@@ -147,11 +173,14 @@ def main(arguments=None):
     base = options.keep or Path(tempfile.mkdtemp(prefix="rooms-"))
     base.mkdir(parents=True, exist_ok=True)
     print(header())
+    read = read_stream if options.stream else read_recording
     tallies, total = {}, Tally()
     try:
         with ProcessPoolExecutor(options.jobs) as pool:
             tasks = [
-                pool.submit(score_capture, name, seed, base / f"{name}.{seed}", base, options.keep)
+                pool.submit(
+                    score_capture, name, seed, base / f"{name}.{seed}", base, options.keep, read
+                )
                 for name, seed in work
             ]
             for (name, seed), task in zip(work, tasks, strict=True):

@@ -20,7 +20,7 @@ def session_in_words():
         recorder=None,
         alignment=SimpleNamespace(searches=0, offset=0),
         start_s=None,
-        reader=SimpleNamespace(counts=GroupCounts()),
+        reader=SimpleNamespace(counts=GroupCounts(), findings=None),
         latest=[],
     )
 

@@ -17,13 +17,11 @@ constexpr char REJECTED[] = "rejected";
 constexpr char SATURATED[] = "saturated";
 constexpr char RETUNED[] = "retuned";
 constexpr char STATE[] = "state";
+constexpr char MASK[] = "mask"; // also a key of the PDUs on the port "incomplete"
 
 // Message ports
 constexpr char INCOMPLETE[] = "incomplete";
 constexpr char READINGS[] = "readings";
 constexpr char TARE[] = "tare";
-
-// Keys of the PDUs on the port "incomplete" (with GROUP)
-constexpr char MASK[] = "mask";
 
 } // namespace gr::wiforce::names

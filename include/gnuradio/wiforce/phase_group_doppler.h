@@ -50,6 +50,13 @@ public:
      */
     static sptr spectrum(int group_length);
 
+    /*!
+     * The snapshots of the group themselves, M = N_g rows, absent ones as zeros. None is
+     * rejected and nothing is published: the output's tag `noise` holds two floats for
+     * each snapshot, and the tag `mask` of an incomplete group shows which are present.
+     */
+    static sptr collected(int group_length);
+
     //! Rows per output item, M.
     virtual int rows() const = 0;
     //! Groups emitted.

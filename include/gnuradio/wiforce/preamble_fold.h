@@ -75,6 +75,18 @@ public:
                       std::uint64_t frame_offset = 0,
                       const std::string& item_type = "fc32");
 
+    /*!
+     * The third form: output and tags are those of phase_group_doppler::collected.
+     * \param group_length snapshots per phase group, N_g
+     */
+    static sptr collected(int group_length,
+                          int frame_length,
+                          int first_averaged = 64,
+                          int repetitions = 4,
+                          double sample_rate = 12.5e6,
+                          std::uint64_t frame_offset = 0,
+                          const std::string& item_type = "fc32");
+
     //! Frames folded so far.
     virtual std::uint64_t snapshots() const = 0;
 

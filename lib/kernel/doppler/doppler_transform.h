@@ -14,6 +14,9 @@ public:
     // Whether snapshots that interference hit are to be rejected. Not where nobody solves
     // the group for the rest: their absence lets static paths leak.
     virtual bool rejects_interference() const { return true; }
+    // Whether the rows are the group's snapshots, for receivers that screen and transform
+    // them.
+    virtual bool passes_snapshots() const { return false; }
     // Starts with an empty group.
     virtual void clear() = 0;
     // Works ahead on the slots decided so far.

@@ -27,6 +27,7 @@ public:
     group_collector(std::unique_ptr<doppler_transform> transform, int group_length);
 
     int rows() const { return d_transform->rows(); }
+    bool passes_snapshots() const { return d_transform->passes_snapshots(); }
 
     // Whether the group must end before this snapshot can be added.
     bool must_end_before(std::uint64_t snapshot) const;

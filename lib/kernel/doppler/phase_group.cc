@@ -77,12 +77,19 @@ void phase_group::reject(const std::vector<std::uint8_t>& rejected)
             std::copy_n(reference(), FFT_LENGTH, slot(n));
 }
 
+void phase_group::copy_to(fc32* out) const
+{
+    for (int n = 0; n < d_length; n++, out += FFT_LENGTH)
+        if (d_mask[n])
+            std::copy_n(slot(n), FFT_LENGTH, out);
+        else
+            std::fill_n(out, FFT_LENGTH, fc32());
+}
+
 std::vector<fc32> phase_group::with_zeros() const
 {
     std::vector<fc32> snapshots(d_snapshots.size());
-    for (int n = 0; n < d_length; n++)
-        if (d_mask[n])
-            std::copy_n(slot(n), FFT_LENGTH, snapshots.data() + n * FFT_LENGTH);
+    copy_to(snapshots.data());
     return snapshots;
 }
 

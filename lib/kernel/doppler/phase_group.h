@@ -50,8 +50,11 @@ public:
     const fc32* reference() const { return slot(d_reference); }
     const fc32* slot(int n) const { return d_snapshots.data() + n * FFT_LENGTH; }
     const snapshot_noise& noise_of(int n) const { return d_noise[n]; }
+    // Of all slots; of absent ones it means nothing.
+    const std::vector<snapshot_noise>& noises() const { return d_noise; }
 
     // All slots, absent ones as zeros: 64 * length values.
+    void copy_to(fc32* out) const;
     std::vector<fc32> with_zeros() const;
     // The present ones only.
     std::vector<fc32> present_snapshots() const;

@@ -2,21 +2,8 @@
 #include "tone_reader.h"
 
 #include "../doppler/tone_accumulator.h"
-#include "../require.h"
 
 namespace gr::wiforce::kernel {
-
-namespace {
-
-const std::vector<int>& checked_bins(const std::vector<int>& bins)
-{
-    for (const int bin : bins)
-        require(
-            bin >= 0 && bin < FFT_LENGTH, "tone_reader", "bins", "must be 0 to 63", bin);
-    return bins;
-}
-
-} // namespace
 
 tone_reader::tone_reader(std::unique_ptr<recorded_frames> frames,
                          const std::vector<std::complex<double>>& weights,
@@ -27,8 +14,7 @@ tone_reader::tone_reader(std::unique_ptr<recorded_frames> frames,
     : d_frames(std::move(frames)),
       d_collector(std::make_unique<tone_accumulator>(weights, group_length),
                   group_length),
-      d_equalizer(factors, d_collector.rows(), rotation),
-      d_bins(checked_bins(bins)),
+      d_channel(factors, d_collector.rows(), rotation, bins),
       d_transform(static_cast<std::size_t>(rows()) * FFT_LENGTH)
 {
 }
@@ -69,12 +55,7 @@ void tone_reader::end_group(batch& groups)
         groups.rejected.push_back(group.rejected());
         groups.saturated.push_back(d_collector.saturated());
         d_collector.transform(d_transform.data());
-        for (int row = 0; row < rows(); row++) {
-            fc32* const channel = &d_transform[std::size_t(row) * FFT_LENGTH];
-            d_equalizer.equalize(row, channel, channel);
-            for (const int bin : d_bins)
-                groups.tones.push_back(channel[bin]);
-        }
+        d_channel.append(d_transform.data(), groups.tones);
     }
     d_collector.clear();
 }

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include "../doppler/channel_equalizer.h"
 #include "../doppler/group_collector.h"
+#include "../doppler/tone_channel.h"
 #include "recorded_frames.h"
 
 #include <memory>
@@ -45,7 +45,7 @@ public:
                 const std::vector<int>& bins);
 
     int rows() const { return d_collector.rows(); }
-    const std::vector<int>& bins() const { return d_bins; }
+    const std::vector<int>& bins() const { return d_channel.bins(); }
 
     // The next groups, fewer than `max_groups` at the end only. Any thread may call it,
     // and ask the counters meanwhile.
@@ -57,8 +57,7 @@ private:
 
     const std::unique_ptr<recorded_frames> d_frames;
     group_collector d_collector;
-    channel_equalizer d_equalizer;
-    const std::vector<int> d_bins;
+    tone_channel d_channel;
     std::vector<fc32> d_transform; // rows x 64, of one group
     std::mutex d_mutex;
 };

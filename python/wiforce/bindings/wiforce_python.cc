@@ -83,6 +83,17 @@ static void bind_preamble_fold(py::module& m)
             "frame_offset"_a = 0,
             "item_type"_a = "fc32",
             "Tones of phase groups: this block and phase_group_doppler in one.")
+        .def_static("collected",
+                    &preamble_fold::collected,
+                    "group_length"_a,
+                    "frame_length"_a,
+                    "first_averaged"_a = 64,
+                    "repetitions"_a = 4,
+                    "sample_rate"_a = 12.5e6,
+                    "frame_offset"_a = 0,
+                    "item_type"_a = "fc32",
+                    "Snapshots of phase groups: this block and "
+                    "phase_group_doppler.collected in one.")
         .def("snapshots", &preamble_fold::snapshots, "Frames folded so far.")
         .def("gaps", &preamble_fold::gaps, "Gaps that `rx_time` reported.")
         .def("samples_lost", &preamble_fold::samples_lost, "Samples lost in them.")
@@ -146,6 +157,13 @@ static void bind_phase_group_doppler(py::module& m)
             "group_length"_a,
             "The Fourier transform over the group, scaled by 1/N_g; M = N_g rows in "
             "natural FFT order.")
+        .def_static(
+            "collected",
+            &phase_group_doppler::collected,
+            "group_length"_a,
+            "The snapshots of each group, N_g x 64, absent ones as zeros; the tag "
+            "`noise` holds\ntwo values for each, and `mask` of an incomplete group "
+            "which are present.")
         .def("rows", &phase_group_doppler::rows, "Rows per output item, M.")
         .def("groups", &phase_group_doppler::groups, "Groups emitted.")
         .def("incomplete_groups",

@@ -153,3 +153,24 @@ def groups_of(tags: Tags) -> Groups:
     if any(names.STATE not in own for own in tags):
         raise RuntimeError(f"group without a {names.STATE!r} tag: connect after end_separation")
     return Groups.concatenate(state_tag.from_pmt(own[names.STATE]) for own in tags)
+
+
+def count_of(tags: dict[str, Any], name: str) -> int:
+    """Value of a tag that counts, 0 where an item has none.
+
+    Parameters
+    ----------
+    tags : dict
+        Of one item, by name.
+    name : str
+
+    Returns
+    -------
+    int
+
+    Examples
+    --------
+    >>> count_of({"missing": pmt.from_uint64(3)}, "missing"), count_of({}, "missing")
+    (3, 0)
+    """
+    return int(pmt.to_uint64(tags[name])) if name in tags else 0

@@ -1,25 +1,28 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Block: the complete receiver after the channel estimator, tones to readings."""
+"""Block: the complete receiver behind the collected snapshots of phase groups."""
 
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pmt
 
 from .. import names
-from ..estimation.groups import Groups
+from ..estimation.groups import Array, Groups
+from ..estimation.snapshot_group import SnapshotGroup
 from ..io.readings import Reading
 from ..planning.plan import Plan
-from ..receiver import Receiver
+from ..signal.waveform import FFT_LENGTH
+from ..stream import StreamReader
+from .group_block import GroupBlock, Tags, count_of
 from .reading_port import ReadingPort
-from .tone_input import ToneBlock
 
 
-class group_reader(ReadingPort, ToneBlock):
-    """Reads all groups that have arrived in one call of the :class:`Receiver`.
+class group_reader(ReadingPort, GroupBlock):
+    """Reads all groups that have arrived in one call of the :class:`StreamReader`.
 
-    Input: vectors M x 64, the channel at each tone, tagged ``group`` and ``missing``.
-    Message ports: ``incomplete`` and ``tare`` (in), ``readings`` (out).
+    Input: vectors N x 64, the snapshots of a group, from ``preamble_fold.collected`` or
+    ``phase_group_doppler.collected``. Message ports: ``tare`` (in), ``readings`` (out).
 
     Parameters
     ----------
@@ -32,7 +35,7 @@ class group_reader(ReadingPort, ToneBlock):
 
     Attributes
     ----------
-    receiver : Receiver
+    stream : StreamReader
 
     Examples
     --------
@@ -46,20 +49,35 @@ class group_reader(ReadingPort, ToneBlock):
         tracked: bool = False,
         on_reading: Callable[[Reading], None] | None = None,
     ) -> None:
-        self.receiver = Receiver(plan, tracked)
-        ToneBlock.__init__(self, "group_reader", plan, derotated=True, outputs=0)
+        self.stream = StreamReader(plan, tracked)
+        self._length = plan.group_length
+        GroupBlock.__init__(self, "group_reader", self._length * FFT_LENGTH, outputs=0)
         self.open_port(on_reading)
         self.message_port_register_in(pmt.intern(names.TARE))
         self.set_msg_handler(pmt.intern(names.TARE), self._on_tare)
 
     def _on_tare(self, message: Any) -> None:
-        self.receiver.tare()
+        self.stream.tare()
 
-    def process(self, groups: Groups) -> Groups:
-        if len(groups):
-            self.publish(self.receiver.process(groups))
-        return groups[:0]
+    def take(self, items: Array, tags: Tags) -> tuple[int, Groups]:
+        received = [self._group(item, own) for item, own in zip(items, tags, strict=True)]
+        self.publish(self.stream.process(received))
+        return len(items), Groups(np.zeros(0, np.int64))
+
+    def _group(self, item: Array, tags: dict[str, Any]) -> SnapshotGroup:
+        present = np.ones(self._length, bool)
+        if names.MASK in tags:
+            present = np.array(pmt.u8vector_elements(tags[names.MASK]), bool)
+        noise = np.array(pmt.f32vector_elements(tags[names.NOISE]), np.float32)
+        return SnapshotGroup(
+            int(pmt.to_uint64(tags[names.GROUP])),
+            item.reshape(self._length, FFT_LENGTH),
+            noise.reshape(self._length, 2),
+            present,
+            count_of(tags, names.SATURATED),
+            names.RETUNED in tags,
+        )
 
     def finish(self) -> None:
         """Give the readings of the groups that are still held back."""
-        self.publish(self.receiver.finish())
+        self.publish(self.stream.finish())

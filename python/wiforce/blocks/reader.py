@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Block: received samples to readings of force and location."""
 
+import math
 from collections.abc import Callable
 from threading import Event
 from typing import Any
 
-import numpy as np
 import pmt
 from gnuradio import gr
 
@@ -13,13 +13,15 @@ from .. import names
 from ..errors import InputError
 from ..io.readings import GroupCounts, Reading
 from ..io.samples import ITEM_TYPES
+from ..planning.findings import Finding
 from ..planning.plan import Plan
 from ..planning.plan import plan as plan_of
-from ..receiver import Receiver
 from ..scene import Scene
-from ..wiforce_python import ofdm_channel_estimator, phase_group_doppler, preamble_fold
+from ..wiforce_python import phase_group_doppler, preamble_fold
 from .group_reader import group_reader
 
+# Groups that the receiver may leave waiting, in seconds of signal.
+_BUFFERED_S = 2.0
 _ITEM_BYTES = {
     **{name: kind.sample_bytes for name, kind in ITEM_TYPES.items()},
     "folded": 64 * gr.sizeof_gr_complex,
@@ -47,15 +49,10 @@ class reader(gr.hier_block2):
 
     Attributes
     ----------
-    plan : Plan
-    receiver : Receiver
-        Reads the groups.
-    fold, doppler : block or None
-        The block that extracts the tones, from samples or from folded vectors; the other is None.
-    estimator : block
-        The channel at every tone; its output can be tapped.
+    fold : block or None
+        The block that folds samples; None for folded vectors.
     groups : block
-        The inner block that runs the receiver.
+        The inner block, with the :class:`StreamReader`.
 
     Raises
     ------
@@ -83,8 +80,8 @@ class reader(gr.hier_block2):
             raise InputError("input_type", rule, input_type)
         if frame_offset < 0:
             raise InputError("frame_offset", "must be 0 or more", frame_offset)
-        self.plan = scene if isinstance(scene, Plan) else plan_of(scene)
-        antennas = self.plan.scene.environment.receive_antennas if self.plan.scene else 1
+        settings = scene if isinstance(scene, Plan) else plan_of(scene)
+        antennas = settings.require_scene().environment.receive_antennas
         if antennas > 1 and input_type != "folded":
             rule = "must be 1 where samples come in; two antennas are folded, then antenna_ratio"
             raise InputError("environment.receive_antennas", rule, 2)
@@ -96,43 +93,35 @@ class reader(gr.hier_block2):
         )
         self.message_port_register_hier_out(names.READINGS)
         self.message_port_register_hier_in(names.TARE)
-        self.fold = self.doppler = None
+        self.fold = None
+        length = settings.group_length
         if input_type == "folded":
-            first = self.doppler = self._make_doppler()
+            first = phase_group_doppler.collected(length)
         else:
-            first = self.fold = self._make_fold(input_type, frame_offset)
-        waveform, table = self.plan.waveform, self.plan.table
-        self.estimator = ofdm_channel_estimator(
-            factors=waveform.equalizer().astype(np.complex64),
-            rows=len(table.tones),
-            rotation=table.derotation(waveform.sample_rate_hz).astype(np.complex64),
-        )
-        self.groups = group_reader(self.plan, tracked, on_reading)
-        self.connect(self, first, self.estimator, self.groups)
-        self.msg_connect(first, names.INCOMPLETE, self.groups, names.INCOMPLETE)
+            waveform = settings.waveform
+            first = self.fold = preamble_fold.collected(
+                length,
+                **waveform.folding,
+                sample_rate=waveform.sample_rate_hz,
+                frame_offset=frame_offset,
+                item_type=input_type,
+            )
+        # Python pauses now and then: the samples must not wait for it.
+        _enlarge(first, math.ceil(_BUFFERED_S / settings.group_period_s))
+        self.groups = group_reader(settings, tracked, on_reading)
+        self.connect(self, first, self.groups)
         self.msg_connect(self.groups, names.READINGS, self, names.READINGS)
         self.msg_connect(self, names.TARE, self.groups, names.TARE)
 
-    def _make_doppler(self) -> Any:
-        return phase_group_doppler(
-            weights=self.plan.table.weights, group_length=self.plan.group_length
-        )
-
-    def _make_fold(self, input_type: str, frame_offset: int) -> Any:
-        waveform = self.plan.waveform
-        return preamble_fold.tones(
-            weights=self.plan.table.weights,
-            group_length=self.plan.group_length,
-            **waveform.folding,
-            sample_rate=waveform.sample_rate_hz,
-            frame_offset=frame_offset,
-            item_type=input_type,
-        )
+    @property
+    def plan(self) -> Plan:
+        """Plan that is used: of the scene, or adapted to the room once that is surveyed."""
+        return self.groups.stream.plan
 
     @property
-    def receiver(self) -> Receiver:
-        """The receiver that reads the groups."""
-        return self.groups.receiver
+    def findings(self) -> list[Finding] | None:
+        """What the latest survey of the room has found; None without one."""
+        return self.groups.stream.findings
 
     @property
     def failure(self) -> Exception | None:
@@ -142,7 +131,7 @@ class reader(gr.hier_block2):
     @property
     def counts(self) -> GroupCounts:
         """Group counts by outcome: a :class:`io.readings.GroupCounts`."""
-        return self.receiver.counts
+        return self.groups.stream.counts
 
     @property
     def ended(self) -> Event:
@@ -152,3 +141,11 @@ class reader(gr.hier_block2):
     def tare(self) -> None:
         """Take a new untouched reference from the groups that follow."""
         self.groups.to_basic_block()._post(pmt.intern(names.TARE), pmt.PMT_T)
+
+
+def _enlarge(block: Any, items: int) -> None:
+    """Call set_min_output_buffer without the line that it prints."""
+    level = block.log_level()
+    block.set_log_level("warn")
+    block.set_min_output_buffer(items)
+    block.set_log_level(level)

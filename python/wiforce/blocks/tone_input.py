@@ -11,7 +11,7 @@ from .. import names
 from ..estimation.folded_groups import FoldedGroups
 from ..estimation.groups import Array, Groups, is_clipped
 from ..planning.plan import Plan
-from .group_block import GroupBlock, Tags
+from .group_block import GroupBlock, Tags, count_of
 
 
 class ToneInput:
@@ -66,10 +66,10 @@ class ToneInput:
         plan = self._plan
         group_length = plan.group_length
         index = np.array([pmt.to_uint64(own[names.GROUP]) for own in tags], np.int64)
-        missing = np.array([_count(own, names.MISSING) for own in tags])
-        saturated = np.array([_count(own, names.SATURATED) for own in tags])
+        missing = np.array([count_of(own, names.MISSING) for own in tags])
+        saturated = np.array([count_of(own, names.SATURATED) for own in tags])
         tones = items.reshape(-1, self.rows, 64)[:, :, plan.waveform.bins].astype(complex)
-        rejected = np.array([_count(own, names.REJECTED) for own in tags])
+        rejected = np.array([count_of(own, names.REJECTED) for own in tags])
         incomplete = missing + rejected > 0
         weights = np.ones((len(index), group_length), bool)
         count = len(index)
@@ -144,7 +144,3 @@ class ToneBlock(GroupBlock):
     def take(self, items: Array, tags: Tags) -> tuple[int, Groups]:
         count, groups = self._input.collect(items, tags)
         return count, self.process(groups)
-
-
-def _count(tags: dict[str, Any], name: str) -> int:
-    return int(pmt.to_uint64(tags[name])) if name in tags else 0

@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Tones of a phase group from its folded frames, exact where some of them are missing."""
+"""Tones of phase groups from their folded frames, exact where some of them are missing."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from ..signal.waveform import Waveform
 from ..signal.weights import ToneTable
-from .groups import Array
+from ..wiforce_kernels import group_tones
+from .groups import Array, Groups, is_clipped
+from .snapshot_group import SnapshotGroup
 
 
 class FoldedGroups:
@@ -40,7 +44,9 @@ class FoldedGroups:
         self._table = table
         self._bins = waveform.bins
         self._factors = waveform.equalizer()[self._bins]
-        self._rotation = table.derotation(waveform.sample_rate_hz) if derotated else 1.0
+        rotation = table.derotation(waveform.sample_rate_hz) if derotated else np.zeros(0)
+        self._rotation = rotation if derotated else 1.0
+        self._kernel = group_tones(table.weights, waveform.equalizer(), rotation, waveform.bins)
 
     def solve(self, present: Array, folded: Array) -> tuple[Array, Array]:
         """Tones of one group, and the weights of its snapshots in them.
@@ -59,12 +65,45 @@ class FoldedGroups:
             As ``present``. Both are zeros when the snapshots do not determine the tones.
         """
         if np.all(present):
-            tones = self._table.weights @ np.asarray(folded, complex)
-        else:
-            partial = self._table.for_present(present)
-            if partial is None:
-                shape = len(self._table.tones), len(self._bins)
-                return np.zeros(shape, complex), np.zeros_like(present)
-            tones = partial.apply(folded)
+            return self._kernel.transform(folded), present
+        partial = self._table.for_present(present)
+        if partial is None:
+            shape = len(self._table.tones), len(self._bins)
+            return np.zeros(shape, complex), np.zeros_like(present)
+        tones = partial.apply(folded)
         channel = np.fft.fft(tones * self._rotation, axis=1)[:, self._bins] * self._factors
         return channel, present
+
+    def groups(self, received: Sequence[SnapshotGroup]) -> Groups:
+        """Tones of groups that were screened.
+
+        Parameters
+        ----------
+        received : sequence of SnapshotGroup
+            With ``kept``, in order.
+
+        Returns
+        -------
+        Groups
+        """
+        count, length = len(received), self._table.group_length
+        tones = np.zeros((count, len(self._table.tones), len(self._bins)), complex)
+        weights = np.ones((count, length), bool)
+        missing = np.array([length - np.sum(group.present) for group in received], np.int64)
+        saturated = np.array([group.saturated for group in received])
+        rejected = np.zeros(count)
+        for row, group in enumerate(received):
+            kept = group.present if group.kept is None else group.kept
+            folded = group.folded if kept.all() else group.folded[kept]
+            tones[row], weights[row] = self.solve(kept, folded)
+            rejected[row] = np.sum(group.present & ~kept)
+        missing[~weights.any(axis=1)] = length
+        return Groups(
+            np.array([group.index for group in received], np.int64),
+            tones,
+            missing,
+            is_clipped(saturated, length),
+            np.array([group.retuned for group in received], bool),
+            None if weights.all() else weights,
+            rejected / length,
+        )

@@ -35,6 +35,10 @@ class Readout:
         Meaning of R: ``change``, ``step`` or ``square`` (see ``estimators.Estimator``).
     on_groups : callable, optional
         Called with every batch of Groups that has been read, before transitions are flagged.
+    first_group : int
+        The first group whose readings are given.
+    counts : GroupCounts, optional
+        Of the readings given before, which are counted on.
 
     Attributes
     ----------
@@ -64,14 +68,16 @@ class Readout:
         group_period_s: float,
         ratios: str = "change",
         on_groups: Callable[[Groups], None] | None = None,
+        first_group: int = 0,
+        counts: GroupCounts | None = None,
     ) -> None:
         self._sensors = sensors
         self._period_s = group_period_s
         self._unfolder = RatioUnfolder(ratios)
         self._transitions = TransitionFlags()
         self.on_groups = on_groups
-        self._next = 0
-        self.counts = GroupCounts()
+        self._next = first_group
+        self.counts = GroupCounts() if counts is None else counts
 
     def process(self, groups: Groups) -> list[Reading]:
         """Take a batch.
@@ -120,6 +126,8 @@ class Readout:
         readings: list[Reading] = []
         columns = [self._columns(groups, i) for i in range(len(self._sensors))]
         for row, index in enumerate(groups.index.tolist()):
+            if index < self._next:
+                continue
             readings += self._fill(index)
             time_s = (index + 0.5) * self._period_s
             own = [

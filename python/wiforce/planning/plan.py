@@ -180,8 +180,9 @@ class Plan:
             if clock.tolerance_ppm > WIDEST_PPM:
                 key = f"sensors[{tag}].clock_tolerance_ppm"
                 rule = (
-                    f"must be at most {WIDEST_PPM:g} here: only in a recording, of one antenna and "
-                    "0.1 s or more, is a clock of a wider tolerance searched for"
+                    f"must be at most {WIDEST_PPM:g} here: a wider one is searched for in the "
+                    "survey of the room, which needs one antenna and 0.1 s of untouched reference "
+                    "without gaps"
                 )
                 raise self.error(key, rule, clock.tolerance_ppm)
 

@@ -21,6 +21,9 @@ from .plan import Plan
 # Noise that the room adds to a tone, relative to white noise, below which the weights stay as they
 # are: it costs 0.2 dB in that tone.
 NEGLIGIBLE = 0.05
+# Noise in a tone, relative to that with weights for the latest survey, up to which weights for an
+# earlier one are kept: 0.4 dB.
+_AS_GOOD = 1.1
 # Tags that are solved for besides the scene's: each costs as much time per group as a sensor.
 _MOST_TAGS = 2
 # A line's frequency is known to this part of its width, and may drift by as much again.
@@ -89,6 +92,144 @@ def adapted(plan: Plan, survey: Survey | None) -> Plan:
     except InputError:  # too many lines are disturbed: their residual will say so
         return plan
     return colored
+
+
+def expecting_snr(plan: Plan, survey: Survey | None) -> Plan:
+    """State in a plan the SNR of the tags that a survey expects of its weights.
+
+    Parameters
+    ----------
+    plan : Plan
+        Adapted to the survey.
+    survey : Survey or None
+
+    Returns
+    -------
+    Plan
+        The same one without a survey, and where other tags are solved for, which raise the noise.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.planning.plan import plan
+    >>> expecting_snr(plan("demo"), None).surveyed_snr_db
+    ()
+    """
+    if survey is None or plan.others:
+        return plan
+    return replace(plan, surveyed_snr_db=survey.snr_db)
+
+
+def readapted(current: Plan, plan: Plan, survey: Survey | None) -> Plan:
+    """Adapt a plan to a room that was surveyed again.
+
+    Parameters
+    ----------
+    current : Plan
+        In use: adapted to an earlier survey.
+    plan : Plan
+        Of the scene.
+    survey : Survey or None
+        The new one.
+
+    Returns
+    -------
+    Plan
+        The current one where it reads the room as it is about as well as one that is adapted to it:
+        surveys of the same room always differ a little.
+
+    Raises
+    ------
+    InputError
+        As by :func:`adapted`.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.planning.plan import plan
+    >>> settings = plan("demo")
+    >>> readapted(settings, settings, None) is settings
+    True
+    """
+    if survey is None:
+        return current
+    better = adapted(plan, survey)
+    same_tags = _same_clocks(current.clocks, better.clocks) and _same_clocks(
+        current.others, better.others
+    )
+    if better is current or not same_tags or current.clutter_hz < better.clutter_hz:
+        return better
+    noise, least = _noise_of_tones(current, survey), _noise_of_tones(better, survey)
+    suits = len(noise) == len(least) and np.all(noise <= _AS_GOOD * least)
+    return current if suits else better
+
+
+def is_same_room(plan: Plan, before: Survey | None, survey: Survey) -> bool:
+    """Whether two surveys show the same room to the weights of a plan.
+
+    Parameters
+    ----------
+    plan : Plan
+    before : Survey or None
+        The one that the plan is adapted to.
+    survey : Survey
+        A later one.
+
+    Returns
+    -------
+    bool
+        True where no other weights need to be designed.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.estimation.survey import survey_channel
+    >>> from gnuradio.wiforce.planning.plan import plan
+    >>> settings = plan("demo")
+    >>> noise = np.random.default_rng(1).standard_normal((4000, 62, 2)) @ [1, 1j]
+    >>> survey = survey_channel(noise, settings.waveform, settings.clocks)
+    >>> is_same_room(settings, survey, survey), is_same_room(settings, None, survey)
+    (True, False)
+    """
+    if before is None:
+        return False
+    measured_clocks = [tuple(map(measured, plan.clocks, each.clocks)) for each in (before, survey)]
+    moving_hz = [each.moving_hz() for each in (before, survey)]
+    noise = [_noise_of_tones(plan, each) for each in (before, survey)]
+    return (
+        _same_clocks(*measured_clocks)
+        and len(_solved(plan, before)) == len(_solved(plan, survey))
+        and (moving_hz[1] <= max(plan.clutter_hz, moving_hz[0]))
+        and bool(np.all(noise[1] <= _AS_GOOD * noise[0]))
+        and bool(np.all(noise[0] <= _AS_GOOD * noise[1]))
+    )
+
+
+def _solved(plan: Plan, survey: Survey) -> list[Source]:
+    """Sources of a survey that a plan solves for."""
+    return [
+        source
+        for source in survey.sources
+        if source.kind == "tag"
+        and any(_agree(clock, _clock_of(source, survey)) for clock in plan.others)
+    ]
+
+
+def _same_clocks(clocks: Sequence[TagClock], others: Sequence[TagClock]) -> bool:
+    """Whether two lists hold the same clocks, in any order."""
+    return len(clocks) == len(others) and all(
+        any(_agree(clock, other) for other in others) for clock in clocks
+    )
+
+
+def _agree(clock: TagClock, other: TagClock) -> bool:
+    """Whether a clock lies within the tolerance of another."""
+    return abs(clock.clock_hz - other.clock_hz) <= 1e-6 * clock.tolerance_ppm * clock.clock_hz
+
+
+def _noise_of_tones(plan: Plan, survey: Survey) -> np.ndarray:
+    """Variance of the noise in each tone, the white noise of a snapshot being 1."""
+    table, clutter_hz = plan.table, plan.clutter_hz
+    room = survey.noise(table.group_length, clutter_hz, _solved(plan, survey))
+    power = np.sum(np.abs(table.weights) ** 2, axis=1)
+    return np.asarray((1 + room_noise_of_tones(table, room)) * power)
 
 
 def _require_one_tag_each(plan: Plan, survey: Survey) -> None:

@@ -171,7 +171,7 @@ class SceneSensor:
         Number(unit="ppm", low=0, high=20_000),
         default=100.0,
         doc="Largest error of the tag's clock: 100 ppm suit a crystal, 5000 a ceramic resonator, "
-        "20 000 an RC oscillator. Above 1000, only recordings of one antenna can be read.",
+        "20 000 an RC oscillator. Above 1000, one antenna and 0.1 s of `reference_s` are needed.",
     )
     drift_deg_per_sqrt_s: float | None = key(
         Number(unit="deg", low=0, high=360, optional=True),

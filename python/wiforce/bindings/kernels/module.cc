@@ -10,4 +10,5 @@ PYBIND11_MODULE(wiforce_kernels, m)
     bind_recordings(m);
     bind_screening(m);
     bind_timing(m);
+    bind_tones(m);
 }

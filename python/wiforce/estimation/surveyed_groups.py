@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The groups of a stream that its room is surveyed in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from ..io.readings import Reading
+from .groups import Array
+from .snapshot_group import SnapshotGroup
+
+# A survey that nobody asked for waits for so many more groups: a press that begins slowly is
+# recognised as a touch only after its first groups, and readings are one group late.
+_MORE_GROUPS = 3
+# Flags of untouched groups in which the tag or the receiver may have changed.
+_UNSTEADY = {"gap", "moved", "saturated", "transition"}
+
+
+class SurveyedGroups:
+    """Groups that are kept until they hold a survey's snapshots.
+
+    Parameters
+    ----------
+    snapshots : int
+        That the survey needs, from the start of the first group on.
+    group_length : int
+        Snapshots per group, N.
+    first : int, optional
+        Index of the first group; that of the first one received when not given.
+    untouched_groups : int
+        0 where the user takes care that the sensor is not touched. Otherwise so many groups, and
+        three more, must be read as untouched before the survey.
+
+    Attributes
+    ----------
+    groups : list of SnapshotGroup
+
+    Examples
+    --------
+    >>> kept = SurveyedGroups(snapshots=6, group_length=4)
+    >>> group = SnapshotGroup(7, np.ones((4, 64)), np.ones((4, 2)), np.ones(4, bool))
+    >>> for index in (7, 8):
+    ...     kept.add(SnapshotGroup(index, np.ones((4, 64)), np.ones((4, 2)), np.ones(4, bool)))
+    ...     print(kept.complete, len(kept.snapshots))
+    False 4
+    True 8
+    """
+
+    def __init__(
+        self,
+        snapshots: int,
+        group_length: int,
+        first: int | None = None,
+        untouched_groups: int = 0,
+    ) -> None:
+        self.groups: list[SnapshotGroup] = []
+        self._length = group_length
+        self._first = first
+        self._unasked = untouched_groups > 0
+        needed = -(-snapshots // group_length)
+        if self._unasked:
+            needed = max(needed, untouched_groups) + _MORE_GROUPS
+        self._needed = needed
+
+    def add(self, group: SnapshotGroup) -> None:
+        """Keep a copy of the next group."""
+        self.groups.append(group.copy())
+
+    def check(self, readings: Iterable[Reading], group_period_s: float) -> None:
+        """Leave out all groups up to the last one that was not read as untouched and steady."""
+        if not self._unasked:
+            return
+        for reading in readings:
+            if reading.touch != 0 or _UNSTEADY & set(reading.flags):
+                index = int(reading.time_s / group_period_s)
+                self.groups = [group for group in self.groups if group.index > index]
+
+    @property
+    def first(self) -> int:
+        """Index of the group with which the survey begins."""
+        return self.groups[0].index if self._first is None else self._first
+
+    @property
+    def complete(self) -> bool:
+        """Whether the groups hold all snapshots of the survey, or the time for it is over."""
+        return bool(self.groups) and self.groups[-1].index + 1 - self.first >= self._needed
+
+    @property
+    def snapshots(self) -> Array:
+        """Indices of the snapshots that were received, 0 for the start of the first group."""
+        begin = self.first * self._length
+        return np.concatenate([group.snapshots for group in self.groups]) - begin
+
+    @property
+    def folded(self) -> Array:
+        """Folded frames of these snapshots, shape (n, 64)."""
+        return np.concatenate([group.folded[group.present] for group in self.groups])

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The survey of the room in the untouched reference of a run."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..estimation.survey import LONGEST_S, SHORTEST_S, Survey, survey_folded
+from .plan import Plan
+
+
+def surveyed_snapshots(plan: Plan) -> int:
+    """Number of snapshots that the room is surveyed in, from the start of the reference on.
+
+    Parameters
+    ----------
+    plan : Plan
+        Of a scene.
+
+    Returns
+    -------
+    int
+        0 where there is no survey: the reference is shorter than 0.1 s, or the snapshots are
+        ratios of two antennas, which show the movers of both.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.planning.plan import plan
+    >>> surveyed_snapshots(plan("demo"))
+    8192
+    """
+    scene = plan.require_scene()
+    period_s = plan.waveform.snapshot_period_s
+    longest = int(min(scene.reference_s, LONGEST_S) / period_s)
+    if scene.environment.receive_antennas > 1 or longest < 1:
+        return 0
+    # A power of two is quicker to transform.
+    count = 1 << (longest.bit_length() - 1)
+    return count if count * period_s >= SHORTEST_S else 0
+
+
+def survey_reference(plan: Plan, snapshots: np.ndarray, folded: np.ndarray) -> Survey | None:
+    """Survey the room in the longest run of the reference's snapshots without a gap.
+
+    Parameters
+    ----------
+    plan : Plan
+        Of a scene.
+    snapshots : ndarray of int, shape (n,)
+        Indices of snapshots, rising, 0 for the first one of the reference. Those that do not
+        belong to the surveyed part are left out, and so are snapshots that are not finite.
+    folded : ndarray of complex, shape (n, 64)
+        Their folded frames.
+
+    Returns
+    -------
+    Survey or None
+        None where fewer than 0.1 s are free of gaps.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.planning.plan import plan
+    >>> survey_reference(plan("demo"), np.arange(100), np.ones((100, 64))) is None
+    True
+    """
+    count = surveyed_snapshots(plan)
+    whole = (snapshots < count) & np.isfinite(folded).all(axis=1)
+    snapshots, folded = snapshots[whole], folded[whole]
+    if not len(snapshots):
+        return None
+    folded = max(np.split(folded, np.flatnonzero(np.diff(snapshots) > 1) + 1), key=len)
+    mains_hz = plan.require_scene().environment.possible_mains_hz
+    return survey_folded(folded, plan.waveform, plan.clocks, mains_hz)

@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Streams to readings: the room is surveyed while the sensor is untouched, then it is read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from .errors import InputError
+from .estimation.folded_groups import FoldedGroups
+from .estimation.groups import Groups
+from .estimation.snapshot_group import GroupScreen, SnapshotGroup
+from .estimation.survey import Survey
+from .estimation.surveyed_groups import SurveyedGroups
+from .io.readings import GroupCounts, Reading
+from .planning.findings import Finding, findings
+from .planning.plan import Plan
+from .planning.reference_survey import survey_reference, surveyed_snapshots
+from .planning.room import adapted, expecting_snr, is_same_room, readapted
+from .receiver import Receiver
+
+# Time after a survey until the next one, in s: a survey takes a tenth of a second of one core.
+AGAIN_S = 10.0
+
+
+class StreamReader:
+    """Reads the phase groups of a stream as they arrive.
+
+    The groups of the untouched reference are kept until the room is surveyed in them. They are then
+    read with the weights that suit the room, and so are all that follow. The room is surveyed again
+    after a tare, and every ten seconds as soon as no sensor is touched for the length of a
+    reference; reading goes on meanwhile. Where other weights suit the room, they are used from the
+    group after the survey on, with a new reference that is computed from the surveyed groups. All
+    this depends on the groups alone and not on when they arrive, and no group is lost.
+
+    Parameters
+    ----------
+    plan : Plan
+        Of a scene: ``wiforce.plan(scene)``.
+    tracked : bool
+        Follow each press over time instead of inverting each group by itself.
+    survey_again_s : float
+        Time after a survey until the next one, in s.
+
+    Attributes
+    ----------
+    on_groups : callable or None
+        Called with every batch of Groups that has been read (see ``Receiver``). Groups in which a
+        later survey was made may come twice.
+    plan : Plan
+        Adapted to the room; the given one before the survey, and where the room does not need it.
+    survey : Survey or None
+        The latest one of the room. None before the first one, and where none can be made.
+    findings : list of Finding or None
+        What it has found; None without a survey.
+    counts : GroupCounts
+        Group counts by outcome, so far.
+
+    Raises
+    ------
+    InputError
+        When a clock's tolerance exceeds 1000 ppm and the room cannot be surveyed for it; at the
+        first survey, when two tags lie within the tolerance of one clock.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.planning.plan import plan
+    >>> import numpy as np
+    >>> reader = StreamReader(plan("demo"))
+    >>> shape = (625, 64)
+    >>> group = SnapshotGroup(0, np.zeros(shape), np.zeros((625, 2)), np.ones(625, bool))
+    >>> reader.process([group]), len(reader.finish())
+    ([], 1)
+    """
+
+    def __init__(self, plan: Plan, tracked: bool = False, survey_again_s: float = AGAIN_S) -> None:
+        self.plan = self._scene_plan = plan
+        self.survey: Survey | None = None
+        self.findings: list[Finding] | None = None
+        self.counts = GroupCounts()
+        self.on_groups: Callable[[Groups], None] | None = None
+        self._tracked, self._again_s = tracked, survey_again_s
+        self._screen = GroupScreen(plan.group_length)
+        self._surveyed = surveyed_snapshots(plan)
+        self._kept: SurveyedGroups | None = None
+        self._adapted_to: Survey | None = None
+        self._due: int | None = None  # group from which on the room may be surveyed again
+        self._receiver: Receiver | None = None
+        self._tones: FoldedGroups | None = None
+        if self._surveyed:
+            self._kept = self._survey_from(first=0)
+            _ = plan.table, plan.sensors  # errors in them are raised before samples arrive
+        else:
+            self._use(plan)
+
+    def process(self, groups: Sequence[SnapshotGroup]) -> list[Reading]:
+        """Take the next groups; give the readings that are ready, in order.
+
+        Parameters
+        ----------
+        groups : sequence of SnapshotGroup
+            With rising indices. Their arrays may be overwritten after the call.
+
+        Returns
+        -------
+        list of Reading
+            A reading per group and sensor; groups that were not received are flagged ``gap``.
+        """
+        readings: list[Reading] = []
+        waiting: list[SnapshotGroup] = []
+        for group in map(self._screen.process, groups):
+            if self._receiver is not None:
+                waiting.append(group)
+            if self._kept is None and self._due is not None and group.index >= self._due:
+                self._kept = self._survey_from(untouched_groups=self.plan.reference_groups)
+            if self._kept is None:
+                continue
+            self._kept.add(group)
+            ready, waiting = self._read(waiting), []
+            self._kept.check(ready, self.plan.group_period_s)
+            readings += ready
+            if self._kept.complete:
+                readings += self._adapt(self._kept)
+        return readings + self._read(waiting)
+
+    def tare(self) -> None:
+        """Take a new untouched reference from the groups that follow, and survey the room in it."""
+        if self._receiver is not None:  # else the reference is being taken
+            self._receiver.tare()
+            self._kept = self._survey_from() if self._surveyed else None
+
+    def finish(self) -> list[Reading]:
+        """Give the readings of all groups that are still held back."""
+        readings: list[Reading] = []
+        if self._receiver is None and self._kept is not None and self._kept.groups:
+            readings = self._adapt(self._kept)
+        return readings + self._receiver.finish() if self._receiver is not None else []
+
+    def _survey_from(self, first: int | None = None, untouched_groups: int = 0) -> SurveyedGroups:
+        return SurveyedGroups(self._surveyed, self.plan.group_length, first, untouched_groups)
+
+    def _adapt(self, kept: SurveyedGroups) -> list[Reading]:
+        """Survey the room in the groups kept, and go on with the plan that suits it."""
+        self._kept = None
+        last = kept.groups[-1].index
+        self._due = last + 1 + round(self._again_s / self.plan.group_period_s)
+        survey = survey_reference(self._scene_plan, kept.snapshots, kept.folded)
+        if self._receiver is None:
+            self.survey = self._adapted_to = survey
+            self._use(adapted(self._scene_plan, survey))
+            return self._read(kept.groups)
+        if survey is None:
+            return []
+        self.survey = survey
+        better = self._better(survey)
+        if better is self.plan:
+            self._state()
+            return []
+        readings = self._receiver.finish()
+        self._use(better, last + 1)
+        self._receiver.tare()
+        return readings + self._read(kept.groups)
+
+    def _better(self, survey: Survey) -> Plan:
+        """The plan in use, or another one where that suits the room as it is."""
+        if is_same_room(self.plan, self._adapted_to, survey):
+            return self.plan
+        self._adapted_to = survey
+        try:
+            return readapted(self.plan, self._scene_plan, survey)
+        except InputError:  # a second tag that could be meant has appeared: ours is tracked
+            return self.plan
+
+    def _use(self, plan: Plan, first_group: int = 0) -> None:
+        """Read with a plan, and give the readings from a group on."""
+        self.plan = plan
+        self._tones = FoldedGroups(plan.table, plan.waveform)
+        self._receiver = Receiver(
+            expecting_snr(plan, self.survey),
+            self._tracked,
+            on_groups=self._give,
+            first_group=first_group,
+            counts=self.counts,
+        )
+        self._state()
+
+    def _give(self, groups: Groups) -> None:
+        if self.on_groups is not None:
+            self.on_groups(groups)
+
+    def _state(self) -> None:
+        if self.survey is not None:
+            self.findings = findings(self.survey, self._scene_plan, self.plan)
+
+    def _read(self, groups: Sequence[SnapshotGroup]) -> list[Reading]:
+        if not groups or self._receiver is None or self._tones is None:
+            return []
+        return self._receiver.process(self._tones.groups(groups))
