@@ -23,5 +23,6 @@ def test_every_tag_and_port_has_a_row_in_the_table():
         row.split("|")[1] for row in table.split("\n## ")[0].splitlines() if row.startswith("| `")
     ]
     found = {name for row in rows for name in re.findall("`(.*?)`", row)}
-    # The mask is a key of the message on the port `incomplete`.
-    assert found == {v for k, v in vars(names).items() if k.isupper()} - {names.MASK}
+    # Keys of the messages on the ports `incomplete` and `tare`.
+    keys = {names.MASK, names.FORCE}
+    assert found == {v for k, v in vars(names).items() if k.isupper()} - keys

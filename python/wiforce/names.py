@@ -18,6 +18,9 @@ STATE = "state"
 INCOMPLETE = "incomplete"
 READINGS = "readings"
 TARE = "tare"
+TARE_STATE = "tare_state"
 
 # Keys of the PDUs on the port "incomplete" (with GROUP)
 MASK = "mask"
+# Keys of the dicts on the port "tare"
+FORCE = "force"

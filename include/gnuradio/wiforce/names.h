@@ -22,8 +22,12 @@ constexpr char STATE[] = "state";
 constexpr char INCOMPLETE[] = "incomplete";
 constexpr char READINGS[] = "readings";
 constexpr char TARE[] = "tare";
+constexpr char TARE_STATE[] = "tare_state";
 
 // Keys of the PDUs on the port "incomplete" (with GROUP)
 constexpr char MASK[] = "mask";
+
+// Keys of the dicts on the port "tare"
+constexpr char FORCE[] = "force";
 
 } // namespace gr::wiforce::names

@@ -2,24 +2,21 @@
 """Block: the complete receiver after the channel estimator, tones to readings."""
 
 from collections.abc import Callable
-from typing import Any
 
-import pmt
-
-from .. import names
 from ..estimation.groups import Groups
 from ..io.readings import Reading
 from ..planning.plan import Plan
 from ..receiver import Receiver
 from .reading_port import ReadingPort
+from .tare_port import TarePort
 from .tone_input import ToneBlock
 
 
-class group_reader(ReadingPort, ToneBlock):
+class group_reader(ReadingPort, TarePort, ToneBlock):
     """Reads all groups that have arrived in one call of the :class:`Receiver`.
 
     Input: vectors M x 64, the channel at each tone, tagged ``group`` and ``missing``.
-    Message ports: ``incomplete`` and ``tare`` (in), ``readings`` (out).
+    Message ports: ``incomplete`` and ``tare`` (in), ``readings`` and ``tare_state`` (out).
 
     Parameters
     ----------
@@ -49,11 +46,7 @@ class group_reader(ReadingPort, ToneBlock):
         self.receiver = Receiver(plan, tracked)
         ToneBlock.__init__(self, "group_reader", plan, derotated=True, outputs=0)
         self.open_port(on_reading)
-        self.message_port_register_in(pmt.intern(names.TARE))
-        self.set_msg_handler(pmt.intern(names.TARE), self._on_tare)
-
-    def _on_tare(self, message: Any) -> None:
-        self.receiver.tare()
+        self.open_tare_port(self.receiver.tares)
 
     def process(self, groups: Groups) -> Groups:
         if len(groups):
@@ -63,3 +56,4 @@ class group_reader(ReadingPort, ToneBlock):
     def finish(self) -> None:
         """Give the readings of the groups that are still held back."""
         self.publish(self.receiver.finish())
+        self.end_tare("the run has ended")

@@ -6,11 +6,11 @@ from threading import Event
 from typing import Any
 
 import numpy as np
-import pmt
 from gnuradio import gr
 
 from .. import names
 from ..errors import InputError
+from ..estimation.tare_request import TareState
 from ..io.readings import GroupCounts, Reading
 from ..io.samples import ITEM_TYPES
 from ..planning.plan import Plan
@@ -30,7 +30,9 @@ class reader(gr.hier_block2):
     """Reads force and location from received samples.
 
     Message port ``readings`` (out): a dict per group and sensor (see ``force_inversion``).
-    Message port ``tare`` (in): take a new untouched reference.
+    Message port ``tare`` (in): measure a new untouched reference; a dict with ``force`` true also
+    while a sensor is touched. Message port ``tare_state`` (out): what became of it, a dict with
+    ``state`` (``measuring``, ``complete``, ``refused``, ``failed``), ``reason`` and ``forced``.
 
     Parameters
     ----------
@@ -95,6 +97,7 @@ class reader(gr.hier_block2):
             gr.io_signature(0, 0, 0),
         )
         self.message_port_register_hier_out(names.READINGS)
+        self.message_port_register_hier_out(names.TARE_STATE)
         self.message_port_register_hier_in(names.TARE)
         self.fold = self.doppler = None
         if input_type == "folded":
@@ -111,6 +114,7 @@ class reader(gr.hier_block2):
         self.connect(self, first, self.estimator, self.groups)
         self.msg_connect(first, names.INCOMPLETE, self.groups, names.INCOMPLETE)
         self.msg_connect(self.groups, names.READINGS, self, names.READINGS)
+        self.msg_connect(self.groups, names.TARE_STATE, self, names.TARE_STATE)
         self.msg_connect(self, names.TARE, self.groups, names.TARE)
 
     def _make_doppler(self) -> Any:
@@ -149,6 +153,16 @@ class reader(gr.hier_block2):
         """A threading.Event: the stream has ended and its last group is read."""
         return self.groups.ended
 
-    def tare(self) -> None:
-        """Take a new untouched reference from the groups that follow."""
-        self.groups.to_basic_block()._post(pmt.intern(names.TARE), pmt.PMT_T)
+    def tare(self, force: bool = False, done: Callable[[TareState], None] | None = None) -> None:
+        """Measure a new untouched reference in the groups that follow.
+
+        Refused while a sensor is touched, unless forced. May be called from any thread.
+
+        Parameters
+        ----------
+        force : bool
+            Also while a sensor is touched; its readings are then flagged until a release is seen.
+        done : callable, optional
+            Called once, in another thread, with the TareState in which the request ends.
+        """
+        self.groups.tare(force, done)

@@ -38,6 +38,8 @@ class Readout:
 
     Attributes
     ----------
+    sensors : dict of str to SensorReadout
+        As given.
     counts : GroupCounts
         Outcomes of the readings given so far.
 
@@ -65,7 +67,7 @@ class Readout:
         ratios: str = "change",
         on_groups: Callable[[Groups], None] | None = None,
     ) -> None:
-        self._sensors = sensors
+        self.sensors = sensors
         self._period_s = group_period_s
         self._unfolder = RatioUnfolder(ratios)
         self._transitions = TransitionFlags()
@@ -89,7 +91,7 @@ class Readout:
         if not len(groups):
             return []
         groups = self._unfolder.process(groups)
-        read = [sensor.read(groups, i) for i, sensor in enumerate(self._sensors.values())]
+        read = [sensor.read(groups, i) for i, sensor in enumerate(self.sensors.values())]
         arrays = {name: np.stack([each[name] for each in read], axis=1) for name in read[0]}
         groups = groups.having(**arrays)
         if self.on_groups is not None:
@@ -118,13 +120,13 @@ class Readout:
         if not len(groups):
             return []
         readings: list[Reading] = []
-        columns = [self._columns(groups, i) for i in range(len(self._sensors))]
+        columns = [self._columns(groups, i) for i in range(len(self.sensors))]
         for row, index in enumerate(groups.index.tolist()):
             readings += self._fill(index)
             time_s = (index + 0.5) * self._period_s
             own = [
                 Reading(time_s, name, *column[row])
-                for name, column in zip(self._sensors, columns, strict=True)
+                for name, column in zip(self.sensors, columns, strict=True)
             ]
             self.counts.note(own)
             readings += own
@@ -159,5 +161,5 @@ class Readout:
         return [
             Reading((absent + 0.5) * self._period_s, name, flags=_GAP)
             for absent in range(first, index)
-            for name in self._sensors
+            for name in self.sensors
         ]
