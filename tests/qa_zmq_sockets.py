@@ -7,7 +7,7 @@ import time
 
 import pytest
 import zmq
-from gnuradio.wiforce.io.zmq_sockets import Replies, answer_words
+from gnuradio.wiforce.io.zmq_sockets import Later, Replies, answer_words, request
 
 
 @pytest.fixture
@@ -54,3 +54,37 @@ def test_what_is_no_request_neither_stops_the_reader_nor_costs_another_its_answe
 def test_a_request_too_long_is_cut_off_and_the_next_one_answered(ask):
     assert ask(b"status" * 100_000) is None
     assert ask(b"status")["ok"]
+
+
+def test_answer_that_comes_later_is_sent_when_it_is_known(ask):
+    """A tare is answered when it is complete; others must not wait for it."""
+    later, words = Later(), {}
+    words["tare"] = lambda: later
+    words["status"] = dict
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    replies = Replies(str(port), answer_words(words))
+    with (
+        zmq.Context() as context,
+        context.socket(zmq.REQ) as first,
+        context.socket(zmq.REQ) as last,
+    ):
+        for client, word in ((first, b"tare"), (last, b"status")):
+            client.setsockopt(zmq.LINGER, 0)
+            client.connect(f"tcp://127.0.0.1:{port}")
+            client.send(word)
+        deadline = time.monotonic() + 20
+        while not last.poll(5) and time.monotonic() < deadline:
+            replies.serve(10)
+        assert json.loads(last.recv()) == {"ok": True} and not first.poll(50)
+        later.answer("complete")
+        replies.close()
+        assert first.poll(20_000) and first.recv() == b"complete"
+
+
+def test_request_without_a_reader_ends_in_time():
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    begin = time.monotonic()
+    assert request(str(port), "status", 0.1) is None
+    assert time.monotonic() - begin < 5

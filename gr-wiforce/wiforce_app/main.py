@@ -23,6 +23,7 @@ COMMANDS = {
     "simulate": "Simulate a scene and write its capture.",
     "read": "Read force and location from a capture.",
     "live": "Read force and location live from a USRP.",
+    "status": "Print the health of a live reader.",
     "check": "Check levels, noise, delay and tag clocks of a USRP.",
     "calibrate": "Make a sensor model from known presses.",
     "transfer": "Transfer a sensor model to another carrier.",

@@ -69,7 +69,9 @@ class _Measured:
         self.sum += state.ratios
         self.magnitudes += np.abs(state.ratios)
         self.in_a_row = self.in_a_row + 1 if event else 0
-        self.problem = self.problem or event
+        # A press that begins within a group may look like a motion in it.
+        if event and (state.touch or not self.problem):
+            self.problem = event
 
     @property
     def former(self) -> Array | None:

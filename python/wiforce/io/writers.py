@@ -4,7 +4,7 @@
 import csv
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from io import FileIO
 from pathlib import Path
 from types import TracebackType
@@ -76,12 +76,14 @@ class ReadingsWriter:
         elif self._file is not None:
             self._file.close()
 
-    def write(self, reading: Reading) -> None:
+    def write(self, reading: Reading, more: Mapping[str, Any] | None = None) -> None:
         """Write one reading.
 
         Parameters
         ----------
         reading : Reading
+        more : mapping of str to plain values, optional
+            Of the columns that follow those of a reading.
 
         Raises
         ------
@@ -90,7 +92,7 @@ class ReadingsWriter:
             row, and later rows are refused.
         """
         self.begin()
-        self._put(self._form(reading.row()))
+        self._put(self._form({**reading.row(), **(more or {})}))
 
     def close(self) -> None:
         """Close the file; one without readings holds its header only.
@@ -168,13 +170,15 @@ class _LineBuffer:
 _csv_line = csv.writer(_LineBuffer, lineterminator="\n").writerow
 
 
-def open_writer(path: str | Path | None = None) -> ReadingsWriter:
+def open_writer(path: str | Path | None = None, also: Sequence[str] = ()) -> ReadingsWriter:
     """A writer of readings in the format that the file's suffix names.
 
     Parameters
     ----------
     path : str or Path, optional
         ``.csv``, or ``.jsonl`` for JSON lines; None writes CSV to standard output.
+    also : sequence of str
+        Columns that follow those of a reading, and that each ``write`` is given.
 
     Returns
     -------
@@ -197,4 +201,4 @@ def open_writer(path: str | Path | None = None) -> ReadingsWriter:
         return ReadingsWriter(path, lambda row: json.dumps(row, allow_nan=False) + "\n")
     if path is not None and not name.endswith(".csv"):
         raise InputError(path, "output must end in .csv or .jsonl")
-    return ReadingsWriter(path, lambda row: _csv_line(row.values()), _csv_line(COLUMNS))
+    return ReadingsWriter(path, lambda row: _csv_line(row.values()), _csv_line((*COLUMNS, *also)))

@@ -3,6 +3,7 @@
 
 import json
 import re
+import threading
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -47,6 +48,8 @@ def _is_port(text: str) -> bool:
 
 # A request is a line; a peer that sends more is cut off before it takes memory.
 _LONGEST_REQUEST = 4096
+# Requests that wait for an answer; more are refused.
+_MOST_WAITING = 100
 
 
 class _Endpoint:
@@ -75,7 +78,7 @@ class _Endpoint:
 
 
 class ReadingsPublisher(_Endpoint):
-    """Readings as JSON on a PUB socket.
+    """Readings and other messages as JSON on a PUB socket; may be used by several threads.
 
     Parameters
     ----------
@@ -92,16 +95,58 @@ class ReadingsPublisher(_Endpoint):
     Examples
     --------
     >>> publisher = ReadingsPublisher("5555")  # doctest: +SKIP
-    >>> publisher.publish(Reading(0.018, "arm"), device_time_s=1.5)  # doctest: +SKIP
+    >>> publisher.publish(Reading(0.018, "arm"), {"device_time_s": 1.5})  # doctest: +SKIP
     """
 
     def __init__(self, endpoint: str, option: str = "--zmq") -> None:
         super().__init__(endpoint, "PUB", option)
+        self._lock = threading.Lock()
 
-    def publish(self, reading: Reading, device_time_s: float | None) -> None:
-        """Send one reading: the keys of a JSON line, and ``device_time_s``."""
-        message = {**reading.row(), "device_time_s": device_time_s}
-        self._socket.send_string(json.dumps(message, allow_nan=False))
+    def publish(self, reading: Reading, more: Mapping[str, Any]) -> None:
+        """Send one reading: the keys of a JSON line, and more.
+
+        Parameters
+        ----------
+        reading : Reading
+        more : mapping of str to plain values
+        """
+        self.send("reading", {**reading.row(), **more})
+
+    def send(self, kind: str, values: Mapping[str, Any]) -> None:
+        """Send a JSON object whose first key, ``message``, is its kind.
+
+        Parameters
+        ----------
+        kind : str
+        values : mapping of str to plain values
+        """
+        text = json.dumps({"message": kind, **values}, allow_nan=False)
+        with self._lock:
+            self._socket.send_string(text)
+
+
+class Later:
+    """An answer that another thread gives later.
+
+    Attributes
+    ----------
+    text : str or None
+        None until it is known.
+
+    Examples
+    --------
+    >>> later = Later()
+    >>> later.answer("done")
+    >>> later.text
+    'done'
+    """
+
+    def __init__(self) -> None:
+        self.text: str | None = None
+
+    def answer(self, text: str) -> None:
+        """Give the answer."""
+        self.text = text
 
 
 class Replies(_Endpoint):
@@ -115,7 +160,7 @@ class Replies(_Endpoint):
     endpoint : str
         As for :func:`endpoint_of`.
     answer : callable
-        From the text of a request to that of its answer.
+        From the text of a request to that of its answer, or to a :class:`Later`.
     option : str
         Name of the option, for messages.
 
@@ -131,23 +176,30 @@ class Replies(_Endpoint):
     """
 
     def __init__(
-        self, endpoint: str, answer: Callable[[str], str], option: str = "--control"
+        self, endpoint: str, answer: Callable[[str], str | Later], option: str = "--control"
     ) -> None:
         super().__init__(endpoint, "ROUTER", option)
         self._answer = answer
+        self._later: list[tuple[list[bytes], Later]] = []
 
     def fileno(self) -> int:
         """Descriptor that becomes readable when requests may have come in."""
         return self._socket.fileno()
 
     def serve(self, most: int) -> bool:
-        """Answer what has come in, so many requests at most; never waits.
+        """Answer what has come in, so many requests at most, and what was due; never waits.
 
         Returns
         -------
         bool
             Whether more may be there. The descriptor does not tell of these.
         """
+        waiting, self._later = self._later, []
+        for address, later in waiting:
+            if later.text is None:
+                self._later.append((address, later))
+            else:
+                self._socket.send_multipart([*address, later.text.encode()])
         for _ in range(most):
             if not self._socket.poll(0):
                 return False
@@ -156,11 +208,26 @@ class Replies(_Endpoint):
                 continue  # nothing says where the peer's address ends
             begin = parts.index(b"", 1) + 1
             text = b" ".join(parts[begin:]).decode("utf-8", "replace").strip()
-            self._socket.send_multipart([*parts[:begin], self._answer(text).encode()])
+            answer = self._answer(text)
+            if isinstance(answer, str):
+                self._socket.send_multipart([*parts[:begin], answer.encode()])
+            elif len(self._later) < _MOST_WAITING:
+                self._later.append((parts[:begin], answer))
+            else:
+                busy = json.dumps({"ok": False, "error": f"{_MOST_WAITING} requests wait already"})
+                self._socket.send_multipart([*parts[:begin], busy.encode()])
         return True
 
+    def close(self) -> None:
+        """Send the answers that are due, and give the endpoint back."""
+        if self._later:
+            self.serve(0)
+        super().close()
 
-def answer_words(handlers: Mapping[str, Callable[[], dict[str, Any]]]) -> Callable[[str], str]:
+
+def answer_words(
+    handlers: Mapping[str, Callable[[], dict[str, Any] | Later]],
+) -> Callable[[str], str | Later]:
     """An answer for :class:`Replies`: JSON of the dict that the handler of a word returns.
 
     Parameters
@@ -179,10 +246,56 @@ def answer_words(handlers: Mapping[str, Callable[[], dict[str, Any]]]) -> Callab
     '{"ok": true}'
     """
 
-    def answer(word: str) -> str:
+    def answer(word: str) -> str | Later:
         if word not in handlers:
             rule = f"must be one of {', '.join(handlers)}, got {word[:80]!r}"
             return json.dumps({"ok": False, "error": rule})
-        return json.dumps({"ok": True, **handlers[word]()})
+        result = handlers[word]()
+        return result if isinstance(result, Later) else json.dumps({"ok": True, **result})
 
     return answer
+
+
+def request(endpoint: str, word: str, timeout_s: float, option: str = "ENDPOINT") -> str | None:
+    """Ask a :class:`Replies` for something.
+
+    Parameters
+    ----------
+    endpoint : str
+        As for :func:`endpoint_of`.
+    word : str
+    timeout_s : float
+        Time to wait for the answer.
+    option : str
+        Name of the parameter, for messages.
+
+    Returns
+    -------
+    str or None
+        The answer; None when there is none in time.
+
+    Raises
+    ------
+    InputError
+        When pyzmq is missing or the endpoint is none.
+
+    Examples
+    --------
+    >>> request("5556", "status", timeout_s=0.01) is None
+    True
+    """
+    address = endpoint_of(endpoint, option)
+    try:
+        import zmq
+    except ImportError as error:
+        raise InputError(option, "needs pyzmq (python3-zmq)", endpoint) from error
+    with zmq.Context() as context, context.socket(zmq.REQ) as client:
+        client.setsockopt(zmq.LINGER, 0)
+        try:
+            client.connect(address)
+        except zmq.ZMQError as error:
+            raise InputError(option, f"cannot be connected to ({error})", endpoint) from error
+        client.send_string(word)
+        if not client.poll(max(1, round(1000 * timeout_s))):
+            return None
+        return str(client.recv_string())
