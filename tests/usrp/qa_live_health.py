@@ -125,7 +125,9 @@ def test_live_reports_its_state_its_tags_and_its_end(scene, device, tmp_path):
         assert ask(client, "stop") == {"ok": True}
         messages += until(subscriber, lambda m: m["message"] == "end")
         _, said = process.communicate(timeout=60)
-    states = [m["state"] for m in messages if m["message"] == "heartbeat"]
+    # On a busy machine samples may be late at the start.
+    beats = [m for m in messages if m["message"] == "heartbeat" and "no samples" not in m["reason"]]
+    states = [m["state"] for m in beats]
     assert list(dict.fromkeys(states)) == ["waiting", "acquiring", "reference", "reading", "lost"]
     end = messages[-1]
     assert (end["state"], end["reason"], end["exit_status"]) == ("ended", "request", 0)

@@ -13,7 +13,7 @@ from ..io.readings import ESTIMATES, WEAK_FORCE_N, WEAK_PHASE_DEG, Flag, flag_bi
 from .groups import Array, Groups
 from .motion import TouchedMotion
 from .off_state import corrected_phase_deg
-from .touch import TouchDetector
+from .touch import FORCED, TouchDetector
 
 if TYPE_CHECKING:
     from ..sensor.model import SensorModel
@@ -198,6 +198,7 @@ class SensorReadout:
             R of the new reference against the untouched sensor before; None when unknown.
         """
         self._forced = np.full(2, np.nan) if former is None else former
+        self.state = self.state._replace(doubt=FORCED)
 
     def _image(self) -> Array:
         """Changes of arg R that a touch can cause; shape (n, 2).

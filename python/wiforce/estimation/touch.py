@@ -40,6 +40,7 @@ _JUMP_GROUPS = 4
 # A tag that was not received for this long may have been moved or pressed meanwhile. Half of it is
 # the time after which a clock is acquired again, which does not disturb the phases.
 SILENT_S = 1.0
+FORCED = "its reference was forced while it seemed to be touched"
 
 
 def wrapped(angle: float) -> float:
@@ -175,8 +176,7 @@ class TouchDetector:
         -------
         ReferenceDoubt
         """
-        reason = "its reference was forced while it seemed to be touched"
-        return ReferenceDoubt(reason, self._distance, untouched_deg)
+        return ReferenceDoubt(FORCED, self._distance, untouched_deg)
 
     def update(
         self,
