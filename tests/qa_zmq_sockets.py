@@ -7,6 +7,7 @@ import time
 
 import pytest
 import zmq
+from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.zmq_sockets import Later, Replies, answer_words, request
 
 
@@ -88,3 +89,9 @@ def test_request_without_a_reader_ends_in_time():
     begin = time.monotonic()
     assert request(str(port), "status", 0.1) is None
     assert time.monotonic() - begin < 5
+
+
+def test_endpoint_in_use_is_refused():
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        with pytest.raises(InputError, match="--control: cannot be bound"):
+            Replies(str(taken.getsockname()[1]), str.upper)

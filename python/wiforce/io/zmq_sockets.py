@@ -178,9 +178,9 @@ class Replies(_Endpoint):
     def __init__(
         self, endpoint: str, answer: Callable[[str], str | Later], option: str = "--control"
     ) -> None:
-        super().__init__(endpoint, "ROUTER", option)
         self._answer = answer
         self._later: list[tuple[list[bytes], Later]] = []
+        super().__init__(endpoint, "ROUTER", option)
 
     def fileno(self) -> int:
         """Descriptor that becomes readable when requests may have come in."""
