@@ -4,6 +4,7 @@
 import json
 import re
 import threading
+import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -48,6 +49,13 @@ def _is_port(text: str) -> bool:
 
 # A request is a line; a peer that sends more is cut off before it takes memory.
 _LONGEST_REQUEST = 4096
+# A subscription is the first bytes of a message. ZMQ keeps all of them, so both their length and
+# their number are limited.
+_LONGEST_SUBSCRIPTION = 48
+_MOST_SUBSCRIPTIONS = 1000
+# Subscriptions of a peer that may wait while nothing is sent.
+_WAITING_SUBSCRIPTIONS = 100
+_REBIND_S = 5.0
 # Requests that wait for an answer; more are refused.
 _MOST_WAITING = 100
 
@@ -55,14 +63,16 @@ _MOST_WAITING = 100
 class _Endpoint:
     """A bound ZMQ socket of its own context."""
 
-    def __init__(self, endpoint: str, kind: str, option: str) -> None:
+    kind = ""
+    longest = _LONGEST_REQUEST
+
+    def __init__(self, endpoint: str, option: str) -> None:
         try:
             import zmq
         except ImportError as error:
             raise InputError(option, "needs pyzmq (python3-zmq)", endpoint) from error
         self._context = zmq.Context()
-        self._socket = self._context.socket(getattr(zmq, kind))
-        self._socket.setsockopt(zmq.MAXMSGSIZE, _LONGEST_REQUEST)
+        self._socket = self._open()
         try:
             self._socket.bind(endpoint_of(endpoint, option))
         except (zmq.ZMQError, InputError) as error:
@@ -71,6 +81,14 @@ class _Endpoint:
                 raise
             raise InputError(option, f"cannot be bound ({error})", endpoint) from error
 
+    def _open(self) -> Any:
+        """A new socket with its options."""
+        import zmq
+
+        opened = self._context.socket(getattr(zmq, self.kind))
+        opened.setsockopt(zmq.MAXMSGSIZE, self.longest)
+        return opened
+
     def close(self) -> None:
         """Give the endpoint back; what was just sent still has a moment to leave."""
         self._socket.close(linger=200)
@@ -78,7 +96,9 @@ class _Endpoint:
 
 
 class ReadingsPublisher(_Endpoint):
-    """Readings and other messages as JSON on a PUB socket; may be used by several threads.
+    """Readings and other messages as JSON for SUB sockets; may be used by several threads.
+
+    More than 1000 subscriptions disconnect all peers, which may connect again.
 
     Parameters
     ----------
@@ -98,9 +118,13 @@ class ReadingsPublisher(_Endpoint):
     >>> publisher.publish(Reading(0.018, "arm"), {"device_time_s": 1.5})  # doctest: +SKIP
     """
 
+    kind = "XPUB"
+    longest = _LONGEST_SUBSCRIPTION
+
     def __init__(self, endpoint: str, option: str = "--zmq") -> None:
-        super().__init__(endpoint, "PUB", option)
+        self._address, self._subscriptions = endpoint_of(endpoint, option), 0
         self._lock = threading.Lock()
+        super().__init__(endpoint, option)
 
     def publish(self, reading: Reading, more: Mapping[str, Any]) -> None:
         """Send one reading: the keys of a JSON line, and more.
@@ -122,7 +146,39 @@ class ReadingsPublisher(_Endpoint):
         """
         text = json.dumps({"message": kind, **values}, allow_nan=False)
         with self._lock:
+            if self._count_subscriptions() > _MOST_SUBSCRIPTIONS:
+                self._disconnect_all()
             self._socket.send_string(text)
+
+    def _open(self) -> Any:
+        import zmq
+
+        opened = super()._open()
+        opened.setsockopt(zmq.RCVHWM, _WAITING_SUBSCRIPTIONS)
+        opened.setsockopt(zmq.XPUB_VERBOSER, 1)  # every subscription is counted, also equal ones
+        return opened
+
+    def _count_subscriptions(self) -> int:
+        while self._subscriptions <= _MOST_SUBSCRIPTIONS and self._socket.poll(0):
+            change = self._socket.recv()[:1]
+            self._subscriptions += {b"\1": 1, b"\0": -1}.get(change, 0)
+        return self._subscriptions
+
+    def _disconnect_all(self) -> None:
+        """Free all subscriptions; peers that ZMQ connects again subscribe again."""
+        import zmq
+
+        self._socket.close(linger=0)
+        self._socket, self._subscriptions = self._open(), 0
+        deadline = time.monotonic() + _REBIND_S
+        while True:
+            try:
+                self._socket.bind(self._address)
+                return
+            except zmq.ZMQError:  # the old socket is closed by another thread
+                if time.monotonic() > deadline:
+                    raise
+                time.sleep(0.005)
 
 
 class Later:
@@ -175,12 +231,14 @@ class Replies(_Endpoint):
     >>> replies.serve(most=10)  # doctest: +SKIP
     """
 
+    kind = "ROUTER"
+
     def __init__(
         self, endpoint: str, answer: Callable[[str], str | Later], option: str = "--control"
     ) -> None:
         self._answer = answer
         self._later: list[tuple[list[bytes], Later]] = []
-        super().__init__(endpoint, "ROUTER", option)
+        super().__init__(endpoint, option)
 
     def fileno(self) -> int:
         """Descriptor that becomes readable when requests may have come in."""
