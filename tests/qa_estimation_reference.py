@@ -96,9 +96,9 @@ def test_reference_of_a_late_tag_is_taken_when_it_appears():
 
 
 def test_reference_after_a_tare_is_not_late():
-    groups = [group_of(g, 1.0, [1e-6, np.inf if g < 3 else 1e-6]) for g in range(8)]
+    groups = [group_of(g, 1.0, [1e-6, np.inf if g < 3 else 1e-6]) for g in range(10)]
     late = averaged(groups, ConjugateDifference(2, 2), tare_at=6).late_reference.tolist()
-    assert late == [[False, True]] * 6 + [[False, False]] * 2
+    assert late == [[False, True]] * 8 + [[False, False]] * 2
 
 
 def test_reference_after_a_tare_is_taken_from_the_groups_that_follow():
@@ -107,18 +107,46 @@ def test_reference_after_a_tare_is_taken_from_the_groups_that_follow():
     turned = channel * np.exp(1j * np.radians(30.0))
     groups = [group_of(g, turned if g >= 4 else channel, [1e-9, 1e-9]) for g in range(10)]
     results = averaged(groups, ConjugateDifference(2, 2), tare_at=6)
-    assert angles_of(results) == pytest.approx([0, 0, 0, 0, 30, 30, 0, 0, 0, 0], abs=1e-6)
-    assert np.flatnonzero(results.new_reference).tolist() == [0, 6]
+    assert angles_of(results) == pytest.approx([0, 0, 0, 0, 30, 30, 30, 30, 0, 0], abs=1e-6)
+    assert np.flatnonzero(results.new_reference).tolist() == [0, 8]
+    assert np.flatnonzero(results.in_tare).tolist() == [6, 7]
+
+
+def test_reference_that_is_discarded_leaves_the_former_one():
+    channel = normal(np.random.default_rng(3), 2, K)
+    turned = channel * np.exp(1j * np.radians(30.0))
+    groups = [group_of(g, turned if g >= 4 else channel, [1e-9, 1e-9]) for g in range(10)]
+    difference = ConjugateDifference(2, 2)
+    before = averaged(groups[:7], difference, tare_at=6)
+    assert difference.completes(8) and not difference.completes(7)
+    difference.discard()
+    results = Groups.concatenate([before, averaged(groups[7:], difference)])
+    assert angles_of(results) == pytest.approx([0] * 4 + [30] * 6, abs=1e-6)
+    assert np.flatnonzero(results.new_reference).tolist() == [0]
+
+
+def test_reference_of_an_end_that_is_not_received_survives_a_tare():
+    """A tag that is off during a tare must not lose its reference."""
+    channel = normal(np.random.default_rng(3), 2, K)
+    turned = channel * np.exp(1j * np.radians(30.0))
+    groups = [
+        group_of(g, turned if g >= 4 else channel, [1e-9, np.inf if 5 <= g < 9 else 1e-9])
+        for g in range(12)
+    ]
+    results = averaged(groups, ConjugateDifference(2, 2), tare_at=6)
+    assert angles_of(results, 0)[8:] == pytest.approx([0] * 4, abs=1e-6)
+    assert angles_of(results, 1)[9:] == pytest.approx([30] * 3, abs=1e-6)
+    assert not results.late_reference.any()
 
 
 def test_average_after_a_tare_excludes_the_groups_before():
     channel = normal(np.random.default_rng(3), 2, K)
     # Less than the noise that is stated would let show.
     turned = channel * np.exp(1j * np.radians(1.0))
-    groups = [group_of(g, turned if 2 <= g < 6 else channel, [0.1, 0.1]) for g in range(8)]
+    groups = [group_of(g, turned if 2 <= g < 8 else channel, [0.1, 0.1]) for g in range(10)]
     results = averaged(groups, ConjugateDifference(2, 2), smoothing_groups=5, tare_at=6)
     angles = angles_of(results)
-    assert angles[5] > 0.5 and angles[6:] == pytest.approx([0, 0], abs=1e-9)
+    assert angles[7] > 0.5 and angles[8:] == pytest.approx([-1, -1], abs=1e-3)
 
 
 def test_reference_previous_group_gives_steps_across_a_lost_group():

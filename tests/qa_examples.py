@@ -6,6 +6,7 @@ import importlib.util
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -147,12 +148,19 @@ def test_press_simulation_tare_button_reaches_reader(generated, running, qt):
     collector.wait_for(lambda readings: after(readings, untouched(flowgraph)))
     flowgraph.set_force_n(4.0)
     settled(collector, flowgraph, flowgraph.tag)
-    # With the press as the new reference, the sensor counts as untouched.
-    flowgraph.display.widget._tare.click()
+    display = flowgraph.display.widget
+    display._tare.click()
+    deadline = time.monotonic() + 60
+    while "tare refused: arm is touched" not in display._outcome.toolTip():
+        assert time.monotonic() < deadline
+        display.refresh()
+    flowgraph.set_force_n(0.0)
+    settled(collector, flowgraph, flowgraph.tag)
     count = len(collector.readings)
-    collector.wait_for(lambda readings: any(r.get("touch") == 0 for r in readings[count:]))
-    while flowgraph.display.widget.sensors() != ["arm"]:
-        flowgraph.display.widget.refresh()
+    display._tare.click()
+    collector.wait_for(lambda readings: any("reference" in r["flags"] for r in readings[count:]))
+    while display.sensors() != ["arm"]:
+        display.refresh()
     qt.processEvents()
     assert not flowgraph.grab().isNull()
 

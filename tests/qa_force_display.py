@@ -229,9 +229,12 @@ def test_block_shows_messages_and_sends_tare(qt):
     collector = Collector()
     flowgraph.msg_connect(source, "strobe", block, "readings")
     flowgraph.msg_connect(block, "tare", collector, "in")
+    refused = pmt.to_pmt({"state": "refused", "reason": "arm is touched"})
+    states = blocks.message_strobe(refused, 5)
+    flowgraph.msg_connect(states, "strobe", block, "tare_state")
     flowgraph.start()
     try:
-        while "arm" not in block.widget.sensors():
+        while not (block.widget.sensors() and block.widget._outcome.toolTip()):
             block.widget.refresh()
         block.widget._tare.click()
         assert collector.got_one.wait(20)
@@ -240,7 +243,23 @@ def test_block_shows_messages_and_sends_tare(qt):
         flowgraph.wait()
     assert block.widget.latest("arm").location_mm == 40.0
     assert len(collector.messages) == 1
+    assert block.widget._outcome.toolTip() == "tare refused: arm is touched"
     assert isinstance(block.widget, QtWidgets.QWidget)
+
+
+def test_display_tare_button_shows_what_becomes_of_the_request(qt):
+    """A user must see that a press or a refusal left the former reference in use."""
+    display = wiforce.ForceDisplay()
+    display.show_tare({"state": "measuring"})
+    display.refresh()
+    assert display._tare.text() == "Measuring..." and not display._tare.isEnabled()
+    display.show_tare({"state": "failed", "reason": "arm was touched at 3.10 s", "forced": False})
+    display.refresh()
+    assert display._tare.text() == "Tare" and display._tare.isEnabled()
+    assert display._outcome.toolTip() == "tare failed: arm was touched at 3.10 s"
+    display.show_tare({"state": "complete", "reason": "", "forced": True})
+    display.refresh()
+    assert display._outcome.toolTip() == "tare complete (forced)"
 
 
 def test_trend_rolls_and_leaves_gaps(qt):

@@ -2,8 +2,11 @@
 """The reader block: one chain whatever comes in, gaps that cost only what they hit."""
 
 import dataclasses
+import threading
+import time
 
 import numpy as np
+import pmt
 import pytest
 from device_times import rx_time
 from gnuradio import blocks, gr, wiforce
@@ -144,6 +147,28 @@ def test_reader_invalid_samples_affect_only_their_group(codes):
     readings = read(values)
     assert [i for i, r in enumerate(readings) if "gap" in r.flags] == [15]
     assert all(np.isfinite([r.phase1_deg, r.phase2_deg]).all() for r in readings)
+
+
+def test_reader_reports_what_becomes_of_a_tare():
+    """By the message port and by the callback; the request comes from another thread."""
+    reader, flowgraph = wiforce.reader("demo"), gr.top_block()
+    states, ended = [], threading.Event()
+    port = blocks.message_debug(False)
+    flowgraph.connect(blocks.null_source(8), reader)
+    flowgraph.msg_connect(reader, "tare_state", port, "store")
+    flowgraph.start()
+    try:
+        reader.tare(done=lambda state: (states.append(state), ended.set()))
+        assert ended.wait(20)
+        deadline = time.monotonic() + 20
+        while port.num_messages() == 0 and time.monotonic() < deadline:
+            time.sleep(0.01)
+    finally:
+        flowgraph.stop()
+        flowgraph.wait()
+    assert [s.state for s in states] == ["refused"]
+    message = pmt.to_python(port.get_message(0))
+    assert message["state"] == "refused" and "first reference" in message["reason"]
 
 
 def test_reader_without_signal_reads_nothing(codes):

@@ -77,7 +77,7 @@ def readings_of(plan, groups, size, tare_at=None, tracked=False):
     readings = []
     for i, part in enumerate(parts):
         if i:
-            receiver.tare()
+            receiver.tare(force=True)
         step = size or len(part)
         for start in range(0, len(part), step):
             readings += receiver.process(part[start : start + step])
@@ -97,15 +97,18 @@ def assert_equal(readings, others):
 
 
 def faulty_groups(plan):
-    """A run with everything that may happen to a group, and the index of its tare."""
+    """A run with everything that may happen to a group, and the index of its tare.
+
+    The press ends four groups before the tare, whose reference is as long as the first one.
+    """
     rng = np.random.default_rng(2)
     masks = rng.random((3, plan.group_length)) > 0.2
     start = plan.reference_groups + 3
     groups = recorded_groups(
         plan,
         0,
-        start + 44,
-        untouched=range(start + 26, start + 36),
+        start + start + 31,
+        untouched=range(start + 22, start + start + 25),
         incomplete={3: masks[0], start + 2: masks[1], start + 3: masks[2]},
         absent=(5, start + 6, start + 7),
         saturated=(start + 10,),
@@ -161,17 +164,18 @@ def test_receiver_every_fault_is_flagged_where_it_is(run):
     first = readings[::sensors]
     # smoothing only where groups are short
     assert plan.smoothing_groups == (5 if plan.group_length == 125 else 1)
-    assert len(readings) == sensors * (start + 44)
+    assert len(readings) == sensors * (start + start + 31)
     flagged = {
         flag: [i for i, r in enumerate(first) if flag in r.flags]
         for flag in ("gap", "saturated", "moved", "reference")
     }
     assert flagged["gap"] == [3, 5, start + 2, start + 3, start + 6, start + 7]
     assert flagged["saturated"] == [start + 10]
-    assert flagged["moved"] == list(range(start + 20, tare_at))
+    renewed = tare_at + plan.reference_groups
+    assert flagged["moved"] == list(range(start + 20, renewed))
     assert first[start + 6].phase1_deg is None and first[start + 2].phase1_deg is not None
     untouched = [i for i in range(plan.reference_groups) if i != 5]
-    assert flagged["reference"][: len(untouched) + 1] == [*untouched, tare_at]
+    assert flagged["reference"] == [*untouched, *range(tare_at, renewed)]
 
 
 def test_receiver_press_is_read_at_its_force_and_location(run):
@@ -198,15 +202,15 @@ def test_receiver_finish_gives_what_is_held_back(count):
     assert receiver.counts.groups == count
 
 
-def test_receiver_tare_right_before_the_end_loses_no_group():
-    """Groups that are held back then have no reference, and say so."""
+def test_receiver_tare_before_the_first_reference_is_complete_is_refused():
+    """The scene states that nothing is touched then; groups held back lose no reference."""
     plan = make_plan()
     receiver = Receiver(plan, derotated=False)
-    assert receiver.process(recorded_groups(plan, 0, 12)) == []
-    receiver.tare()
+    assert receiver.process(recorded_groups(plan, 0, 12)) == [] and receiver.state == "reference"
+    assert receiver.tare().state == "refused"
+    assert "first reference" in receiver.tare().reason
     readings = receiver.finish()
-    assert len(readings) == 12
-    assert all(r.touch is None and r.force_n is None for r in readings)
+    assert len(readings) == 12 and all(r.touch == 0 for r in readings)
 
 
 def test_receiver_batches_without_groups_change_nothing():

@@ -83,7 +83,7 @@ def stream(settings, received, tare=None, batch=1, again_s=10.0):
     reader, readings, plans = StreamReader(settings, survey_again_s=again_s), [], []
     for first in range(0, len(received), batch):
         if tare is not None and first == tare:
-            reader.tare()
+            reader.tares.request()
         readings += reader.process(received[first : first + batch])
         plans.append(reader.plan)
     return reader, readings + reader.finish(), plans
@@ -153,8 +153,8 @@ def test_stream_room_that_changes_is_surveyed_with_the_tare_and_no_group_is_lost
     received = groups["quiet"][:TARE] + groups["busy"][TARE:]
     reader, readings, plans = stream(settings, received, TARE)
     quiet, busy = (stream(settings, groups[name])[1] for name in ("quiet", "busy"))
-    # The survey is complete with the 13th group of the new reference.
-    switch = TARE + 13
+    # The weights change when the new reference is complete, and nothing has touched the sensor.
+    switch = TARE + settings.reference_groups
     assert plans[switch - 2] is settings and plans[switch - 1] is reader.plan is not settings
     assert {finding.kind for finding in reader.findings} == {"lamps", "tag"}
     assert [r.time_s for r in readings] == [r.time_s for r in quiet]
@@ -171,6 +171,21 @@ def test_stream_room_that_changes_is_surveyed_with_the_tare_and_no_group_is_lost
         a.force_std_n < 0.3 * b.force_std_n
         for a, b in zip(readings[held], unaware[held], strict=True)
     )
+
+
+@pytest.mark.parametrize("force, ends", [(False, "failed"), (True, "complete")])
+def test_stream_touched_tare_is_no_survey(groups, force, ends):
+    """A press at group 46 begins within the tare: the room is not the untouched one."""
+    settings = wiforce.plan(SCENE)
+    reader = StreamReader(settings)
+    assert reader.tares.request().state == "refused" and reader.state == "acquiring"
+    for index, group in enumerate(groups["quiet"]):
+        if index == 40:
+            first = reader.survey
+            assert reader.tares.request(force).state == "measuring"
+        reader.process([group])
+    assert reader.tares.state.state == ends and reader.survey is first is not None
+    assert reader.plan is settings
 
 
 def test_stream_second_survey_of_the_same_room_keeps_the_plan(groups):

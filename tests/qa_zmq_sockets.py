@@ -3,11 +3,16 @@
 
 import json
 import socket
+import subprocess
+import sys
+import threading
 import time
 
 import pytest
 import zmq
-from gnuradio.wiforce.io.zmq_sockets import Replies, answer_words
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.readings import Reading
+from gnuradio.wiforce.io.zmq_sockets import Later, ReadingsPublisher, Replies, answer_words, request
 
 
 @pytest.fixture
@@ -54,3 +59,95 @@ def test_what_is_no_request_neither_stops_the_reader_nor_costs_another_its_answe
 def test_a_request_too_long_is_cut_off_and_the_next_one_answered(ask):
     assert ask(b"status" * 100_000) is None
     assert ask(b"status")["ok"]
+
+
+def test_answer_that_comes_later_is_sent_when_it_is_known(ask):
+    """A tare is answered when it is complete; others must not wait for it."""
+    later, words = Later(), {}
+    words["tare"] = lambda: later
+    words["status"] = dict
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    replies = Replies(str(port), answer_words(words))
+    with (
+        zmq.Context() as context,
+        context.socket(zmq.REQ) as first,
+        context.socket(zmq.REQ) as last,
+    ):
+        for client, word in ((first, b"tare"), (last, b"status")):
+            client.setsockopt(zmq.LINGER, 0)
+            client.connect(f"tcp://127.0.0.1:{port}")
+            client.send(word)
+        deadline = time.monotonic() + 20
+        while not last.poll(5) and time.monotonic() < deadline:
+            replies.serve(10)
+        assert json.loads(last.recv()) == {"ok": True} and not first.poll(50)
+        later.answer("complete")
+        replies.close()
+        assert first.poll(20_000) and first.recv() == b"complete"
+
+
+def test_request_without_a_reader_ends_in_time():
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    begin = time.monotonic()
+    assert request(str(port), "status", 0.1) is None
+    assert time.monotonic() - begin < 5
+
+
+def test_endpoint_in_use_is_refused():
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        with pytest.raises(InputError, match="--control: cannot be bound"):
+            Replies(str(taken.getsockname()[1]), str.upper)
+
+
+ATTACK = """
+import sys, time, zmq
+sockets = []
+for peer in range(10):
+    sockets.append(zmq.Context.instance().socket(zmq.SUB))
+    sockets[-1].connect(sys.argv[1])
+    for number in range(1000):
+        sockets[-1].subscribe(f"{peer}-{number}-".ljust(int(sys.argv[2]), "x"))
+print("sent", flush=True)
+sys.stdin.read()
+"""
+
+
+def resident_bytes():
+    with open("/proc/self/statm") as file:
+        return int(file.read().split()[1]) * 4096
+
+
+@pytest.mark.parametrize("length", [40, 400])
+def test_publisher_memory_is_bounded_whatever_peers_subscribe_to(length):
+    """10 000 subscriptions to 400 characters each took 117 MB that were never released."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    publisher, address = ReadingsPublisher(str(port)), f"tcp://127.0.0.1:{port}"
+    before = resident_bytes()
+    command = [sys.executable, "-c", ATTACK, address, str(length)]
+    with (
+        subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as attacker,
+        zmq.Context() as context,
+        context.socket(zmq.SUB) as subscriber,
+    ):
+        attacked = threading.Thread(target=attacker.stdout.readline)
+        attacked.start()
+        while attacked.is_alive():
+            publisher.send("heartbeat", {})
+            time.sleep(0.01)
+        for _ in range(100):
+            publisher.send("heartbeat", {})
+            time.sleep(0.01)
+        assert resident_bytes() - before < 8e6
+        attacker.stdin.close()
+        subscriber.connect(address)
+        subscriber.subscribe('{"message": "reading"')
+        deadline = time.monotonic() + 20
+        while not subscriber.poll(10):
+            assert time.monotonic() < deadline
+            publisher.publish(Reading(0.018, "arm"), {"run": "1"})
+        received = json.loads(subscriber.recv())
+        assert (received["message"], received["sensor"], received["run"]) == ("reading", "arm", "1")
+    publisher.close()

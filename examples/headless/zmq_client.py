@@ -9,7 +9,7 @@ import zmq
 
 subscriber = zmq.Context().socket(zmq.SUB)
 subscriber.connect(sys.argv[1] if len(sys.argv) > 1 else "tcp://127.0.0.1:5555")
-subscriber.subscribe("")
+subscriber.subscribe('{"message": "reading"')
 while True:
     reading = json.loads(subscriber.recv_string())
     if reading["touch"]:

@@ -76,7 +76,7 @@ class Counter(Cable):
     """
 
     def receive(self, chain, tick, spacing, count):
-        number = np.arange(count, dtype=np.int64) + self.clock.to_time(tick) // spacing
+        number = np.arange(count, dtype=np.int64) + self.clock.to_time(tick) // spacing % (1 << 32)
         parts = np.stack((number, number >> 16), axis=1).astype(np.int16)
         return (parts.astype(np.float32) / np.float32(FULL_SCALE)).view(np.complex64).reshape(-1)
 

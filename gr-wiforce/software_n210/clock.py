@@ -3,6 +3,9 @@
 
 from .wire import TICK_RATE
 
+# Device time is a counter of 64 bits: a host may set it right before its end.
+_TIME_SPAN = 1 << 64
+
 
 class DeviceClock:
     """Ticks at 100 MHz and the settable device time, with a pulse per second.
@@ -31,15 +34,16 @@ class DeviceClock:
     @property
     def time(self):
         """Device time in ticks."""
-        return self.ticks + self.offset
+        return (self.ticks + self.offset) % _TIME_SPAN
 
     def to_ticks(self, time):
         """Ticks since power-on of a device time."""
-        return time - self.offset
+        since = (time - self.offset) % _TIME_SPAN
+        return since - _TIME_SPAN if since >= _TIME_SPAN // 2 else since
 
     def to_time(self, ticks):
         """Device time of a tick since power-on."""
-        return ticks + self.offset
+        return (ticks + self.offset) % _TIME_SPAN
 
     def advance(self, ticks):
         """Advance to `ticks`, and set a time that waits for a pulse per second in between."""
@@ -48,7 +52,7 @@ class DeviceClock:
             if self._at_pulse is not None:
                 self.offset = self._at_pulse - pulse
                 self._at_pulse = None
-            self.last_pulse = pulse + self.offset
+            self.last_pulse = (pulse + self.offset) % _TIME_SPAN
         self.ticks = ticks
 
     def poke(self, register, value):

@@ -11,7 +11,7 @@ _MESSAGE_SIZE = 36
 _MAX_FRAME = 9000
 _PEEK_FIRMWARE, _POKE_FIRMWARE = 5, 6
 _PEEKS, _POKES = (1, 2), (3, 4)
-_FIRMWARE_LOCK_TIME = 0
+_FIRMWARE_LOCK_TIME, _FIRMWARE_LOCK_OWNER = 0, 1
 _FIRMWARE_HAS_GPSDO = 3
 _FIRMWARE_MINOR = 7
 _NO_GPSDO = 0x1234ABCD
@@ -89,7 +89,9 @@ class Control:
         if action == _PEEK_FIRMWARE:
             value = self._firmware.get(address, 0)
         elif action == _POKE_FIRMWARE:
-            self._firmware[address] = value
+            # The other words describe the device and must outlast a session.
+            if address in (_FIRMWARE_LOCK_TIME, _FIRMWARE_LOCK_OWNER):
+                self._firmware[address] = value
             if address == _FIRMWARE_LOCK_TIME and value == 0:
                 self._on_close()
         elif action in _PEEKS:

@@ -41,20 +41,29 @@ def daughterboard_image(board_id, serial="1"):
 
 
 class I2cBus:
-    """EEPROMs by address, read through a pointer like the real parts."""
+    """EEPROMs by address, read through a pointer like the real parts, and write-protected.
+
+    They identify the device. Anybody who reaches the control port may send a write, and every later
+    session would find another device.
+    """
 
     def __init__(self, images):
         self._images = images
         self._pointers = dict.fromkeys(images, 0)
 
     def write(self, address, data):
-        """First byte sets the pointer, what follows is stored there."""
+        """The first byte sets the pointer.
+
+        Raises
+        ------
+        Malformed
+            When bytes to be stored follow.
+        """
         if address not in self._images or not data:
             return
-        image = self._images[address]
+        if len(data) > 1:
+            raise Malformed(f"write to the protected EEPROM at {address:#x}")
         self._pointers[address] = data[0]
-        for offset, value in enumerate(data[1:], start=data[0]):
-            image[offset % len(image)] = value
 
     def read(self, address, count):
         """`count` bytes from the pointer on; an address nobody answers reads as erased.

@@ -3,18 +3,14 @@
 
 import os
 import signal
+import sys
 import threading
 
 import click
 from gnuradio.wiforce.errors import OutputError
 from gnuradio.wiforce.io.capture_files import recording_stem
 from gnuradio.wiforce.io.writers import open_writer
-from gnuradio.wiforce.io.zmq_sockets import (
-    ReadingsPublisher,
-    Replies,
-    answer_words,
-    endpoint_of,
-)
+from gnuradio.wiforce.io.zmq_sockets import ReadingsPublisher, endpoint_of
 from gnuradio.wiforce.scene import load_scene
 
 from .options import FiniteRange, radio_options, readings_output, tracked_presses
@@ -67,12 +63,11 @@ def live(
             endpoint_of(endpoint, option)
     amplitude = radio.pop("amplitude")
     try:
-        with open_writer(output, scene.files) as writer:
+        with open_writer(output, scene.files, also=("run", "time_utc")) as writer:
             opened = open_radio(args, scene, **radio)
             with _Outputs(writer, zmq_endpoint) as outputs:
                 session = _make_session(scene, opened, outputs, amplitude, tracked, record, latency)
-                outputs.start_s = lambda: session.start_s
-                _run(session, args, outputs, control, duration)
+                _run(session, opened, args, outputs, control, duration)
     except DeviceLost as lost:
         leave(lost)
 
@@ -100,7 +95,7 @@ class _Outputs:
     def __init__(self, writer, zmq_endpoint):
         self._writer = writer
         self._publisher = None
-        self.start_s = lambda: None
+        self.health = None
         self.seen = lambda reading: None
         if zmq_endpoint is not None:
             self._publisher = ReadingsPublisher(zmq_endpoint)
@@ -118,15 +113,21 @@ class _Outputs:
 
     def take(self, reading):
         """Write and publish one reading."""
-        self._writer.write(reading)
+        stamp = self.health.stamp(reading)
+        self._writer.write(reading, stamp)
+        self.health.note(reading)
         self.seen(reading)
         if self._publisher is not None:
-            start_s = self.start_s()
-            time_s = None if start_s is None else round(start_s + reading.time_s, 6)
-            self._publisher.publish(reading, time_s)
+            device_s = self.health.device_time_s(reading)
+            self._publisher.publish(reading, {"device_time_s": device_s, **stamp})
+
+    def send(self, kind, report):
+        """Publish a report of the reader's health."""
+        if self._publisher is not None:
+            self._publisher.send(kind, report)
 
 
-def _run(session, args, outputs, control, duration):
+def _run(session, radio, args, outputs, control, duration):
     """Run the session until a signal, a request or `duration` ends it.
 
     Raises
@@ -134,56 +135,77 @@ def _run(session, args, outputs, control, duration):
     DeviceLost
         When the device is gone; all readings have been written.
     """
+    from .live_requests import TareLog, serve_requests
     from .live_session import DeviceLost
+    from .run_clock import RunClock
+    from .run_health import Heartbeat, RunHealth
     from .watch import Watch
 
-    ended = threading.Event()
+    ending = _Ending()
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: ended.set())
-    signal.signal(signal.SIGUSR1, lambda *_: session.reader.tare())
+        signal.signal(number, lambda *_: ending.request("signal"))
     watch = Watch(session, args)
+    clock = RunClock(lambda: radio.time_s)
+    watch.health = outputs.health = health = RunHealth(session, clock, watch.log)
     outputs.seen = watch.note
-    requests = _requests(control, session, watch, ended) if control else None
+    tares = TareLog(session, watch.log)
+    signal.signal(signal.SIGUSR1, lambda *_: tares.request())
+    requests = None
+    if control:
+        requests = serve_requests(
+            control, tares, watch.status, stop=lambda: ending.request("request")
+        )
     try:
         outputs.begin()
-        session.start()
-        while not ended.wait(_LOOK_S) and session.failure is None:
-            watch.look()
-            if requests is not None:
-                requests.serve(_REQUESTS_A_LOOK)
-            if duration and session.time_s >= duration:
-                break
-        session.stop()
+        with Heartbeat(health.report, lambda report: outputs.send("heartbeat", report)):
+            session.start()
+            clock.compare()
+            while not ending.requested.wait(_LOOK_S) and session.failure is None:
+                watch.look()
+                health.look()
+                if requests is not None:
+                    requests.serve(_REQUESTS_A_LOOK)
+                if duration and session.time_s >= duration:
+                    ending.request("duration")
+            session.stop()
+        if session.failure is not None:
+            raise session.failure
+        ending.failure = session.recorder and session.recorder.failure
     except DeviceLost:
         session.read_rest()
         raise
     finally:
+        health.look()
         watch.finish()
         if requests is not None:
             requests.close()
-    if session.failure is not None:
-        raise session.failure
+        outputs.send("end", {**health.report(), **ending.report()})
     click.echo(f"gr-wiforce: read {watch.summary()}", err=True)
-    if session.recorder is not None and session.recorder.failure is not None:
-        raise OutputError(
-            "--record", f"the recording is incomplete ({session.recorder.failure.strerror})"
-        )
+    if ending.failure is not None:
+        raise OutputError("--record", f"the recording is incomplete ({ending.failure.strerror})")
+
+
+class _Ending:
+    """The end of a run, and why it ends."""
+
+    def __init__(self):
+        self.requested = threading.Event()
+        self.failure = None
+        self._reason = ""
+
+    def request(self, reason):
+        """End the run; the first reason counts."""
+        self._reason = self._reason or reason
+        self.requested.set()
+
+    def report(self):
+        """The end in the words of a message, with the exception that is being raised, if any."""
+        error = sys.exception() or self.failure
+        reason = self._reason if error is None else str(error) or type(error).__name__
+        return {"state": "ended", "reason": reason, "exit_status": int(error is not None)}
 
 
 def leave(error):
     """End the process at once: UHD's blocks abort when they are stopped without their device."""
     click.echo(f"gr-wiforce: {error}", err=True)
     os._exit(1)
-
-
-def _requests(control, session, watch, ended):
-    def tare():
-        session.reader.tare()
-        return {}
-
-    def stop():
-        ended.set()
-        return {}
-
-    answer = answer_words({"tare": tare, "status": watch.status, "stop": stop})
-    return Replies(control, answer)

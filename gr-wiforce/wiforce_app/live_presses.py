@@ -38,8 +38,8 @@ class LivePresses:
         planned = session.reader.plan.sensors[index]
         untouched_deg = planned.model.untouched_deg(scene.radio.center_frequency_hz)
         self._made_of = index, sensor, untouched_deg, planned.off_reflection, self._period_s
-        readout = session.reader.receiver.readout
-        self._on_groups, readout.on_groups = readout.on_groups, self._note
+        stream = session.reader.stream
+        self._on_groups, stream.on_groups = stream.on_groups, self._note
 
     def _note(self, groups):
         """Keep the readings of a batch; in the thread of the reader."""

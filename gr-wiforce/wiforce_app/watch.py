@@ -35,6 +35,11 @@ class Watch:
         Print neither status line nor warnings; only detect that the device is gone.
     now : callable
         Returns wall time in seconds.
+
+    Attributes
+    ----------
+    health : RunHealth or None
+        Of the run, for status line and status.
     """
 
     def __init__(
@@ -53,6 +58,7 @@ class Watch:
         self._terminal = sys.stderr.isatty() and not quiet
         self._last = {}
         self._room = RoomNews()
+        self.health = None
 
     def note(self, reading: Reading) -> None:
         """Keep a reading for the status line, and whether it is saturated."""
@@ -92,6 +98,11 @@ class Watch:
             session.reader.counts.short(),
             f"peak {_db(session.take_peak()):.0f} dBFS",
         ]
+        if self.health is not None:
+            parts.insert(0, self.health.state[0])
+            tare = session.reader.stream.tares.state
+            if tare.state != "none":
+                parts.append(f"tare {tare.state}")
         offsets = _clock_offsets(session)
         parts += [f"clock {ppm:+.1f} ppm" for ppm in offsets]
         if not offsets and session.alignment.offset is None:
@@ -103,6 +114,7 @@ class Watch:
         session = self._session
         room = session.reader.findings
         return {
+            **({} if self.health is None else self.health.report()),
             "time_s": session.time_s,
             "device_start_s": session.start_s,
             "gaps": session.gaps,
@@ -154,9 +166,13 @@ class Watch:
             self._recording_reported = True
             self._warn_of(f"the recording has ended: {failure}; readings continue")
 
-    def _warn_of(self, text):
+    def log(self, text: str) -> None:
+        """Print a line above the status line."""
         start = "\r\033[K" if self._terminal else ""
-        click.echo(f"{start}gr-wiforce: warning: {text}", err=True)
+        click.echo(f"{start}gr-wiforce: {text}", err=True)
+
+    def _warn_of(self, text):
+        self.log(f"warning: {text}")
 
     def _check_samples(self, now):
         heard = self._session.samples_received

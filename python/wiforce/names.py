@@ -19,3 +19,7 @@ MASK = "mask"  # also a key of the PDUs on the port "incomplete", with GROUP
 INCOMPLETE = "incomplete"
 READINGS = "readings"
 TARE = "tare"
+TARE_STATE = "tare_state"
+
+# Keys of the dicts on the port "tare"
+FORCE = "force"

@@ -14,6 +14,7 @@ from .estimation.estimators import estimator_named
 from .estimation.groups import Groups
 from .estimation.readout import Readout
 from .estimation.sensor_readout import SensorReadout
+from .estimation.tare_request import TareRequests, TareState
 from .io.readings import GroupCounts, Reading
 from .planning.plan import Plan
 
@@ -46,6 +47,8 @@ class Receiver:
         As given.
     counts : GroupCounts
         Outcomes of the readings given so far.
+    tares : TareRequests
+        State of the last request for a tare.
 
     Raises
     ------
@@ -92,6 +95,8 @@ class Receiver:
         )
         self.average = SubcarrierAverage(plan.smoothing_groups)
         self.readout = make_readout(plan, tracked, on_groups, first_group, counts)
+        self.tares = TareRequests(self.reference, self.readout.sensors, plan.group_period_s)
+        self._separated = False
         self._blas = ThreadpoolController()
 
     @property
@@ -140,9 +145,34 @@ class Receiver:
             readings += self._read(self.reference.flush())
             return readings + self.readout.flush(groups)
 
-    def tare(self) -> None:
-        """Take a new untouched reference from the groups that follow."""
-        self.reference.tare()
+    def tare(self, force: bool = False) -> TareState:
+        """Measure a new untouched reference in the groups that follow.
+
+        Refused while a sensor is touched. A touch or a motion meanwhile ends the measurement, and
+        the former reference is kept. ``tares.state`` and ``tares.on_state`` report the outcome.
+
+        Parameters
+        ----------
+        force : bool
+            Measure it in any case; the readings of a sensor that seems to be touched are flagged
+            ``inconsistent`` until a release is seen.
+
+        Returns
+        -------
+        TareState
+            ``measuring`` or ``refused``; ``complete`` where the estimator has no reference.
+        """
+        return self.tares.request(force)
+
+    @property
+    def state(self) -> str:
+        """What the receiver is doing: ``acquiring``, ``reference`` or ``reading``."""
+        if not self._separated:
+            return "acquiring"
+        if self.tares.measuring or not self.reference.started:
+            return "reference"
+        seen = any(sensor.seen for sensor in self.readout.sensors.values())
+        return "reading" if seen else "acquiring"
 
     def _check(self, groups: Groups) -> None:
         # Arrays of another plan often broadcast, and would give readings that mean nothing.
@@ -162,7 +192,19 @@ class Receiver:
     def _compare(self, groups: Groups) -> list[Reading]:
         if self.plan.compression is not None:
             groups = self.plan.compression.correct(groups)
-        return self._read(self.reference.process(groups))
+        self._separated |= len(groups) > 0
+        readings: list[Reading] = []
+        while len(groups) and self.tares.measuring:
+            # One by one, since what a group shows decides on the reference of the next one.
+            index = int(groups.index[0])
+            self.tares.before(index)
+            readings += self._read(self.reference.process(groups[:1]))
+            self.tares.after(index)
+            groups = groups[1:]
+        readings += self._read(self.reference.process(groups))
+        if len(groups):
+            self.tares.after(int(groups.index[-1]))
+        return readings
 
     def _read(self, groups: Groups) -> list[Reading]:
         return self.readout.process(self.average.process(groups))

@@ -11,12 +11,57 @@ from .estimation.groups import Groups
 from .estimation.snapshot_group import GroupScreen, SnapshotGroup
 from .estimation.survey import Survey
 from .estimation.surveyed_groups import SurveyedGroups
+from .estimation.tare_request import TareState
 from .io.readings import GroupCounts, Reading
 from .planning.findings import Finding, findings
 from .planning.plan import Plan
 from .planning.reference_survey import survey_reference, surveyed_snapshots
 from .planning.room import adapted, expecting_snr, is_same_room, readapted
 from .receiver import Receiver
+
+
+class StreamTares:
+    """Requests for a tare of the receiver that reads a stream at present.
+
+    Attributes
+    ----------
+    state : TareState
+        Of the last request.
+    on_state : callable or None
+        Called with every TareState that follows.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.planning.plan import plan
+    >>> StreamReader(plan("demo")).tares.request().state
+    'refused'
+    """
+
+    def __init__(self, request: Callable[[bool], TareState], cancel: Callable[[str], None]) -> None:
+        self._request, self._cancel = request, cancel
+        self.state = TareState()
+        self.on_state: Callable[[TareState], None] | None = None
+
+    @property
+    def measuring(self) -> bool:
+        """Whether a tare is being measured."""
+        return self.state.state == "measuring"
+
+    def request(self, force: bool = False) -> TareState:
+        """Measure a new reference, and survey the room in it (``Receiver.tare``)."""
+        return self._request(force)
+
+    def cancel(self, reason: str) -> TareState:
+        """Give up a tare that is being measured; the former reference stays in use."""
+        self._cancel(reason)
+        return self.state
+
+    def take(self, state: TareState) -> None:
+        """Take a state of the receiver's own requests."""
+        self.state = state
+        if self.on_state is not None:
+            self.on_state(state)
+
 
 # Time after a survey until the next one, in s: a survey takes a tenth of a second of one core.
 AGAIN_S = 10.0
@@ -54,6 +99,8 @@ class StreamReader:
         What it has found; None without a survey.
     counts : GroupCounts
         Group counts by outcome, so far.
+    tares : StreamTares
+        Requests for a new untouched reference.
 
     Raises
     ------
@@ -78,10 +125,12 @@ class StreamReader:
         self.findings: list[Finding] | None = None
         self.counts = GroupCounts()
         self.on_groups: Callable[[Groups], None] | None = None
+        self.tares = StreamTares(self._request_tare, self._cancel_tare)
         self._tracked, self._again_s = tracked, survey_again_s
         self._screen = GroupScreen(plan.group_length)
         self._surveyed = surveyed_snapshots(plan)
         self._kept: SurveyedGroups | None = None
+        self._in_tare = False  # whether these are the groups of a tare
         self._adapted_to: Survey | None = None
         self._due: int | None = None  # group from which on the room may be surveyed again
         self._receiver: Receiver | None = None
@@ -118,15 +167,40 @@ class StreamReader:
             ready, waiting = self._read(waiting), []
             self._kept.check(ready, self.plan.group_period_s)
             readings += ready
-            if self._kept.complete:
+            if self._in_tare and self.tares.state.state == "failed":
+                self._kept, self._in_tare = None, False
+            elif self._kept.complete and not self.tares.measuring:
                 readings += self._adapt(self._kept)
         return readings + self._read(waiting)
 
-    def tare(self) -> None:
-        """Take a new untouched reference from the groups that follow, and survey the room in it."""
-        if self._receiver is not None:  # else the reference is being taken
-            self._receiver.tare()
-            self._kept = self._survey_from() if self._surveyed else None
+    @property
+    def state(self) -> str:
+        """What the reader is doing: ``acquiring``, ``reference`` or ``reading``."""
+        if self._receiver is not None:
+            return self._receiver.state
+        return "reference" if self._kept is not None and self._kept.groups else "acquiring"
+
+    def doubt_of(self, sensor: str) -> str:
+        """Why it is not known which phases of a sensor are those untouched; empty if they are."""
+        if self._receiver is None:
+            return ""
+        return self._receiver.readout.sensors[sensor].state.doubt
+
+    def _request_tare(self, force: bool) -> TareState:
+        if self._receiver is None:
+            reason = "the first reference is not complete"
+            self.tares.take(TareState("refused", reason, force))
+            return self.tares.state
+        state = self._receiver.tare(force)
+        # What is touched in a forced tare is no room in which nothing is touched.
+        if state.state == "measuring" and self._surveyed:
+            self._in_tare = not force
+            self._kept = None if force else self._survey_from()
+        return state
+
+    def _cancel_tare(self, reason: str) -> None:
+        if self._receiver is not None:
+            self._receiver.tares.cancel(reason)
 
     def finish(self) -> list[Reading]:
         """Give the readings of all groups that are still held back."""
@@ -140,7 +214,7 @@ class StreamReader:
 
     def _adapt(self, kept: SurveyedGroups) -> list[Reading]:
         """Survey the room in the groups kept, and go on with the plan that suits it."""
-        self._kept = None
+        self._kept, self._in_tare = None, False
         last = kept.groups[-1].index
         self._due = last + 1 + round(self._again_s / self.plan.group_period_s)
         survey = survey_reference(self._scene_plan, kept.snapshots, kept.folded)
@@ -157,7 +231,7 @@ class StreamReader:
             return []
         readings = self._receiver.finish()
         self._use(better, last + 1)
-        self._receiver.tare()
+        self._receiver.reference.begin_at(kept.first)
         return readings + self._read(kept.groups)
 
     def _better(self, survey: Survey) -> Plan:
@@ -181,6 +255,7 @@ class StreamReader:
             first_group=first_group,
             counts=self.counts,
         )
+        self._receiver.tares.on_state = self.tares.take
         self._state()
 
     def _give(self, groups: Groups) -> None:

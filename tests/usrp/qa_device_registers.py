@@ -107,7 +107,8 @@ def test_control_too_large_frames_not_answered():
     assert device.reply(request("l", struct.pack(">I", 36), length=9001)) is None
 
 
-def test_control_eeproms_read_and_written_by_byte():
+def test_control_eeproms_are_read_by_byte_and_protected():
+    """A single crafted datagram once made every later session find another device."""
     device = control()
 
     def read(address, offset, count=1):
@@ -119,8 +120,27 @@ def test_control_eeproms_read_and_written_by_byte():
     board = read(0x55, 0, 20) + read(0x55, 20, 12)
     assert board[0] == 0xDB and board[1:3] == b"\x54\x00" and sum(board) % 256 == 0
     assert read(0x51, 0, 4) == b"\xff" * 4
-    device.reply(request("h", bytes([0x50, 2, 200, 42])))
-    assert read(0x50, 200) == b"\x2a"
+    with pytest.raises(Malformed):
+        device.reply(request("h", bytes([0x50, 2, 0, 42])))
+    assert read(0x50, 0, 2) == b"\x11\x0a"
+
+
+def test_control_firmware_words_that_describe_the_device_are_protected():
+    device = control()
+    for address in (3, 7):
+        words = [struct.pack(">IIB", address, 99, action) for action in (5, 6, 5)]
+        before, _, after = [device.reply(request("r", word))[12:] for word in words]
+        assert before == after
+
+
+def test_clock_at_the_end_of_its_range_starts_again():
+    clock = DeviceClock()
+    clock.poke(3, 1)
+    clock.poke(1, 0xFFFFFFFF)
+    clock.poke(0, 0xFFFFFFFF)
+    assert clock.time == 2**64 - 1 and clock.to_ticks(3) == 4
+    clock.advance(10)
+    assert clock.time == 9 and clock.to_time(12) == 11 and clock.to_ticks(2**64 - 1) == 0
 
 
 def test_control_zero_lock_time_ends_the_session():

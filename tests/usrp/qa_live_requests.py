@@ -30,13 +30,14 @@ def test_live_zmq_publishes_readings_answers_requests_and_warns_of_saturation(
         connected(zmq.SUB, readings_port) as subscriber,
         connected(zmq.REQ, control_port) as client,
     ):
-        subscriber.subscribe("")
 
         def receive_until(last):
             rows = []
             while not (rows and last(rows[-1])):
                 rows.append(json.loads(subscriber.recv_string()))
             return rows
+
+        subscriber.subscribe('{"message": "reading"')
 
         (first,) = receive_until(lambda row: True)
         assert first["sensor"] == "arm" and "saturated" in first["flags"].split()
@@ -46,11 +47,11 @@ def test_live_zmq_publishes_readings_answers_requests_and_warns_of_saturation(
         delay = (status["frame_offset"] + MARGIN) % 400
         assert status["ok"] and delay == pytest.approx(5.12 * 2.5 + 2, abs=2)
         assert status["clock_offset_ppm"][0] == pytest.approx(40, abs=4)
-        assert ask(client, "tare") == {"ok": True}
+        tared = ask(client, "tare")
+        assert (tared["ok"], tared["state"], tared["forced"]) == (True, "complete", False)
         assert ask(client, "dance")["ok"] is False
         # The first reference ends at 0.3 s. The new one, then a touch against it.
-        tared_s = ask(client, "status")["time_s"]
-        later = receive_until(lambda row: row["time_s"] > tared_s + 0.6)
+        later = receive_until(lambda row: row["time_s"] > tared["time_s"] + 0.3)
         assert any("reference" in row["flags"] for row in later if row["time_s"] > 0.35)
         assert "reference" not in later[-1]["flags"]
         slow_device.command("press arm 4.0 45.0")

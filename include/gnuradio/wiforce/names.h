@@ -23,5 +23,9 @@ constexpr char MASK[] = "mask"; // also a key of the PDUs on the port "incomplet
 constexpr char INCOMPLETE[] = "incomplete";
 constexpr char READINGS[] = "readings";
 constexpr char TARE[] = "tare";
+constexpr char TARE_STATE[] = "tare_state";
+
+// Keys of the dicts on the port "tare"
+constexpr char FORCE[] = "force";
 
 } // namespace gr::wiforce::names

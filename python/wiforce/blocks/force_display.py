@@ -14,6 +14,7 @@ class force_display(gr.basic_block):
     """Shows readings: every sensor with its press, force and location over time, SNR and flags.
 
     Message port ``readings`` (in): dicts as ``reader`` and ``force_inversion`` give them. Message
+    port ``tare_state`` (in): dicts as ``reader`` gives them, shown beside the tare button. Message
     port ``tare`` (out): sent when the tare button is pressed. The attribute ``widget`` is the Qt
     widget, to be put into a window; a QApplication must exist.
 
@@ -43,13 +44,19 @@ class force_display(gr.basic_block):
         gr.basic_block.__init__(self, "force_display", in_sig=None, out_sig=None)
         self.widget = ForceDisplay(length_mm, force_span_n, history_s)
         self.message_port_register_in(pmt.intern(names.READINGS))
+        self.message_port_register_in(pmt.intern(names.TARE_STATE))
         self.message_port_register_out(pmt.intern(names.TARE))
+        self.set_msg_handler(pmt.intern(names.TARE_STATE), self._on_tare_state)
         self.set_msg_handler(pmt.intern(names.READINGS), self._on_reading)
         self.widget.tare_requested.connect(self._on_tare)
 
     def _on_reading(self, message: Any) -> None:
         if pmt.is_dict(message):
             self.widget.add(pmt.to_python(message))
+
+    def _on_tare_state(self, message: Any) -> None:
+        if pmt.is_dict(message):
+            self.widget.show_tare(pmt.to_python(message))
 
     def _on_tare(self) -> None:
         self.message_port_pub(pmt.intern(names.TARE), pmt.PMT_T)

@@ -16,13 +16,15 @@ from ..signal.waveform import FFT_LENGTH
 from ..stream import StreamReader
 from .group_block import GroupBlock, Tags, count_of
 from .reading_port import ReadingPort
+from .tare_port import TarePort
 
 
-class group_reader(ReadingPort, GroupBlock):
+class group_reader(ReadingPort, TarePort, GroupBlock):
     """Reads all groups that have arrived in one call of the :class:`StreamReader`.
 
     Input: vectors N x 64, the snapshots of a group, from ``preamble_fold.collected`` or
-    ``phase_group_doppler.collected``. Message ports: ``tare`` (in), ``readings`` (out).
+    ``phase_group_doppler.collected``. Message ports: ``tare`` (in), ``readings`` and ``tare_state``
+    (out).
 
     Parameters
     ----------
@@ -53,11 +55,7 @@ class group_reader(ReadingPort, GroupBlock):
         self._length = plan.group_length
         GroupBlock.__init__(self, "group_reader", self._length * FFT_LENGTH, outputs=0)
         self.open_port(on_reading)
-        self.message_port_register_in(pmt.intern(names.TARE))
-        self.set_msg_handler(pmt.intern(names.TARE), self._on_tare)
-
-    def _on_tare(self, message: Any) -> None:
-        self.stream.tare()
+        self.open_tare_port(self.stream.tares)
 
     def take(self, items: Array, tags: Tags) -> tuple[int, Groups]:
         received = [self._group(item, own) for item, own in zip(items, tags, strict=True)]
@@ -81,3 +79,4 @@ class group_reader(ReadingPort, GroupBlock):
     def finish(self) -> None:
         """Give the readings of the groups that are still held back."""
         self.publish(self.stream.finish())
+        self.end_tare("the run has ended")

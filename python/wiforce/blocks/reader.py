@@ -6,17 +6,18 @@ from collections.abc import Callable
 from threading import Event
 from typing import Any
 
-import pmt
 from gnuradio import gr
 
 from .. import names
 from ..errors import InputError
+from ..estimation.tare_request import TareState
 from ..io.readings import GroupCounts, Reading
 from ..io.samples import ITEM_TYPES
 from ..planning.findings import Finding
 from ..planning.plan import Plan
 from ..planning.plan import plan as plan_of
 from ..scene import Scene
+from ..stream import StreamReader
 from ..wiforce_python import phase_group_doppler, preamble_fold
 from .group_reader import group_reader
 
@@ -32,7 +33,9 @@ class reader(gr.hier_block2):
     """Reads force and location from received samples.
 
     Message port ``readings`` (out): a dict per group and sensor (see ``force_inversion``).
-    Message port ``tare`` (in): take a new untouched reference.
+    Message port ``tare`` (in): measure a new untouched reference; a dict with ``force`` true also
+    while a sensor is touched. Message port ``tare_state`` (out): what became of it, a dict with
+    ``state`` (``measuring``, ``complete``, ``refused``, ``failed``), ``reason`` and ``forced``.
 
     Parameters
     ----------
@@ -92,6 +95,7 @@ class reader(gr.hier_block2):
             gr.io_signature(0, 0, 0),
         )
         self.message_port_register_hier_out(names.READINGS)
+        self.message_port_register_hier_out(names.TARE_STATE)
         self.message_port_register_hier_in(names.TARE)
         self.fold = None
         length = settings.group_length
@@ -111,17 +115,23 @@ class reader(gr.hier_block2):
         self.groups = group_reader(settings, tracked, on_reading)
         self.connect(self, first, self.groups)
         self.msg_connect(self.groups, names.READINGS, self, names.READINGS)
+        self.msg_connect(self.groups, names.TARE_STATE, self, names.TARE_STATE)
         self.msg_connect(self, names.TARE, self.groups, names.TARE)
+
+    @property
+    def stream(self) -> StreamReader:
+        """What reads the groups."""
+        return self.groups.stream
 
     @property
     def plan(self) -> Plan:
         """Plan that is used: of the scene, or adapted to the room once that is surveyed."""
-        return self.groups.stream.plan
+        return self.stream.plan
 
     @property
     def findings(self) -> list[Finding] | None:
         """What the latest survey of the room has found; None without one."""
-        return self.groups.stream.findings
+        return self.stream.findings
 
     @property
     def failure(self) -> Exception | None:
@@ -131,16 +141,26 @@ class reader(gr.hier_block2):
     @property
     def counts(self) -> GroupCounts:
         """Group counts by outcome: a :class:`io.readings.GroupCounts`."""
-        return self.groups.stream.counts
+        return self.stream.counts
 
     @property
     def ended(self) -> Event:
         """A threading.Event: the stream has ended and its last group is read."""
         return self.groups.ended
 
-    def tare(self) -> None:
-        """Take a new untouched reference from the groups that follow."""
-        self.groups.to_basic_block()._post(pmt.intern(names.TARE), pmt.PMT_T)
+    def tare(self, force: bool = False, done: Callable[[TareState], None] | None = None) -> None:
+        """Measure a new untouched reference in the groups that follow.
+
+        Refused while a sensor is touched, unless forced. May be called from any thread.
+
+        Parameters
+        ----------
+        force : bool
+            Also while a sensor is touched; its readings are then flagged until a release is seen.
+        done : callable, optional
+            Called once, in another thread, with the TareState in which the request ends.
+        """
+        self.groups.tare(force, done)
 
 
 def _enlarge(block: Any, items: int) -> None:

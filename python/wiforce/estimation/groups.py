@@ -97,7 +97,10 @@ class Groups:
     changes : ndarray of complex, shape (G, 2S, K)
         By the reference: V_i conj(V_ref,i) over the reference's power.
     new_reference : ndarray of bool, shape (G,)
-        Whether a new reference begins with this group: the first one, or the first after a tare.
+        Whether this group is the first that is compared with its reference: the first of a run, or
+        the first after a tare.
+    in_tare : ndarray of bool, shape (G,)
+        Whether a new reference is measured in the group, which is compared with the former one.
     in_reference, late_reference : ndarray of bool, shape (G, 2S)
         Whether the group is part of the end's reference, and whether the reference was taken after
         the time in which the scene says that the sensor is untouched.
@@ -147,6 +150,7 @@ class Groups:
     disturbed: Array = _set_by_stage()
     changes: Array = _set_by_stage()
     new_reference: Array = _set_by_stage()
+    in_tare: Array = _set_by_stage()
     in_reference: Array = _set_by_stage()
     late_reference: Array = _set_by_stage()
     reshaped: Array = _set_by_stage()
@@ -173,6 +177,8 @@ class Groups:
             self.saturated = np.zeros(count, bool)
         if self.retuned is None:
             self.retuned = np.zeros(count, bool)
+        if self.in_tare is None:
+            self.in_tare = np.zeros(count, bool)
 
     def __len__(self) -> int:
         return len(self.index)

@@ -42,6 +42,8 @@ class Readout:
 
     Attributes
     ----------
+    sensors : dict of str to SensorReadout
+        As given.
     counts : GroupCounts
         Outcomes of the readings given so far.
 
@@ -71,7 +73,7 @@ class Readout:
         first_group: int = 0,
         counts: GroupCounts | None = None,
     ) -> None:
-        self._sensors = sensors
+        self.sensors = sensors
         self._period_s = group_period_s
         self._unfolder = RatioUnfolder(ratios)
         self._transitions = TransitionFlags()
@@ -95,7 +97,7 @@ class Readout:
         if not len(groups):
             return []
         groups = self._unfolder.process(groups)
-        read = [sensor.read(groups, i) for i, sensor in enumerate(self._sensors.values())]
+        read = [sensor.read(groups, i) for i, sensor in enumerate(self.sensors.values())]
         arrays = {name: np.stack([each[name] for each in read], axis=1) for name in read[0]}
         groups = groups.having(**arrays)
         if self.on_groups is not None:
@@ -124,7 +126,7 @@ class Readout:
         if not len(groups):
             return []
         readings: list[Reading] = []
-        columns = [self._columns(groups, i) for i in range(len(self._sensors))]
+        columns = [self._columns(groups, i) for i in range(len(self.sensors))]
         for row, index in enumerate(groups.index.tolist()):
             if index < self._next:
                 continue
@@ -132,7 +134,7 @@ class Readout:
             time_s = (index + 0.5) * self._period_s
             own = [
                 Reading(time_s, name, *column[row])
-                for name, column in zip(self._sensors, columns, strict=True)
+                for name, column in zip(self.sensors, columns, strict=True)
             ]
             self.counts.note(own)
             readings += own
@@ -167,5 +169,5 @@ class Readout:
         return [
             Reading((absent + 0.5) * self._period_s, name, flags=_GAP, group=absent)
             for absent in range(first, index)
-            for name in self._sensors
+            for name in self.sensors
         ]

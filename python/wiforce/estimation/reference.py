@@ -39,6 +39,60 @@ def subcarrier_weights(noise: Array) -> Array:
     return weights / weights.sum(axis=-1, keepdims=True)
 
 
+class NewReference:
+    """Mean of the ends over the groups of a tare.
+
+    Parameters
+    ----------
+    ends : int
+        Ends of all tags, 2S.
+    groups : int
+        Length of the reference, from the first group that is added on.
+
+    Attributes
+    ----------
+    sum : ndarray of complex, shape (2S, K), or None
+        Sum of V over its variance; None before the first group.
+    precision : ndarray, shape (2S,)
+        Sum of 1 over the variance; 0 for an end that was not received.
+
+    Examples
+    --------
+    >>> new = NewReference(ends=2, groups=3)
+    >>> new.add(Groups([40], ends=np.ones((1, 2, 62)), gain=np.full((1, 2), 0.01)))
+    >>> new.precision.tolist(), new.ends_before(42), new.ends_before(43)
+    ([100.0, 100.0], False, True)
+    """
+
+    def __init__(self, ends: int, groups: int) -> None:
+        self._groups = groups
+        self._stop: int | None = None
+        self.sum: Array | None = None
+        self.precision = np.zeros(ends)
+        self.precisions: Array = np.zeros((ends, 1))  # on each subcarrier
+
+    def ends_before(self, index: int) -> bool:
+        """Whether the reference ends before the group of this index."""
+        return self._stop is not None and index >= self._stop
+
+    def add(self, group: Groups) -> None:
+        """Take a batch of one group with ``ends`` and ``gain``."""
+        if self._stop is None:
+            self._stop = int(group.index[0]) + self._groups
+        values, gain = group.ends[0], group.gain[0]
+        received = np.isfinite(gain)
+        if group.locked is not None:
+            # Before a silent tag is dropped its ends are still solved for, and are noise.
+            received = received & np.repeat(group.locked[0], 2)
+        if self.sum is None:
+            self.sum = np.zeros(values.shape, complex)
+        raised = np.ones(values.shape) if group.raised is None else group.raised
+        weights = np.where(received[:, None], 1 / (gain[:, None] * raised), 0)
+        self.sum[received] += values[received] * weights[received]
+        self.precision[received] += 1 / gain[received]
+        self.precisions = self.precisions + weights
+
+
 class ConjugateDifference:
     """V conj(V_ref) of every end, scaled so that the weighted subcarrier average is R.
 
@@ -100,11 +154,45 @@ class ConjugateDifference:
         self._holding = not self._against_previous
         self._held: list[Groups] = []
         self._stop: Array | None = None
-        self.tare()
+        self._next: NewReference | None = None
+        self._restart()
         self._stop = np.full(ends, reference_groups)
 
     def tare(self) -> None:
-        """Take a new untouched reference from the groups that follow."""
+        """Measure a new untouched reference in the groups that follow.
+
+        These groups are still compared with the former reference, which the new one replaces with
+        the first group behind them. Ends that are received in none of them keep the former one.
+        Without effect while the first reference is measured.
+        """
+        if self._against_previous:
+            self._restart()
+        elif not self._holding:
+            self._next = NewReference(self._ends, self.reference_groups)
+
+    def begin_at(self, index: int) -> None:
+        """Measure the first reference from the group of this index on, instead of group 0."""
+        self._stop = np.full(self._ends, index + self.reference_groups)
+
+    def discard(self) -> None:
+        """Give up the new reference that is being measured, and keep the former one."""
+        self._next = None
+
+    @property
+    def measuring(self) -> bool:
+        """Whether a tare is being measured."""
+        return self._next is not None
+
+    @property
+    def started(self) -> bool:
+        """Whether the first reference has ended; a tare is possible from then on."""
+        return not self._holding
+
+    def completes(self, index: int) -> bool:
+        """Whether the reference that is being measured ends before the group of this index."""
+        return self._next is not None and self._next.ends_before(index)
+
+    def _restart(self) -> None:
         self._sum: Array | None = None
         self._precision = np.zeros(self._ends)
         self._precisions: Array = np.zeros((self._ends, 1))  # on each subcarrier
@@ -133,6 +221,9 @@ class ConjugateDifference:
         ready = []
         for row in range(len(groups)):
             rest = groups[row:]
+            if self._next is not None:
+                ready.append(self._measure(self._next, rest[:1]))
+                continue
             if self._settled(rest):
                 ready.append(self._compare(rest, np.zeros((len(rest), self._ends), bool)))
                 break
@@ -157,6 +248,34 @@ class ConjugateDifference:
             and self._stop is not None
             and bool(np.all(groups.index[0] >= self._stop))
         )
+
+    def _measure(self, new: NewReference, group: Groups) -> Groups:
+        """Process a single group while a new reference is measured."""
+        if new.ends_before(int(group.index[0])):
+            self._adopt(new, int(group.index[0]))
+        else:
+            new.add(group)
+            group = group.having(in_tare=np.ones(1, bool))
+        if self._settled(group):
+            return self._compare(group, np.zeros((1, self._ends), bool))
+        return self._learn(group)
+
+    def _adopt(self, new: NewReference, index: int) -> None:
+        """Replace the reference of all ends that the new one holds, from group ``index`` on."""
+        self._next = None
+        received = new.precision > 0
+        if new.sum is None or not received.any():
+            return
+        old = np.zeros_like(new.sum) if self._sum is None else self._sum
+        self._sum = np.where(received[:, None], new.sum, old)
+        self._precision = np.where(received, new.precision, self._precision)
+        self._precisions = np.where(received[:, None], new.precisions, self._precisions)
+        self._late &= ~received
+        if self._stop is not None:
+            self._stop = np.where(received, np.minimum(self._stop, index), self._stop)
+        self._begins = True
+        if self._profile is not None:
+            self._profile.reset()
 
     def _learn(self, group: Groups) -> Groups:
         """Process a single group that may be part of the reference."""
@@ -202,7 +321,7 @@ class ConjugateDifference:
         return self._difference(group, (first & received)[None], reference, reference_gain)
 
     def _compare(self, groups: Groups, in_reference: Array) -> Groups:
-        if self._sum is None:  # a tare, and no group since
+        if self._sum is None:
             self._sum = np.zeros(groups.ends.shape[1:], complex)
         with np.errstate(divide="ignore", invalid="ignore"):
             gain = 1 / self._precision

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +13,7 @@ from ..io.readings import ESTIMATES, WEAK_FORCE_N, WEAK_PHASE_DEG, Flag, flag_bi
 from .groups import Array, Groups
 from .motion import TouchedMotion
 from .off_state import corrected_phase_deg
-from .touch import TouchDetector
+from .touch import FORCED, TouchDetector
 
 if TYPE_CHECKING:
     from ..sensor.model import SensorModel
@@ -25,6 +25,42 @@ _DISTURBED_DEG = 1.0
 # It is up to 4 dB less in rooms that are read correctly, and 21 dB or more beside a second tag on
 # nearly the same clock (tests/rooms).
 _LEFT_ON_LINES_DB = 15.0
+
+
+class SensorState(NamedTuple):
+    """What a sensor showed in the last group.
+
+    Attributes
+    ----------
+    received : bool
+        Whether the group could be read.
+    touch : int
+        Decision of the last group that could be read.
+    moved : bool
+        Whether the tag moved in the group.
+    ratios : ndarray of complex, shape (2,)
+        R of both ends against the untouched sensor, without the drift that the tare follows.
+    force_n, location_mm : float
+        NaN when unknown.
+    doubt : str
+        Why it is not known which phases are those of the untouched sensor; empty if they are.
+
+    Examples
+    --------
+    >>> SensorState(True, 0, False, np.ones(2), np.nan, np.nan, "").touch
+    0
+    """
+
+    received: bool
+    touch: int
+    moved: bool
+    ratios: Array
+    force_n: float
+    location_mm: float
+    doubt: str
+
+
+_UNSEEN = SensorState(False, 0, False, np.ones(2, complex), _NAN, _NAN, "")
 
 
 class SensorReadout:
@@ -47,6 +83,11 @@ class SensorReadout:
         Stated random walk of the untouched phases; learned when not given.
     surveyed_snr_db : float, optional
         SNR of line 1 of the tag against the noise between the lines.
+
+    Attributes
+    ----------
+    state : SensorState
+        Of the last group.
 
     Examples
     --------
@@ -82,6 +123,11 @@ class SensorReadout:
         self._touch = TouchDetector(self._image(), group_period_s, drift_deg_per_sqrt_s)
         self._motion = TouchedMotion()
         self._retuned = False
+        self._scale, self._former_scale = np.ones(2), np.ones(2)
+        self._tared = self._measured = 0
+        self._forced: Array | None = None
+        self._seen = False
+        self.state = _UNSEEN
         self._tracker = model.tracker(group_period_s, frequency_hz) if tracked else None
         if not tracked:
             model.inverter(frequency_hz)  # tabulates the model before samples arrive
@@ -103,10 +149,13 @@ class SensorReadout:
         """
         ends = slice(2 * sensor, 2 * sensor + 2)
         ratios, std = groups.ratios[:, ends], groups.phase_std_deg[:, ends]
-        flags, readable = self._known_flags(groups, sensor, ratios, std)
-        touch, drift, drifting = self._decide_touch(groups, ends, ratios, std, flags, readable)
+        renewed = self._renewals(groups, sensor)
+        flags, readable = self._known_flags(groups, sensor, renewed, ratios, std)
+        touch, drift, drifting, scale, moved = self._decide_touch(
+            groups, renewed, ratios, std, flags, readable, sensor
+        )
         std = np.hypot(std, drifting)
-        level = ratios * np.exp(-1j * np.radians(drift))
+        level = ratios * scale * np.exp(-1j * np.radians(drift))
         with np.errstate(invalid="ignore"):
             phases, slope = corrected_phase_deg(level, self._untouched, self._off)
             std = std * slope
@@ -124,6 +173,17 @@ class SensorReadout:
         flags[uncertain] |= Flag.WEAK.value
         self._watch_motion(phases, std, touch, readable, values, flags)
         phases[~readable] = _NAN
+        self._seen |= bool(readable.any())
+        if len(groups):
+            self.state = SensorState(
+                bool(readable[-1]),
+                self._touch.touch,
+                bool(moved[-1]),
+                level[-1],
+                float(values[-1, 0]),
+                float(values[-1, 2]),
+                self._touch.doubt,
+            )
         return {
             "touch": touch,
             "phases_deg": phases,
@@ -141,6 +201,22 @@ class SensorReadout:
             disturbed |= snr_db < self._surveyed_snr_db - _LEFT_ON_LINES_DB
         return disturbed
 
+    @property
+    def seen(self) -> bool:
+        """Whether the sensor could be read in any group."""
+        return self._seen
+
+    def force_reference(self, former: Array | None) -> None:
+        """Take the next reference although the sensor may be touched in it.
+
+        Parameters
+        ----------
+        former : ndarray of complex, shape (2,), or None
+            R of the new reference against the untouched sensor before; None when unknown.
+        """
+        self._forced = np.full(2, np.nan) if former is None else former
+        self.state = self.state._replace(doubt=FORCED)
+
     def _image(self) -> Array:
         """Changes of arg R that a touch can cause; shape (n, 2).
 
@@ -156,21 +232,19 @@ class SensorReadout:
         return np.degrees(np.angle((reflections - self._off) / (untouched - self._off)))
 
     def _known_flags(
-        self, groups: Groups, sensor: int, ratios: Array, std: Array
+        self, groups: Groups, sensor: int, renewed: Array, ratios: Array, std: Array
     ) -> tuple[Array, Array]:
         """Flags of each group from the stages before, and whether it can be read; shape (G,)."""
         ends = slice(2 * sensor, 2 * sensor + 2)
         # A retuned oscillator has a new phase, which rotates both ends until a new reference.
         retuned = np.full(len(groups), self._retuned)
-        for row in np.flatnonzero(groups.retuned | groups.new_reference):
-            self._retuned = bool(groups.retuned[row]) or (
-                self._retuned and not groups.new_reference[row]
-            )
+        for row in np.flatnonzero(groups.retuned | renewed):
+            self._retuned = bool(groups.retuned[row]) or (self._retuned and not renewed[row])
             retuned[row:] = self._retuned
         overlapping = groups.overlapping[:, sensor]
         late = groups.late_reference[:, ends].any(axis=1)
         raised = {
-            Flag.REFERENCE: groups.in_reference[:, ends].any(axis=1),
+            Flag.REFERENCE: groups.in_reference[:, ends].any(axis=1) | groups.in_tare,
             Flag.GAP: groups.missing > 0,
             Flag.SATURATED: groups.saturated,
             Flag.MOVED: retuned | groups.reshaped[:, ends].any(axis=1),
@@ -188,33 +262,70 @@ class SensorReadout:
     def _decide_touch(
         self,
         groups: Groups,
-        ends: slice,
+        renewed: Array,
         ratios: Array,
         std: Array,
         flags: Array,
         readable: Array,
-    ) -> tuple[Array, Array, Array]:
-        """Touch (G,), -1 where it is unknown, the drift (G, 2) that the tare subtracts, its std."""
+        sensor: int,
+    ) -> tuple[Array, Array, Array, Array, Array]:
+        """Touch (G,), -1 where it is unknown; drift that the tare subtracts, its standard
+        deviation and the factor that R lacks, (G, 2) each; and whether the tag moved (G,).
+        """
         touch, drift = np.full(len(groups), -1), np.zeros((len(groups), 2))
-        drifting = np.zeros((len(groups), 2))
+        drifting, scale = np.zeros((len(groups), 2)), np.ones((len(groups), 2))
+        moved = np.zeros(len(groups), bool)
         times_s = ((groups.index + 0.5) * self._period_s).tolist()
         changes = np.degrees(np.angle(ratios)).tolist()
         stds = std.tolist()
+        ends = slice(2 * sensor, 2 * sensor + 2)
         in_reference = groups.in_reference[:, ends].any(axis=1).tolist()
-        for row, restarts in enumerate(groups.new_reference.tolist()):
+        for row, restarts in enumerate(renewed.tolist()):
             if restarts:
-                self._touch.tare()
+                self._restart()
             if not readable[row]:
+                scale[row] = self._scale
                 continue
             decision = self._touch.update(times_s[row], changes[row], stds[row], in_reference[row])
             touch[row], drift[row] = decision.touch, decision.drift_deg
             if decision.touch:
                 drifting[row] = self._touch.drift_std_deg(times_s[row])
+            if decision.released:
+                self._scale = self._former_scale
+            scale[row], moved[row] = self._scale, decision.moved
             if decision.moved:
                 flags[row] |= Flag.MOVED.value
             if decision.disturbed:
                 flags[row] |= Flag.INCONSISTENT.value
-        return touch, drift, drifting
+        return touch, drift, drifting, scale, moved
+
+    def _renewals(self, groups: Groups, sensor: int) -> Array:
+        """Whether the sensor has a new reference from each group on, (G,).
+
+        It keeps the former one where it was not received in any group of a tare.
+        """
+        renewed = groups.new_reference.copy()
+        for row in np.flatnonzero(renewed | groups.in_tare):
+            if renewed[row]:
+                renewed[row] = not self._tared or self._measured > 0
+                self._tared = self._measured = 0
+            if groups.in_tare[row]:
+                self._tared += 1
+                self._measured += bool(groups.locked[row, sensor])
+        return renewed
+
+    def _restart(self) -> None:
+        """Begin with a new reference."""
+        forced, self._forced = self._forced, None
+        self._scale, self._former_scale, doubt = np.ones(2), np.ones(2), None
+        if forced is not None:
+            untouched = None
+            if np.isfinite(forced).all():
+                self._former_scale = np.abs(forced)
+                first, second = (-np.degrees(np.angle(forced))).tolist()
+                untouched = first, second
+            doubt = self._touch.forced_doubt(untouched)
+        self._touch.tare(doubt)
 
     def _invert(self, phases: Array, std: Array) -> tuple[Array, Array]:
         """Force, its std, location, its std (n, 4), and flags (n,) of touched groups."""

@@ -10,6 +10,8 @@ from 1.2 N are detected from their first group to their last. docs/estimation.md
 from __future__ import annotations
 
 import math
+from collections import deque
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +19,7 @@ import numpy as np
 from ..io.readings import WEAK_PHASE_DEG
 from .drift import DriftRate
 from .groups import Array
+from .reference_doubt import ReferenceDoubt, distance_squared
 from .tare import SlowTare
 
 # Systematic spread of the phases within a state, in degrees, added to the noise.
@@ -31,6 +34,13 @@ _DISTURBED = 25.0
 COMMON_STDS = 3.5
 # Mean age of the groups that the tare averages over, in s.
 _TARE_AGE_S = 0.5
+# Groups before another one within a reference with which it is compared: half of the shortest
+# acquisition (0.4 s), so that slow drift is not taken for a jump.
+_JUMP_GROUPS = 4
+# A tag that was not received for this long may have been moved or pressed meanwhile. Half of it is
+# the time after which a clock is acquired again, which does not disturb the phases.
+SILENT_S = 1.0
+FORCED = "its reference was forced while it seemed to be touched"
 
 
 def wrapped(angle: float) -> float:
@@ -65,7 +75,11 @@ class TouchDecision(NamedTuple):
     drift_deg : (float, float)
         Drift of both phases that the tare subtracts, in degrees.
     disturbed : bool
-        Whether the sensor was touched during its reference; holds until the next tare.
+        Whether the phases of the untouched sensor are in doubt: they jumped during the reference,
+        which holds until the next tare; or a doubt stated by ``ReferenceDoubt``.
+    released : bool
+        Whether the phases have returned to those of the former reference, after a tare that was
+        forced during a touch. ``drift_deg`` refers to the former reference from here on.
 
     Examples
     --------
@@ -77,6 +91,7 @@ class TouchDecision(NamedTuple):
     moved: bool
     drift_deg: tuple[float, float]
     disturbed: bool = False
+    released: bool = False
 
 
 class TouchDetector:
@@ -117,13 +132,51 @@ class TouchDetector:
         self._untouched_s = 0.0
         self._moving = False
         self._disturbed = False
+        self._doubt: ReferenceDoubt | None = None
         self._touch = 0
+        self._seen_s = math.nan
+        self._last_deg = (0.0, 0.0)
+        self._referenced: deque[tuple[float, float, float, float]] = deque(maxlen=_JUMP_GROUPS)
 
-    def tare(self) -> None:
-        """Restart with a drift of 0, for a new reference."""
+    def tare(self, doubt: ReferenceDoubt | None = None) -> None:
+        """Restart with a drift of 0, for a new reference.
+
+        Parameters
+        ----------
+        doubt : ReferenceDoubt, optional
+            Whether the sensor may have been touched during the reference.
+        """
         self._tare.reset()
         self._disturbed = False
+        self._doubt = doubt
         self._touch = 0
+        self._referenced.clear()
+
+    @property
+    def touch(self) -> int:
+        """Decision of the last group that could be decided."""
+        return self._touch
+
+    @property
+    def doubt(self) -> str:
+        """Why it is not known which phases are those of the untouched sensor; empty if they are."""
+        if self._disturbed:
+            return "its phases jumped during the reference"
+        return "" if self._doubt is None else self._doubt.reason
+
+    def forced_doubt(self, untouched_deg: tuple[float, float] | None) -> ReferenceDoubt:
+        """The doubt of a tare that was forced while the sensor seemed to be touched.
+
+        Parameters
+        ----------
+        untouched_deg : (float, float) or None
+            Phases, against the new reference, that were untouched before; None when unknown.
+
+        Returns
+        -------
+        ReferenceDoubt
+        """
+        return ReferenceDoubt(FORCED, self._distance, untouched_deg)
 
     def update(
         self,
@@ -151,7 +204,8 @@ class TouchDetector:
         """
         tare = self._tare
         if not (math.isfinite(std_deg[0]) and math.isfinite(std_deg[1])):
-            return TouchDecision(None, False, tare.drift_deg, self._disturbed)
+            return TouchDecision(None, False, tare.drift_deg, self.doubt != "")
+        self._note_silence(time_s, in_reference)
         first, second = (
             wrapped(phase - drift) for phase, drift in zip(phases_deg, tare.drift_deg, strict=True)
         )
@@ -164,14 +218,22 @@ class TouchDetector:
             self._touch = 0
             # A press within the reference shifts its mean, and with it every group of it.
             self._disturbed |= untouched > _DISTURBED and common > COMMON_STDS**2
+            self._disturbed |= self._jumps(phases_deg, std_deg)
         else:
             self._touch, moved = self._decide((first, second), spreads, untouched, common)
+        released = False
+        if self._doubt is not None and not in_reference:
+            released = self._judge(self._doubt, time_s, phases_deg, (first, second), std_deg)
+            if released and (self._touch or moved):
+                tare.shift((first, second))
+                self._touch, moved = 0, False
+        self._last_deg = (phases_deg[0], phases_deg[1])
         if max(std_deg) > WEAK_PHASE_DEG:
             # Noise or interference: the group may be read, but is not used for the tare.
             self._moving = False
             if self._touch:
                 tare.touch_begins()
-            return TouchDecision(self._touch, moved, tare.drift_deg, self._disturbed)
+            return self._decision(moved, released)
         if moved and self._moving:
             tare.shift((first, second))
         if self._touch or moved:
@@ -185,7 +247,58 @@ class TouchDetector:
             tare.follow(time_s, phases_deg, std_deg)
         # A single group may be a press that began inside it; the tare moves with the second.
         self._moving = moved
-        return TouchDecision(self._touch, moved, tare.drift_deg, self._disturbed)
+        return self._decision(moved, released)
+
+    def _decision(self, moved: bool, released: bool) -> TouchDecision:
+        drift = self._tare.drift_deg
+        return TouchDecision(self._touch, moved, drift, self.doubt != "", released)
+
+    def _note_silence(self, time_s: float, in_reference: bool) -> None:
+        """Doubt the reference when the tag returns after it was silent."""
+        silent_s, self._seen_s = time_s - self._seen_s, time_s
+        if not silent_s > SILENT_S or in_reference or self._doubt is not None:
+            return
+        self._doubt = ReferenceDoubt(
+            "it returned with other phases",
+            self._distance,
+            self._tare.drift_deg,
+            groups=1,
+            before_deg=self._last_deg if self._touch else None,
+        )
+
+    def _judge(
+        self,
+        doubt: ReferenceDoubt,
+        time_s: float,
+        phases_deg: tuple[float, float],
+        change_deg: tuple[float, float],
+        std_deg: tuple[float, float],
+    ) -> bool:
+        """End a doubt where a group allows it; whether the sensor is at its former phases."""
+        drift = self.drift_std_deg(time_s)
+        spreads = (
+            math.hypot(std_deg[0], _STATE_SPREAD_DEG, drift[0]),
+            math.hypot(std_deg[1], _STATE_SPREAD_DEG, drift[1]),
+        )
+        if not doubt.ends((phases_deg[0], phases_deg[1]), change_deg, spreads, self._touch):
+            return False
+        self._doubt = None
+        return doubt.released_to_former
+
+    def _jumps(self, phases_deg: tuple[float, float], std_deg: tuple[float, float]) -> bool:
+        """Whether a group of the reference differs from those right before it."""
+        recent, first = self._referenced, (phases_deg[0], phases_deg[1])
+        self._referenced = deque([*recent, (*first, *std_deg)], maxlen=_JUMP_GROUPS)
+        if not recent:
+            return False
+        change, spreads = [], []
+        for end in (0, 1):
+            turned = [wrapped(first[end] - group[end]) for group in recent]
+            mean = sum(turned) / len(turned)
+            noise = math.sqrt(sum(group[2 + end] ** 2 for group in recent)) / len(recent)
+            change.append(mean)
+            spreads.append(math.hypot(std_deg[end], noise, _STATE_SPREAD_DEG))
+        return distance_squared((change[0], change[1]), (spreads[0], spreads[1])) > _DISTURBED
 
     def drift_std_deg(self, time_s: float) -> tuple[float, float]:
         """Standard deviation of what the phases may have drifted since the last untouched group.
@@ -224,10 +337,14 @@ class TouchDetector:
         )
         if distance <= limit:  # usually the nearest point of the previous group suffices
             return True
+        return self._distance(change, spreads) <= limit
+
+    def _distance(self, change: tuple[float, float], spreads: Sequence[float]) -> float:
+        """Squared standard deviations from the nearest touch of the model."""
         apart = self._image - np.array(change)[:, None]
         apart -= 360 * np.rint(apart / 360)
         apart /= np.array(spreads)[:, None]
         distances = (apart * apart).sum(axis=0)
         best = int(np.argmin(distances))
         self._nearest = (float(self._image[0, best]), float(self._image[1, best]))
-        return float(distances[best]) <= limit
+        return float(distances[best])

@@ -24,6 +24,7 @@ from .history import History
 from .sensor_view import SensorView
 from .style import PAPER, SENSORS
 from .track import Track, as_reading
+from .words import tare_outcome
 
 _REFRESH_MS = 40
 # Histories are redrawn less often: they cost ten times the rest and change slowly.
@@ -42,7 +43,8 @@ class ForceDisplay(QWidget):
     after 10 s. Force is shown as an arrow's length and as a number with two standard deviations.
     Readings with a flag other than ``reference`` have another colour and the flags beside them.
 
-    The signal ``tare_requested`` is emitted when the tare button is pressed.
+    The signal ``tare_requested`` is emitted when the tare button is pressed. What becomes of the
+    request is shown beside the button (``show_tare``).
 
     Parameters
     ----------
@@ -98,6 +100,7 @@ class ForceDisplay(QWidget):
         self._colors: dict[str, str] = {}
         self._seen: dict[str, float] = {}
         self._refreshes = 0
+        self._tare_state: dict[str, Any] = {}
         self._build()
         self._timer = QTimer(self)
         self._timer.timeout.connect(self.refresh)
@@ -112,6 +115,16 @@ class ForceDisplay(QWidget):
             As from the port ``readings``; unknown values may be absent, None or NaN.
         """
         self._waiting.append(reading)
+
+    def show_tare(self, state: dict[str, Any]) -> None:
+        """Show the state of a tare at the next refresh. May be called from any thread.
+
+        Parameters
+        ----------
+        state : dict
+            As from the port ``tare_state``: ``state``, ``reason`` and ``forced``.
+        """
+        self._tare_state = state
 
     def sensors(self) -> list[str]:
         """Names of the sensors shown, from top to bottom."""
@@ -142,6 +155,7 @@ class ForceDisplay(QWidget):
             else:
                 self._views[name].show_reading(self._tracks[name].latest, age > _STALE_S)
         self._empty.setVisible(not self._views)
+        self._draw_tare(self._tare_state)
         self._refreshes += 1
         if self._refreshes % _HISTORY_EVERY == 0 and self._history.isVisible():
             self._time.setText(self._newest())
@@ -189,8 +203,20 @@ class ForceDisplay(QWidget):
         foot = QHBoxLayout()
         foot.addWidget(self._time)
         foot.addStretch(1)
+        self._outcome = QLabel()
+        foot.addWidget(self._outcome)
         foot.addWidget(self._tare)
         return foot
+
+    def _draw_tare(self, state: dict[str, Any]) -> None:
+        measuring = state.get("state") == "measuring"
+        self._tare.setText("Measuring..." if measuring else "Tare")
+        self._tare.setEnabled(not measuring)
+        text = tare_outcome(state)
+        if text != self._outcome.toolTip():
+            self._outcome.setToolTip(text)
+        width = max(0, self.width() - self._time.width() - self._tare.width() - 30)
+        self._outcome.setText(self._outcome.fontMetrics().elidedText(text, Qt.ElideRight, width))
 
     def _newest(self) -> str:
         times = [track.latest.time_s for track in self._tracks.values() if track.latest]

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Readings as short texts."""
 
+from typing import Any
+
 from ..io.readings import Reading
 
 
@@ -43,3 +45,22 @@ def notes(reading: Reading) -> str:
     """SNR and flags."""
     snr = [] if reading.snr_db is None else [f"SNR {reading.snr_db:.1f} dB"]
     return "  ".join([*snr, *reading.flags])
+
+
+def tare_outcome(state: dict[str, Any]) -> str:
+    """What became of a tare; empty while it is measured and when there was none.
+
+    Parameters
+    ----------
+    state : dict
+        As from the port ``tare_state``.
+
+    Returns
+    -------
+    str
+    """
+    outcome, reason = state.get("state", "none"), state.get("reason", "")
+    if outcome in ("none", "measuring"):
+        return ""
+    forced = " (forced)" if state.get("forced") else ""
+    return f"tare {outcome}{forced}" + (f": {reason}" if reason else "")

@@ -4,7 +4,7 @@
 import csv
 import json
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from io import FileIO
 from pathlib import Path
 from types import TracebackType
@@ -85,12 +85,14 @@ class ReadingsWriter:
         elif self._file is not None:
             self._file.close()
 
-    def write(self, reading: Reading) -> None:
+    def write(self, reading: Reading, more: Mapping[str, Any] | None = None) -> None:
         """Write one reading.
 
         Parameters
         ----------
         reading : Reading
+        more : mapping of str to plain values, optional
+            Of the columns that follow those of a reading.
 
         Raises
         ------
@@ -99,7 +101,7 @@ class ReadingsWriter:
             row, and later rows are refused.
         """
         self.begin()
-        self._put(self._form(reading.row()))
+        self._put(self._form({**reading.row(), **(more or {})}))
         self.rows += 1
 
     def close(self) -> None:
@@ -179,7 +181,9 @@ _csv_line = csv.writer(_LineBuffer, lineterminator="\n").writerow
 
 
 def open_writer(
-    path: str | Path | None = None, inputs: Iterable[str | Path] = ()
+    path: str | Path | None = None,
+    inputs: Iterable[str | Path] = (),
+    also: Sequence[str] = (),
 ) -> ReadingsWriter:
     """A writer of readings in the format that the file's suffix names.
 
@@ -189,6 +193,8 @@ def open_writer(
         ``.csv``, or ``.jsonl`` for JSON lines; None writes CSV to standard output.
     inputs : iterable of str or Path, optional
         Files that the readings are made from, none of which may be written to.
+    also : sequence of str
+        Columns that follow those of a reading, and that each ``write`` is given.
 
     Returns
     -------
@@ -213,4 +219,5 @@ def open_writer(
         )
     if path is not None and not name.endswith(".csv"):
         raise InputError(path, "output must end in .csv or .jsonl")
-    return ReadingsWriter(path, lambda row: _csv_line(row.values()), _csv_line(COLUMNS), inputs)
+    columns = _csv_line((*COLUMNS, *also))
+    return ReadingsWriter(path, lambda row: _csv_line(row.values()), columns, inputs)

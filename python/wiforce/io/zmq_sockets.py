@@ -3,6 +3,8 @@
 
 import json
 import re
+import threading
+import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -47,19 +49,30 @@ def _is_port(text: str) -> bool:
 
 # A request is a line; a peer that sends more is cut off before it takes memory.
 _LONGEST_REQUEST = 4096
+# A subscription is the first bytes of a message. ZMQ keeps all of them, so both their length and
+# their number are limited.
+_LONGEST_SUBSCRIPTION = 48
+_MOST_SUBSCRIPTIONS = 1000
+# Subscriptions of a peer that may wait while nothing is sent.
+_WAITING_SUBSCRIPTIONS = 100
+_REBIND_S = 5.0
+# Requests that wait for an answer; more are refused.
+_MOST_WAITING = 100
 
 
 class _Endpoint:
     """A bound ZMQ socket of its own context."""
 
-    def __init__(self, endpoint: str, kind: str, option: str) -> None:
+    kind = ""
+    longest = _LONGEST_REQUEST
+
+    def __init__(self, endpoint: str, option: str) -> None:
         try:
             import zmq
         except ImportError as error:
             raise InputError(option, "needs pyzmq (python3-zmq)", endpoint) from error
         self._context = zmq.Context()
-        self._socket = self._context.socket(getattr(zmq, kind))
-        self._socket.setsockopt(zmq.MAXMSGSIZE, _LONGEST_REQUEST)
+        self._socket = self._open()
         try:
             self._socket.bind(endpoint_of(endpoint, option))
         except (zmq.ZMQError, InputError) as error:
@@ -68,6 +81,14 @@ class _Endpoint:
                 raise
             raise InputError(option, f"cannot be bound ({error})", endpoint) from error
 
+    def _open(self) -> Any:
+        """A new socket with its options."""
+        import zmq
+
+        opened = self._context.socket(getattr(zmq, self.kind))
+        opened.setsockopt(zmq.MAXMSGSIZE, self.longest)
+        return opened
+
     def close(self) -> None:
         """Give the endpoint back; what was just sent still has a moment to leave."""
         self._socket.close(linger=200)
@@ -75,7 +96,9 @@ class _Endpoint:
 
 
 class ReadingsPublisher(_Endpoint):
-    """Readings as JSON on a PUB socket.
+    """Readings and other messages as JSON for SUB sockets; may be used by several threads.
+
+    More than 1000 subscriptions disconnect all peers, which may connect again.
 
     Parameters
     ----------
@@ -92,16 +115,94 @@ class ReadingsPublisher(_Endpoint):
     Examples
     --------
     >>> publisher = ReadingsPublisher("5555")  # doctest: +SKIP
-    >>> publisher.publish(Reading(0.018, "arm"), device_time_s=1.5)  # doctest: +SKIP
+    >>> publisher.publish(Reading(0.018, "arm"), {"device_time_s": 1.5})  # doctest: +SKIP
     """
 
-    def __init__(self, endpoint: str, option: str = "--zmq") -> None:
-        super().__init__(endpoint, "PUB", option)
+    kind = "XPUB"
+    longest = _LONGEST_SUBSCRIPTION
 
-    def publish(self, reading: Reading, device_time_s: float | None) -> None:
-        """Send one reading: the keys of a JSON line, and ``device_time_s``."""
-        message = {**reading.row(), "device_time_s": device_time_s}
-        self._socket.send_string(json.dumps(message, allow_nan=False))
+    def __init__(self, endpoint: str, option: str = "--zmq") -> None:
+        self._address, self._subscriptions = endpoint_of(endpoint, option), 0
+        self._lock = threading.Lock()
+        super().__init__(endpoint, option)
+
+    def publish(self, reading: Reading, more: Mapping[str, Any]) -> None:
+        """Send one reading: the keys of a JSON line, and more.
+
+        Parameters
+        ----------
+        reading : Reading
+        more : mapping of str to plain values
+        """
+        self.send("reading", {**reading.row(), **more})
+
+    def send(self, kind: str, values: Mapping[str, Any]) -> None:
+        """Send a JSON object whose first key, ``message``, is its kind.
+
+        Parameters
+        ----------
+        kind : str
+        values : mapping of str to plain values
+        """
+        text = json.dumps({"message": kind, **values}, allow_nan=False)
+        with self._lock:
+            if self._count_subscriptions() > _MOST_SUBSCRIPTIONS:
+                self._disconnect_all()
+            self._socket.send_string(text)
+
+    def _open(self) -> Any:
+        import zmq
+
+        opened = super()._open()
+        opened.setsockopt(zmq.RCVHWM, _WAITING_SUBSCRIPTIONS)
+        opened.setsockopt(zmq.XPUB_VERBOSER, 1)  # every subscription is counted, also equal ones
+        return opened
+
+    def _count_subscriptions(self) -> int:
+        while self._subscriptions <= _MOST_SUBSCRIPTIONS and self._socket.poll(0):
+            change = self._socket.recv()[:1]
+            self._subscriptions += {b"\1": 1, b"\0": -1}.get(change, 0)
+        return self._subscriptions
+
+    def _disconnect_all(self) -> None:
+        """Free all subscriptions; peers that ZMQ connects again subscribe again."""
+        import zmq
+
+        self._socket.close(linger=0)
+        self._socket, self._subscriptions = self._open(), 0
+        deadline = time.monotonic() + _REBIND_S
+        while True:
+            try:
+                self._socket.bind(self._address)
+                return
+            except zmq.ZMQError:  # the old socket is closed by another thread
+                if time.monotonic() > deadline:
+                    raise
+                time.sleep(0.005)
+
+
+class Later:
+    """An answer that another thread gives later.
+
+    Attributes
+    ----------
+    text : str or None
+        None until it is known.
+
+    Examples
+    --------
+    >>> later = Later()
+    >>> later.answer("done")
+    >>> later.text
+    'done'
+    """
+
+    def __init__(self) -> None:
+        self.text: str | None = None
+
+    def answer(self, text: str) -> None:
+        """Give the answer."""
+        self.text = text
 
 
 class Replies(_Endpoint):
@@ -115,7 +216,7 @@ class Replies(_Endpoint):
     endpoint : str
         As for :func:`endpoint_of`.
     answer : callable
-        From the text of a request to that of its answer.
+        From the text of a request to that of its answer, or to a :class:`Later`.
     option : str
         Name of the option, for messages.
 
@@ -130,24 +231,33 @@ class Replies(_Endpoint):
     >>> replies.serve(most=10)  # doctest: +SKIP
     """
 
+    kind = "ROUTER"
+
     def __init__(
-        self, endpoint: str, answer: Callable[[str], str], option: str = "--control"
+        self, endpoint: str, answer: Callable[[str], str | Later], option: str = "--control"
     ) -> None:
-        super().__init__(endpoint, "ROUTER", option)
         self._answer = answer
+        self._later: list[tuple[list[bytes], Later]] = []
+        super().__init__(endpoint, option)
 
     def fileno(self) -> int:
         """Descriptor that becomes readable when requests may have come in."""
         return self._socket.fileno()
 
     def serve(self, most: int) -> bool:
-        """Answer what has come in, so many requests at most; never waits.
+        """Answer what has come in, so many requests at most, and what was due; never waits.
 
         Returns
         -------
         bool
             Whether more may be there. The descriptor does not tell of these.
         """
+        waiting, self._later = self._later, []
+        for address, later in waiting:
+            if later.text is None:
+                self._later.append((address, later))
+            else:
+                self._socket.send_multipart([*address, later.text.encode()])
         for _ in range(most):
             if not self._socket.poll(0):
                 return False
@@ -156,11 +266,26 @@ class Replies(_Endpoint):
                 continue  # nothing says where the peer's address ends
             begin = parts.index(b"", 1) + 1
             text = b" ".join(parts[begin:]).decode("utf-8", "replace").strip()
-            self._socket.send_multipart([*parts[:begin], self._answer(text).encode()])
+            answer = self._answer(text)
+            if isinstance(answer, str):
+                self._socket.send_multipart([*parts[:begin], answer.encode()])
+            elif len(self._later) < _MOST_WAITING:
+                self._later.append((parts[:begin], answer))
+            else:
+                busy = json.dumps({"ok": False, "error": f"{_MOST_WAITING} requests wait already"})
+                self._socket.send_multipart([*parts[:begin], busy.encode()])
         return True
 
+    def close(self) -> None:
+        """Send the answers that are due, and give the endpoint back."""
+        if self._later:
+            self.serve(0)
+        super().close()
 
-def answer_words(handlers: Mapping[str, Callable[[], dict[str, Any]]]) -> Callable[[str], str]:
+
+def answer_words(
+    handlers: Mapping[str, Callable[[], dict[str, Any] | Later]],
+) -> Callable[[str], str | Later]:
     """An answer for :class:`Replies`: JSON of the dict that the handler of a word returns.
 
     Parameters
@@ -179,10 +304,56 @@ def answer_words(handlers: Mapping[str, Callable[[], dict[str, Any]]]) -> Callab
     '{"ok": true}'
     """
 
-    def answer(word: str) -> str:
+    def answer(word: str) -> str | Later:
         if word not in handlers:
             rule = f"must be one of {', '.join(handlers)}, got {word[:80]!r}"
             return json.dumps({"ok": False, "error": rule})
-        return json.dumps({"ok": True, **handlers[word]()})
+        result = handlers[word]()
+        return result if isinstance(result, Later) else json.dumps({"ok": True, **result})
 
     return answer
+
+
+def request(endpoint: str, word: str, timeout_s: float, option: str = "ENDPOINT") -> str | None:
+    """Ask a :class:`Replies` for something.
+
+    Parameters
+    ----------
+    endpoint : str
+        As for :func:`endpoint_of`.
+    word : str
+    timeout_s : float
+        Time to wait for the answer.
+    option : str
+        Name of the parameter, for messages.
+
+    Returns
+    -------
+    str or None
+        The answer; None when there is none in time.
+
+    Raises
+    ------
+    InputError
+        When pyzmq is missing or the endpoint is none.
+
+    Examples
+    --------
+    >>> request("5556", "status", timeout_s=0.01) is None
+    True
+    """
+    address = endpoint_of(endpoint, option)
+    try:
+        import zmq
+    except ImportError as error:
+        raise InputError(option, "needs pyzmq (python3-zmq)", endpoint) from error
+    with zmq.Context() as context, context.socket(zmq.REQ) as client:
+        client.setsockopt(zmq.LINGER, 0)
+        try:
+            client.connect(address)
+        except zmq.ZMQError as error:
+            raise InputError(option, f"cannot be connected to ({error})", endpoint) from error
+        client.send_string(word)
+        if not client.poll(max(1, round(1000 * timeout_s))):
+            return None
+        return str(client.recv_string())

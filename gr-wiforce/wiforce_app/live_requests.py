@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Requests to a live reader: tare, status, stop."""
+
+import json
+from collections.abc import Callable
+
+from gnuradio.wiforce.estimation.tare_request import TareState
+from gnuradio.wiforce.io.zmq_sockets import Later, Replies, answer_words
+
+from .live_session import LiveSession
+
+
+class TareLog:
+    """Requests tares, and tells the user what became of them.
+
+    Parameters
+    ----------
+    session : LiveSession
+    log : callable
+        Takes a line for the user.
+    """
+
+    def __init__(self, session: LiveSession, log: Callable[[str], None]):
+        self._session, self._log = session, log
+
+    def request(self, force: bool = False, done: Callable[[TareState], None] | None = None):
+        """Request a tare; ``done`` is called in another thread with its outcome."""
+
+        def finish(state):
+            forced, reason = " (forced)" * state.forced, f": {state.reason}" * bool(state.reason)
+            self._log(f"tare {state.state}{forced}{reason}")
+            if done is not None:
+                done(state)
+
+        self._session.reader.tare(force, finish)
+
+
+def serve_requests(
+    endpoint: str, tares: TareLog, status: Callable[[], dict], stop: Callable[[], None]
+) -> Replies:
+    """Accept requests on a ZMQ socket.
+
+    Parameters
+    ----------
+    endpoint : str
+    tares : TareLog
+    status : callable
+        Returns the answer to ``status``.
+    stop : callable
+        Ends the run.
+
+    Returns
+    -------
+    Replies
+    """
+
+    def tare(force):
+        later = Later()
+
+        def done(state):
+            ok = state.state == "complete"
+            error = {} if ok else {"error": f"tare {state.state}: {state.reason}"}
+            later.answer(json.dumps({"ok": ok, **error, **state.row()}))
+
+        tares.request(force, done)
+        return later
+
+    def end():
+        stop()
+        return {}
+
+    words = {
+        "tare": lambda: tare(False),
+        "tare force": lambda: tare(True),
+        "status": status,
+        "stop": end,
+    }
+    return Replies(endpoint, answer_words(words))

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""UTC of device time, from the host's clock."""
+
+import time
+from collections.abc import Callable
+from datetime import UTC, datetime
+
+# The device's clock is compared again after this time: 25 ppm of it are 0.25 ms.
+_EVERY_S = 10.0
+_QUERIES = 3
+
+
+def utc_text(utc_s: float | None) -> str:
+    """UTC as ISO 8601 with microseconds; empty when unknown.
+
+    Parameters
+    ----------
+    utc_s : float or None
+        Seconds since 1970.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> utc_text(1.5), utc_text(None)
+    ('1970-01-01T00:00:01.500000Z', '')
+    """
+    if utc_s is None:
+        return ""
+    return datetime.fromtimestamp(utc_s, UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
+
+
+class RunClock:
+    """Offset of UTC against the device's clock.
+
+    The device is asked for its time, and the host's clock is read before and after. Their mean is
+    the UTC of the answer; half of their difference is the uncertainty, to which that of the host's
+    clock adds.
+
+    Parameters
+    ----------
+    device_time : callable
+        Returns the device's time in seconds; may raise RuntimeError.
+    utc, now : callable
+        Return UTC and a steady time in seconds.
+
+    Attributes
+    ----------
+    uncertainty_s : float or None
+        Of the offset; None before the device has answered.
+
+    Examples
+    --------
+    >>> clock = RunClock(lambda: 20.0, utc=lambda: 120.0)
+    >>> clock.utc_s(21.0) is None
+    True
+    >>> clock.compare()
+    >>> clock.utc_s(21.0), clock.uncertainty_s
+    (121.0, 0.0)
+    """
+
+    def __init__(
+        self,
+        device_time: Callable[[], float],
+        utc: Callable[[], float] = time.time,
+        now: Callable[[], float] = time.monotonic,
+    ):
+        self._device_time, self._utc, self._now = device_time, utc, now
+        self._offset_s: float | None = None
+        self._compared_s = -float("inf")
+        self.uncertainty_s: float | None = None
+
+    def look(self) -> None:
+        """Compare the clocks where the last comparison is ten seconds old."""
+        if self._now() - self._compared_s >= _EVERY_S:
+            self.compare()
+
+    def compare(self) -> None:
+        """Compare the clocks; the quickest of three answers counts."""
+        self._compared_s = self._now()
+        best = None
+        for _ in range(_QUERIES):
+            before_s = self._utc()
+            try:
+                device_s = self._device_time()
+            except RuntimeError:  # UHD's, when the device does not answer
+                return
+            after_s = self._utc()
+            half_s = (after_s - before_s) / 2
+            if half_s >= 0 and (best is None or half_s < best[0]):
+                best = half_s, before_s + half_s - device_s
+        if best is not None:
+            self.uncertainty_s, self._offset_s = best
+
+    def utc_s(self, device_s: float | None) -> float | None:
+        """UTC at a device time, in seconds since 1970; None when unknown."""
+        if device_s is None or self._offset_s is None:
+            return None
+        return device_s + self._offset_s

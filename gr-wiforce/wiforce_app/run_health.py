@@ -1,0 +1,222 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""State and health of a live run: what it does, which tags it receives, how it ended."""
+
+import secrets
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from datetime import UTC, datetime
+
+from gnuradio.wiforce.estimation.touch import SILENT_S
+from gnuradio.wiforce.io.readings import Reading
+
+from .live_session import LiveSession
+from .run_clock import RunClock, utc_text
+
+STATES = ("waiting", "acquiring", "reference", "reading", "lost", "ended")
+# Without samples for this long the device counts as lost; it sends packets every millisecond.
+_NO_SAMPLES_S = 1.0
+_BEAT_S = 0.5
+_LOOK_S = 0.05
+# Signal by which a tare may take longer than its reference, for groups in processing.
+_TARE_MARGIN_S = 2.0
+
+
+def new_run() -> str:
+    """An identifier for a run: UTC of its start and six random characters.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> import re
+    >>> bool(re.fullmatch("[0-9]{8}T[0-9]{6}Z-[0-9a-f]{6}", new_run()))
+    True
+    """
+    return f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{secrets.token_hex(3)}"
+
+
+class _Tag:
+    """When a sensor's readings held values."""
+
+    def __init__(self):
+        self.arrived_s = None
+        self.received_s = None
+        self.first_s = None
+        self.silent = False
+
+
+class RunHealth:
+    """Observes a session.
+
+    Parameters
+    ----------
+    session : LiveSession
+    clock : RunClock
+    log : callable
+        Takes a line for the user.
+    now : callable
+        Returns a steady time in seconds.
+
+    Attributes
+    ----------
+    run : str
+        Identifier of the run.
+    """
+
+    def __init__(
+        self,
+        session: LiveSession,
+        clock: RunClock,
+        log: Callable[[str], None],
+        now: Callable[[], float] = time.monotonic,
+    ):
+        self.run = new_run()
+        self._session, self._clock, self._log, self._now = session, clock, log, now
+        self._tags = {each.name: _Tag() for each in self._stream.plan.sensors}
+        self._events = deque()
+        self._samples, self._samples_s = 0, now()
+
+    def note(self, reading: Reading) -> None:
+        """Take a reading, in the thread that made it."""
+        tag = self._tags[reading.sensor]
+        if tag.first_s is None:
+            tag.first_s = reading.time_s
+        if reading.touch is not None:
+            if tag.silent:
+                self._events.append(self._returns(reading, tag))
+            tag.silent, tag.received_s, tag.arrived_s = False, reading.time_s, self._now()
+            return
+        since_s = tag.first_s if tag.received_s is None else tag.received_s
+        if not tag.silent and reading.time_s - since_s > SILENT_S:
+            tag.silent = True
+            text = f"{reading.sensor} is not received since {since_s:.2f} s"
+            self._events.append(f"{text}; its readings are empty until it returns")
+
+    def _returns(self, reading, tag):
+        name, doubt = reading.sensor, self._stream.doubt_of(reading.sensor)
+        if tag.received_s is None:
+            text = f"{name} is received from {reading.time_s:.2f} s on, after its reference time"
+            return f"{text}; readings are flagged inconsistent until a tare"
+        silent_s = reading.time_s - tag.received_s
+        text = f"{name} is received again at {reading.time_s:.2f} s, after {silent_s:.1f} s"
+        if not doubt:
+            return f"{text}; readings continue from the former reference"
+        ends = "until its untouched phases are seen or a tare is forced"
+        return f"{text}; {doubt}: readings are flagged inconsistent {ends}"
+
+    def look(self) -> None:
+        """Log what has happened, and give up a tare that cannot be completed."""
+        while self._events:
+            self._log(self._events.popleft())
+        silent_s = self._samples_age_s()
+        if silent_s < _NO_SAMPLES_S:
+            self._clock.look()
+        tares = self._stream.tares
+        if tares.measuring:
+            reference_s = self._stream.plan.reference_groups * self._stream.plan.group_period_s
+            late_s = self._session.time_s - (tares.state.time_s or 0.0) - reference_s
+            if silent_s > _NO_SAMPLES_S or late_s > _TARE_MARGIN_S:
+                reason = "no groups are received; the former reference is kept"
+                self._session.reader.cancel_tare(reason)
+
+    @property
+    def state(self) -> tuple[str, str]:
+        """State of the reader, one of ``STATES``, and the reason where it is not reading."""
+        session, silent_s = self._session, self._samples_age_s()
+        if session.alignment.offset is None:
+            reason = "no samples" if silent_s > _NO_SAMPLES_S else "no sounding frames yet"
+            return "waiting", reason
+        if silent_s > _NO_SAMPLES_S:
+            return "lost", f"no samples for {silent_s:.1f} s"
+        state = self._stream.state
+        if state != "reading":
+            return state, ""
+        silent = [name for name, tag in self._tags.items() if tag.silent]
+        if len(silent) == len(self._tags):
+            return "lost", f"not received: {', '.join(silent)}"
+        return "reading", f"not received: {', '.join(silent)}" if silent else ""
+
+    def report(self) -> dict:
+        """Health as plain values."""
+        session, now = self._session, self._now()
+        state, reason = self.state
+        sensors = {
+            name: {
+                "age_s": None if tag.arrived_s is None else round(now - tag.arrived_s, 3),
+                "received": tag.arrived_s is not None and not tag.silent,
+                "doubt": self._stream.doubt_of(name),
+            }
+            for name, tag in self._tags.items()
+        }
+        return {
+            "run": self.run,
+            "time_utc": utc_text(time.time()),
+            "time_utc_uncertainty_s": self._clock.uncertainty_s,
+            "time_s": session.time_s,
+            "state": state,
+            "reason": reason,
+            "tare": self._stream.tares.state.row(),
+            "sensors": sensors,
+            "gaps": session.gaps,
+            "samples_lost": session.samples_lost,
+            "groups": session.reader.counts.asdict(),
+        }
+
+    def stamp(self, reading: Reading) -> dict:
+        """What every reading carries besides its own columns: ``run`` and ``time_utc``."""
+        utc_s = self._clock.utc_s(self.device_time_s(reading))
+        return {"run": self.run, "time_utc": utc_text(utc_s)}
+
+    def device_time_s(self, reading: Reading) -> float | None:
+        """Device time at the centre of a reading's group; None when unknown."""
+        start_s = self._session.start_s
+        return None if start_s is None else round(start_s + reading.time_s, 6)
+
+    @property
+    def _stream(self):
+        return self._session.reader.stream
+
+    def _samples_age_s(self):
+        samples, now = self._session.samples_received, self._now()
+        if samples != self._samples:
+            self._samples, self._samples_s = samples, now
+        return now - self._samples_s
+
+
+class Heartbeat:
+    """Sends a report every half second and when the state changes, in a thread of its own.
+
+    Parameters
+    ----------
+    report : callable
+        Makes the report.
+    send : callable
+        Takes it.
+    """
+
+    def __init__(self, report: Callable[[], dict], send: Callable[[dict], None]):
+        self._report, self._send = report, send
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="heartbeat", daemon=True)
+
+    def __enter__(self):
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self._ended.set()
+        self._thread.join()
+
+    def _run(self):
+        sent_s, state = -_BEAT_S, None
+        while True:
+            now_s, report = time.monotonic(), self._report()
+            if report["state"] != state or now_s - sent_s >= _BEAT_S:
+                sent_s, state = now_s, report["state"]
+                self._send(report)
+            if self._ended.wait(_LOOK_S):
+                return

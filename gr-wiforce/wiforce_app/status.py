@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``gr-wiforce status``: health of a live reader, for scripts."""
+
+import json
+
+import click
+from gnuradio.wiforce.io.zmq_sockets import request
+
+from .options import FiniteRange
+
+
+@click.command()
+@click.argument("endpoint")
+@click.option("--json", "as_json", is_flag=True, help="Print the reader's whole answer as JSON.")
+@click.option(
+    "--max-age",
+    type=FiniteRange(0, min_open=True),
+    default=2.0,
+    show_default=True,
+    metavar="S",
+    help="Oldest last reading of a sensor that counts as healthy.",
+)
+@click.option(
+    "--timeout",
+    type=FiniteRange(0, min_open=True),
+    default=2.0,
+    show_default=True,
+    metavar="S",
+    help="Time to wait for the answer.",
+)
+def status(endpoint, as_json, max_age, timeout):
+    """Print the health of a live reader.
+
+    ENDPOINT is the one given to `live --control`: PORT or tcp://ADDRESS:PORT. The exit status is 0
+    if the reader is reading, and every sensor was read within --max-age and without doubt about
+    its reference; otherwise 1.
+    """
+    text = request(endpoint, "status", timeout)
+    answer = {} if text is None else json.loads(text)
+    problems = problems_of(answer, max_age) if answer else [f"no answer within {timeout:g} s"]
+    if as_json:
+        click.echo(json.dumps({**answer, "healthy": not problems, "problems": problems}))
+    else:
+        for line in _lines(answer, problems):
+            click.echo(line)
+    return int(bool(problems))
+
+
+def problems_of(answer: dict, max_age_s: float) -> list[str]:
+    """What is wrong with a reader; empty when it is healthy.
+
+    Parameters
+    ----------
+    answer : dict
+        Of the reader to ``status``.
+    max_age_s : float
+        Oldest last reading that counts as healthy.
+
+    Returns
+    -------
+    list of str
+
+    Examples
+    --------
+    >>> sensors = {"arm": {"age_s": 3.0, "received": True, "doubt": ""}}
+    >>> problems_of({"state": "reading", "reason": "", "sensors": sensors}, 2.0)
+    ['arm: last reading 3.0 s ago']
+    """
+    problems = []
+    if answer.get("state") != "reading":
+        reason = f" ({answer['reason']})" if answer.get("reason") else ""
+        problems.append(f"state: {answer.get('state', 'unknown')}{reason}")
+    for name, sensor in answer.get("sensors", {}).items():
+        if sensor["age_s"] is None:
+            problems.append(f"{name}: no reading yet")
+        elif not sensor["received"] or sensor["age_s"] > max_age_s:
+            problems.append(f"{name}: last reading {sensor['age_s']:.1f} s ago")
+        if sensor["doubt"]:
+            problems.append(f"{name}: {sensor['doubt']}")
+    return problems
+
+
+def _lines(answer, problems):
+    if answer:
+        groups = ", ".join(f"{count} {kind}" for kind, count in answer["groups"].items())
+        yield f"run {answer['run']}: {answer['state']}, {answer['time_s']:.1f} s, groups: {groups}"
+        tare = answer["tare"]
+        if tare["state"] != "none":
+            yield f"tare {tare['state']}" + (f": {tare['reason']}" if tare["reason"] else "")
+    yield from (f"problem: {problem}" for problem in problems)
+    if not problems:
+        yield "healthy"

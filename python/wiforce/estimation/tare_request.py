@@ -1,0 +1,236 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Requests for a new untouched reference: accepted or refused, complete or failed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .groups import Array
+from .reference import ConjugateDifference
+from .sensor_readout import SensorReadout, SensorState
+
+# A reference needs at least this part of its groups from every sensor that is received in it.
+_LEAST_SHARE = 0.5
+# Touched groups in a row that end a tare: noise alone takes up to 1 % of weak groups for a touch.
+# The last group of a tare ends it by itself, since a press may begin with it.
+_TOUCHED_GROUPS = 2
+# |mean R| over mean |R| above which R was the same throughout a forced tare: a spread of 3.6 deg.
+_STEADY = 0.998
+
+
+@dataclass(frozen=True)
+class TareState:
+    """What became of the last request for a tare.
+
+    Attributes
+    ----------
+    state : str
+        ``none`` before the first request, ``measuring``, ``complete``, ``refused`` or ``failed``.
+        After ``refused`` and ``failed`` the former reference is still in use.
+    reason : str
+        Why it was refused or failed, or which sensors keep their former reference.
+    forced : bool
+        Whether it was requested with ``force``.
+    time_s : float or None
+        Time in the run up to which groups had been read.
+
+    Examples
+    --------
+    >>> TareState("refused", "arm is touched").row()["state"]
+    'refused'
+    """
+
+    state: str = "none"
+    reason: str = ""
+    forced: bool = False
+    time_s: float | None = None
+
+    def row(self) -> dict[str, Any]:
+        """The state as plain values, unknown ones left out."""
+        return {key: value for key, value in vars(self).items() if value is not None}
+
+
+class _Measured:
+    """What a sensor showed during a tare."""
+
+    def __init__(self) -> None:
+        self.groups = self.in_a_row = 0
+        self.sum: Array = np.zeros(2, complex)
+        self.magnitudes: Array = np.zeros(2)
+        self.problem = ""
+
+    def add(self, state: SensorState, event: str) -> None:
+        """Take a group that was received; ``event`` is empty when it was untouched."""
+        self.groups += 1
+        self.sum += state.ratios
+        self.magnitudes += np.abs(state.ratios)
+        self.in_a_row = self.in_a_row + 1 if event else 0
+        # A press that begins within a group may look like a motion in it.
+        if event and (state.touch or not self.problem):
+            self.problem = event
+
+    @property
+    def former(self) -> Array | None:
+        """R of the new reference against the former one; None when R changed meanwhile."""
+        if np.all(np.abs(self.sum) > _STEADY * self.magnitudes):
+            return self.sum / self.groups
+        return None
+
+
+class TareRequests:
+    """Decides on requests for a tare from what the sensors show before and during it.
+
+    Parameters
+    ----------
+    reference : ConjugateDifference
+        Measures the new reference.
+    sensors : mapping of str to SensorReadout
+        By name.
+    group_period_s : float
+        Length of a group, in s.
+
+    Attributes
+    ----------
+    state : TareState
+        Of the last request.
+    on_state : callable or None
+        Called with every TareState that follows.
+
+    Examples
+    --------
+    >>> requests = TareRequests(ConjugateDifference(2, 14), {}, 0.036)
+    >>> requests.request().reason
+    'the first reference is not complete'
+    """
+
+    def __init__(
+        self,
+        reference: ConjugateDifference,
+        sensors: Mapping[str, SensorReadout],
+        group_period_s: float,
+    ) -> None:
+        self._reference, self._sensors = reference, sensors
+        self._period_s = group_period_s
+        self._measured: dict[str, _Measured] = {}
+        self._index = 0
+        self.state = TareState()
+        self.on_state: Callable[[TareState], None] | None = None
+
+    @property
+    def measuring(self) -> bool:
+        """Whether a tare is being measured."""
+        return self.state.state == "measuring"
+
+    def request(self, force: bool = False) -> TareState:
+        """Measure a new reference in the groups that follow, unless a sensor is touched.
+
+        Parameters
+        ----------
+        force : bool
+            Measure it in any case. The readings of a sensor that seems to be touched are flagged
+            ``inconsistent`` until a release is seen.
+
+        Returns
+        -------
+        TareState
+            ``measuring`` or ``refused``; ``complete`` where nothing has to be measured.
+        """
+        if not self._reference.started:
+            return self._set("refused", "the first reference is not complete", force)
+        if self.measuring:
+            return self._set("measuring", "", force or self.state.forced)
+        touched = [] if force else [text for name in self._sensors if (text := self._touched(name))]
+        if touched:
+            advice = "release it" if len(touched) == 1 else "release them"
+            reason = f"{'; '.join(touched)}; {advice}, or force the tare if nothing is touched"
+            return self._set("refused", reason, force)
+        self._measured = {name: _Measured() for name in self._sensors}
+        self._reference.tare()
+        return self._set("measuring" if self._reference.measuring else "complete", "", force)
+
+    def cancel(self, reason: str) -> TareState:
+        """Give up a tare that is being measured; the former reference stays in use.
+
+        Parameters
+        ----------
+        reason : str
+
+        Returns
+        -------
+        TareState
+        """
+        if not self.measuring:
+            return self.state
+        self._reference.discard()
+        return self._set("failed", reason, self.state.forced)
+
+    def before(self, index: int) -> None:
+        """Complete the tare if it ends before the group of this index."""
+        if self._reference.completes(index):
+            self._complete()
+
+    def after(self, index: int) -> None:
+        """Take what the sensors showed in the group of this index."""
+        self._index = index + 1
+        if not self.measuring:
+            return
+        last = self._reference.completes(index + 1)
+        for name, sensor in self._sensors.items():
+            state, measured = sensor.state, self._measured[name]
+            if not state.received:
+                continue
+            event = "was touched" if state.touch else "moved" if state.moved else ""
+            measured.add(state, f"{name} {event} at {self.time_s:.2f} s" if event else "")
+            ends = measured.in_a_row >= (1 if last else _TOUCHED_GROUPS)
+            if ends and not self.state.forced:
+                self.cancel(f"{measured.problem}; the former reference is kept")
+                return
+        self.before(index + 1)
+
+    @property
+    def time_s(self) -> float:
+        """Time in the run up to which groups have been read."""
+        return self._index * self._period_s
+
+    def _touched(self, name: str) -> str:
+        """Why a tare would not measure an untouched sensor; empty when it would."""
+        state = self._sensors[name].state
+        if state.touch:
+            force = f"{state.force_n:.2f} N" if np.isfinite(state.force_n) else ""
+            location = f"{state.location_mm:.1f} mm" if np.isfinite(state.location_mm) else ""
+            values = " at ".join(text for text in (force, location) if text)
+            return f"{name} is touched ({values})" if values else f"{name} is touched"
+        if state.doubt:
+            return f"{name} may be touched, since {state.doubt}"
+        return ""
+
+    def _complete(self) -> None:
+        wanted = self._reference.reference_groups
+        missing = [name for name, measured in self._measured.items() if not measured.groups]
+        if len(missing) == len(self._measured):
+            self.cancel("no sensor was received; the former reference is kept")
+            return
+        for name, measured in self._measured.items():
+            if 0 < measured.groups < _LEAST_SHARE * wanted:
+                received = f"received in {measured.groups} of {wanted} groups only"
+                self.cancel(f"{name} was {received}; the former reference is kept")
+                return
+        for name, measured in self._measured.items():
+            state = self._sensors[name].state
+            if measured.problem or (state.doubt and measured.groups):
+                # A mean over a touch and its release is the phase of neither.
+                self._sensors[name].force_reference(None if state.doubt else measured.former)
+        reason = ""
+        if missing:
+            reason = f"{', '.join(missing)} not received; the former reference is kept for it"
+        self._set("complete", reason, self.state.forced)
+
+    def _set(self, state: str, reason: str, forced: bool) -> TareState:
+        self.state = TareState(state, reason, forced, round(self.time_s, 6))
+        if self.on_state is not None:
+            self.on_state(self.state)
+        return self.state

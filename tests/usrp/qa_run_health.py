@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""State, log lines and times of a live run, from what a session reports alone."""
+
+from types import SimpleNamespace
+
+import pytest
+from gnuradio.wiforce.estimation.tare_request import TareState
+from gnuradio.wiforce.io.readings import GroupCounts, Reading
+from wiforce_app.run_clock import RunClock
+from wiforce_app.run_health import RunHealth
+from wiforce_app.status import problems_of
+
+
+class Run:
+    """A session of which a test says what it is in."""
+
+    def __init__(self):
+        self.now_s, self.said = 0.0, []
+        self.doubt = ""
+        tares = SimpleNamespace(measuring=False, state=TareState())
+        sensor = SimpleNamespace(name="arm")
+        self.stream = SimpleNamespace(
+            state="reading",
+            tares=tares,
+            doubt_of=lambda name: self.doubt,
+            plan=SimpleNamespace(reference_groups=10, group_period_s=0.05, sensors=[sensor]),
+        )
+        self.cancelled = []
+        self.session = SimpleNamespace(
+            samples_received=0,
+            start_s=100.0,
+            time_s=1.0,
+            gaps=0,
+            samples_lost=0,
+            alignment=SimpleNamespace(offset=0),
+            reader=SimpleNamespace(
+                stream=self.stream, counts=GroupCounts(), cancel_tare=self.cancelled.append
+            ),
+        )
+        clock = RunClock(lambda: 20.0, utc=lambda: 1000.0, now=lambda: self.now_s)
+        self.health = RunHealth(self.session, clock, self.said.append, now=lambda: self.now_s)
+
+    def read(self, seconds, touch=0):
+        """Receive for so long, in steps of 0.1 s."""
+        for _ in range(round(10 * seconds)):
+            self.now_s += 0.1
+            self.session.samples_received += 1
+            self.health.note(Reading(round(self.now_s, 3), "arm", touch))
+            self.health.look()
+        return self.health.state
+
+
+@pytest.fixture
+def run():
+    return Run()
+
+
+@pytest.mark.parametrize(
+    "doubt, words",
+    [("", "readings continue from the former reference"), ("it moved", "it moved: readings are")],
+)
+def test_health_says_when_a_tag_goes_silent_and_returns(run, doubt, words):
+    assert run.read(2.0) == ("reading", "")
+    assert run.read(0.9, touch=None)[0] == "reading" and not run.said
+    assert run.read(2.0, touch=None) == ("lost", "not received: arm")
+    assert run.said == ["arm is not received since 2.00 s; its readings are empty until it returns"]
+    assert run.health.report()["sensors"]["arm"]["age_s"] == pytest.approx(2.9)
+    run.doubt = doubt
+    assert run.read(0.1)[0] == "reading"
+    assert run.said[1].startswith("arm is received again at 5.00 s, after 3.0 s; ")
+    assert words in run.said[1] and len(run.said) == 2
+
+
+def test_health_says_when_a_tag_appears_after_its_reference(run):
+    run.read(2.0, touch=None)
+    run.read(0.5)
+    assert len(run.said) == 2 and "flagged inconsistent until a tare" in run.said[1]
+
+
+def test_health_without_samples_is_waiting_and_later_lost(run):
+    run.session.alignment.offset = None
+    assert run.health.state == ("waiting", "no sounding frames yet")
+    run.now_s = 1.5
+    assert run.health.state == ("waiting", "no samples")
+    run.session.alignment.offset = 3
+    assert run.read(0.5)[0] == "reading"
+    run.now_s += 2.0
+    assert run.health.state == ("lost", "no samples for 2.0 s")
+
+
+def test_health_gives_up_a_tare_that_gets_no_groups(run):
+    """The reply to its request would never come otherwise."""
+    run.stream.tares.measuring = True
+    run.stream.tares.state = TareState("measuring", time_s=1.0)
+    run.session.time_s = 3.4
+    run.read(0.1)
+    assert not run.cancelled
+    run.session.time_s = 3.6
+    run.read(0.1)
+    assert run.cancelled == ["no groups are received; the former reference is kept"]
+
+
+def test_health_stamps_readings_with_run_and_utc(run):
+    run.read(0.1)
+    stamp = run.health.stamp(Reading(2.5, "arm"))
+    # Device time 102.5 s; the host's 1000 s are the device's 20 s.
+    assert stamp == {"run": run.health.run, "time_utc": "1970-01-01T00:18:02.500000Z"}
+
+
+def test_run_clock_takes_the_quickest_answer_and_follows_the_host():
+    times, steady = iter([0.0, 0.4, 1.0, 1.1, 2.0, 2.6, 50.0, 50.0, 50.0, 50.0, 50.0, 50.0]), [0.0]
+    clock = RunClock(lambda: 7.0, utc=lambda: next(times), now=lambda: steady[0])
+    clock.look()
+    assert clock.uncertainty_s == pytest.approx(0.05) and clock.utc_s(7.0) == pytest.approx(1.05)
+    steady[0] = 9.0
+    clock.look()
+    assert clock.utc_s(7.0) == pytest.approx(1.05)
+    steady[0] = 10.0
+    clock.look()
+    assert clock.utc_s(7.0) == pytest.approx(50.0)
+
+
+@pytest.mark.parametrize(
+    "change, problem",
+    [
+        ({}, None),
+        ({"state": "lost", "reason": "no samples for 2.0 s"}, "state: lost (no samples for 2.0 s)"),
+        ({"age_s": 2.1}, "arm: last reading 2.1 s ago"),
+        ({"age_s": None}, "arm: no reading yet"),
+        ({"doubt": "it moved"}, "arm: it moved"),
+    ],
+)
+def test_status_names_what_is_wrong(change, problem):
+    sensor = {"age_s": 0.1, "received": True, "doubt": ""}
+    answer = {"state": "reading", "reason": "", "sensors": {"arm": sensor}}
+    (sensor if change.keys() & sensor.keys() else answer).update(change)
+    assert problems_of(answer, 2.0) == ([] if problem is None else [problem])
