@@ -23,6 +23,13 @@ from .receiver import Receiver
 class StreamTares:
     """Requests for a tare of the receiver that reads a stream at present.
 
+    Parameters
+    ----------
+    request : callable
+        Takes ``force``; gives the TareState.
+    cancel : callable
+        Takes the reason.
+
     Attributes
     ----------
     state : TareState
@@ -48,11 +55,30 @@ class StreamTares:
         return self.state.state == "measuring"
 
     def request(self, force: bool = False) -> TareState:
-        """Measure a new reference, and survey the room in it (``Receiver.tare``)."""
+        """Measure a new reference, and survey the room in it.
+
+        Parameters
+        ----------
+        force : bool
+            As for ``Receiver.tare``; the room is not surveyed then.
+
+        Returns
+        -------
+        TareState
+        """
         return self._request(force)
 
     def cancel(self, reason: str) -> TareState:
-        """Give up a tare that is being measured; the former reference stays in use."""
+        """Give up a tare that is being measured; the former reference stays in use.
+
+        Parameters
+        ----------
+        reason : str
+
+        Returns
+        -------
+        TareState
+        """
         self._cancel(reason)
         return self.state
 

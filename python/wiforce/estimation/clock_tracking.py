@@ -157,6 +157,7 @@ class ClockTracking:
         # The tags that are locked may change with every group.
         self._point = None
         clocks = self._follow(first)
+        self._point = None
         for tag in lost:
             self._search.retry(tag, first)
         seen = [tag.last_seen_s >= first.center_s[0] for tag in model.locked]

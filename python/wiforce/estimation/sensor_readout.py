@@ -22,8 +22,8 @@ _NAN = math.nan
 # Phase std above which a disturbance of the tag's own lines is flagged: most of it may be hidden.
 _DISTURBED_DEG = 1.0
 # The survey measures noise between the lines, the SNR of a reading includes what is left on them.
-# It is up to 4 dB less in rooms that are read correctly, and 21 dB or more beside a second tag on
-# nearly the same clock (tests/rooms).
+# It is up to 4 dB less in rooms that are read correctly, and 16 to 32 dB less beside a second tag
+# on nearly the same clock where no other flag shows it (tests/rooms).
 _LEFT_ON_LINES_DB = 15.0
 
 
