@@ -17,6 +17,11 @@ TIMEOUT_S = 120
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
+# A shell starts what runs in the background with SIGINT ignored, and its children would be as deaf.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
 def pytest_addoption(parser):
     parser.addoption(
         "--long", action="store_true", help="Run the long forms of tests that have one."
