@@ -22,6 +22,7 @@ SHOWN_AS = {
     faults.clock_set_anew: {"gap", "weak"},
     faults.other_rate: {"gap", "moved"},
     faults.retuned: {"gap", "moved"},
+    faults.reopened: {"gap", "moved"},
     faults.saturated: {"saturated"},
     faults.dead_air: {"weak"},
     faults.tag_off_and_on: {"weak"},
