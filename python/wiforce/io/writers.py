@@ -11,6 +11,7 @@ from types import TracebackType
 from typing import Any
 
 from ..errors import InputError, OutputError
+from .appending import prepare_append
 from .readings import COLUMNS, Reading
 from .textfile import check_output
 
@@ -31,6 +32,8 @@ class ReadingsWriter:
         From a reading's ``row()`` to a line of text.
     header : str
         First line.
+    append : bool
+        Keep the previous content, which must have the same header.
 
     Raises
     ------
@@ -50,8 +53,9 @@ class ReadingsWriter:
         path: str | Path | None,
         form: Callable[[dict[str, Any]], str],
         header: str = "",
+        append: bool = False,
     ) -> None:
-        self._path, self._form = path, form
+        self._path, self._form, self._append = path, form, append
         self._header, self._begun = header, False
         self._file: FileIO | None = None
         self._complete_bytes = 0
@@ -105,7 +109,7 @@ class ReadingsWriter:
             self._file.close()
 
     def begin(self) -> "ReadingsWriter":
-        """Empty the file except for its header, unless that has been done.
+        """Empty the file except for its header, or prepare to append, unless that has been done.
 
         Returns
         -------
@@ -115,7 +119,7 @@ class ReadingsWriter:
         Raises
         ------
         InputError
-            When the file cannot be opened.
+            When the file cannot be opened, or has other columns than those that are appended.
         OutputError
             When it cannot be written to.
         """
@@ -123,13 +127,23 @@ class ReadingsWriter:
             return self
         if self._path is not None:
             try:
-                self._file = open(self._path, "wb", buffering=0)
+                if self._append and Path(self._path).is_file():
+                    self._complete_bytes = prepare_append(self._path, self._header)
+                self._file = open(self._path, "ab" if self._append else "wb", buffering=0)
+            except InputError:
+                raise
             except (OSError, ValueError) as error:
                 reason = getattr(error, "strerror", None) or error
                 raise InputError(self._path, f"cannot be written ({reason})") from error
         self._begun = True
-        self._put(self._header)
+        if not self._complete_bytes:
+            self._put(self._header)
         return self
+
+    @property
+    def size_bytes(self) -> int:
+        """Size of the file."""
+        return self._complete_bytes
 
     def _put(self, text: str) -> None:
         if self._file is None:
@@ -168,13 +182,15 @@ class _LineBuffer:
 _csv_line = csv.writer(_LineBuffer, lineterminator="\n").writerow
 
 
-def open_writer(path: str | Path | None = None) -> ReadingsWriter:
+def open_writer(path: str | Path | None = None, append: bool = False) -> ReadingsWriter:
     """A writer of readings in the format that the file's suffix names.
 
     Parameters
     ----------
     path : str or Path, optional
         ``.csv``, or ``.jsonl`` for JSON lines; None writes CSV to standard output.
+    append : bool
+        Keep the previous content of the file, and write no second header.
 
     Returns
     -------
@@ -194,7 +210,7 @@ def open_writer(path: str | Path | None = None) -> ReadingsWriter:
     """
     name = "" if path is None else str(path).lower()
     if name.endswith(".jsonl"):
-        return ReadingsWriter(path, lambda row: json.dumps(row, allow_nan=False) + "\n")
+        return ReadingsWriter(path, lambda row: json.dumps(row, allow_nan=False) + "\n", "", append)
     if path is not None and not name.endswith(".csv"):
         raise InputError(path, "output must end in .csv or .jsonl")
-    return ReadingsWriter(path, lambda row: _csv_line(row.values()), _csv_line(COLUMNS))
+    return ReadingsWriter(path, lambda row: _csv_line(row.values()), _csv_line(COLUMNS), append)
