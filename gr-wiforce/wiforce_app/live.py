@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """``gr-wiforce live``: transmit, receive and read with a UHD device."""
 
-import os
 import signal
 import threading
 
 import click
 from gnuradio.wiforce.errors import OutputError
-from gnuradio.wiforce.io.writers import open_writer
+from gnuradio.wiforce.io.rotation import Rotation, open_rotating
 from gnuradio.wiforce.io.zmq_sockets import (
     ReadingsPublisher,
     Replies,
@@ -16,16 +15,30 @@ from gnuradio.wiforce.io.zmq_sockets import (
 )
 from gnuradio.wiforce.scene import load_scene
 
+from .log import FORMATS, LEVELS, log
 from .options import FiniteRange, radio_options, readings_output, tracked_presses
+from .radio_request import DeviceLost, RadioRequest
 
 _LOOK_S = 0.1
 # So that a flood of requests does not delay the warnings.
 _REQUESTS_A_LOOK = 100
+FAILED = 1
 
 
 @click.command()
 @radio_options
 @readings_output
+@click.option("--append", is_flag=True, help="Append to the output instead of replacing it.")
+@click.option(
+    "--rotate",
+    multiple=True,
+    metavar="LIMIT",
+    help="Rename the output with its date and begin another, every 15min, 6h or 1d of UTC, or when "
+    "it reaches 100MB. May be repeated.",
+)
+@click.option(
+    "--keep", type=click.IntRange(1), metavar="FILES", help="Delete older renamed outputs."
+)
 @click.option("--record", metavar="NAME", help="Record to NAME.sigmf-data and NAME.sigmf-meta.")
 @click.option(
     "--zmq",
@@ -42,44 +55,84 @@ _REQUESTS_A_LOOK = 100
 @click.option(
     "--duration", type=FiniteRange(0, min_open=True), help="Seconds to read. Default: until Ctrl-C."
 )
-def live(scene_path, args, output, record, zmq_endpoint, control, tracked, duration, **radio):
+@click.option(
+    "--reconnect", is_flag=True, help="Wait for the device, and open it again when it is lost."
+)
+@click.option(
+    "--log-level",
+    type=click.Choice(list(LEVELS)),
+    default="info",
+    show_default=True,
+    help="Least important messages to write.",
+)
+@click.option(
+    "--log-format",
+    type=click.Choice(FORMATS),
+    default="auto",
+    show_default=True,
+    help="journal: begin messages with <N>, their level for systemd's journal; auto detects it.",
+)
+def live(
+    scene_path,
+    args,
+    output,
+    append,
+    rotate,
+    keep,
+    record,
+    zmq_endpoint,
+    control,
+    tracked,
+    duration,
+    reconnect,
+    log_level,
+    log_format,
+    **radio,
+):
     """Transmit, receive and read with a UHD device, until interrupted.
 
     SIGUSR1 measures the untouched reference again (tare).
     """
-    from .live_session import DeviceLost
-
+    log.set_up(log_level, log_format)
     scene = load_scene(scene_path)
     for endpoint, option in ((zmq_endpoint, "--zmq"), (control, "--control")):
         if endpoint is not None:
             endpoint_of(endpoint, option)
-    amplitude = radio.pop("amplitude")
-    try:
-        with open_writer(output) as writer:
-            opened = open_radio(args, scene, **radio)
-            with _Outputs(writer, zmq_endpoint) as outputs:
-                session = _make_session(scene, opened, outputs, amplitude, tracked, record)
-                outputs.start_s = lambda: session.start_s
-                _run(session, args, outputs, control, duration)
-    except DeviceLost as lost:
-        leave(lost)
+    request = radio_request(args, scene, **radio)
+    with open_rotating(output, Rotation.of(rotate, keep), append) as writer:
+        with _Outputs(writer, zmq_endpoint) as outputs:
+            session = _make_session(scene, request, outputs, tracked, record)
+            outputs.start_s = lambda: session.start_s
+            try:
+                _run(session, request, outputs, control, duration, reconnect)
+            except DeviceLost as lost:
+                log.error(f"{lost}; all readings until then are kept")
+                return FAILED
+    return 0
 
 
-def open_radio(args, scene, tx_gain, rx_gain, antenna, tx_antenna, reference):
-    """Open the device with a command's options; warns of oscillators that do not lock."""
-    from .radio import Radio
+def radio_request(args, scene, tx_gain, rx_gain, **settings):
+    """The radio that a command's options ask for."""
+    return RadioRequest.of_scene(
+        scene,
+        args,
+        tx_gain_db=tx_gain,
+        rx_gain_db=rx_gain,
+        rx_antenna=settings.pop("antenna"),
+        **settings,
+    )
 
-    radio = Radio(args, scene, tx_gain, rx_gain, tx_antenna, antenna, reference)
-    for direction in radio.unlocked():
-        text = f"the {direction} oscillator does not lock; readings may drift"
-        click.echo(f"gr-wiforce: warning: {text}", err=True)
-    return radio
+
+def warn_of_oscillators(link):
+    """Warn of oscillators that do not lock."""
+    for direction in link.unlocked:
+        log.warning(f"the {direction} oscillator does not lock; readings may drift")
 
 
-def _make_session(scene, radio, outputs, amplitude, tracked, record):
+def _make_session(scene, request, outputs, tracked, record):
     from .live_session import LiveSession
 
-    return LiveSession(scene, radio, outputs.take, amplitude, tracked, record)
+    return LiveSession(scene, request, outputs.take, tracked, record)
 
 
 class _Outputs:
@@ -101,7 +154,7 @@ class _Outputs:
             self._publisher.close()
 
     def begin(self):
-        """Start the file, whose former content is replaced."""
+        """Start the file, whose former content is replaced unless it is appended to."""
         self._writer.begin()
 
     def take(self, reading):
@@ -114,54 +167,59 @@ class _Outputs:
             self._publisher.publish(reading, time_s)
 
 
-def _run(session, args, outputs, control, duration):
+def _run(session, request, outputs, control, duration, reconnect):
     """Run the session until a signal, a request or `duration` ends it.
 
     Raises
     ------
     DeviceLost
-        When the device is gone; all readings have been written.
+        When the device is gone and must not be reopened; all readings have been written.
     """
-    from .live_session import DeviceLost
+    from .radio_keeper import RadioKeeper
+    from .service_manager import ServiceManager
+    from .service_report import ServiceReport
     from .watch import Watch
 
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.set())
     signal.signal(signal.SIGUSR1, lambda *_: session.reader.tare())
-    watch = Watch(session, args)
+    watch = Watch(session)
     outputs.seen = watch.note
+
+    def opened(link):
+        outputs.begin()
+        warn_of_oscillators(link)
+        log.debug(f"opened {link.hardware}")
+
+    keeper = RadioKeeper(request, session, reconnect, on_open=opened)
+    service = ServiceManager()
+    report = ServiceReport(service, session, keeper)
     requests = _requests(control, session, watch, ended) if control else None
     try:
-        outputs.begin()
-        session.start()
         while not ended.wait(_LOOK_S) and session.failure is None:
+            keeper.look()
             watch.look()
+            report.look()
             if requests is not None:
                 requests.serve(_REQUESTS_A_LOOK)
             if duration and session.time_s >= duration:
                 break
-        session.stop()
-    except DeviceLost:
-        session.read_rest()
-        raise
     finally:
+        service.stopping()
+        keeper.stop()
+        session.stop()
+        service.close()
         watch.finish()
         if requests is not None:
             requests.close()
     if session.failure is not None:
         raise session.failure
-    click.echo(f"gr-wiforce: read {watch.summary()}", err=True)
+    log.info(f"read {watch.summary()}")
     if session.recorder is not None and session.recorder.failure is not None:
         raise OutputError(
             "--record", f"the recording is incomplete ({session.recorder.failure.strerror})"
         )
-
-
-def leave(error):
-    """End the process at once: UHD's blocks abort when they are stopped without their device."""
-    click.echo(f"gr-wiforce: {error}", err=True)
-    os._exit(1)
 
 
 def _requests(control, session, watch, ended):

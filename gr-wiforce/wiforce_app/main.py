@@ -13,8 +13,8 @@ import click
 from gnuradio.wiforce.errors import InputError, OutputError
 
 from .lazy import LazyGroup
+from .log import PROGRAM, log
 
-PROGRAM = "gr-wiforce"
 # One line of help per subcommand, so that --help need not import them.
 COMMANDS = {
     "demo": "Simulate two presses, read them back and compare with the truth.",
@@ -137,6 +137,7 @@ def run():
     """Run the command as a process, whatever streams and environment it was started with."""
     _open_standard_streams()
     _find_home()
+    log.set_up()
     return main()
 
 
@@ -172,7 +173,7 @@ def _with_command(error):
 
 def _fail(status, message):
     line = "".join(c if c.isprintable() else " " for c in message)
-    click.echo(f"{PROGRAM}: {' '.join(line.split())}", err=True)
+    log.error(" ".join(line.split()))
     return status
 
 
