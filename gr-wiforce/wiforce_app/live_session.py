@@ -104,7 +104,7 @@ class LiveSession:
         if self.recorder is not None:
             settings = {f"wiforce:{key}": value for key, value in link.settings.items()}
             self.recorder.describe({"core:hw": link.hardware, **settings})
-        self.source.attach(link.samples)
+        self.source.attach(link.take_samples())
         if not self._running:
             self._running = True
             self._started_s = time.monotonic()

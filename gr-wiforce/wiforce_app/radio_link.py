@@ -35,8 +35,6 @@ class RadioLink:
     Attributes
     ----------
     request : RadioRequest
-    samples : socket.socket
-        Where its samples arrive, for a ``sample_receiver``.
     hardware : str or None
         Kind, daughterboard and serial number of the device; None until it is open.
     settings : dict
@@ -54,7 +52,8 @@ class RadioLink:
         self.unlocked: list[str] = []
         self.started = False
         self._rest = b""
-        self.samples, samples = socket.socketpair()
+        self._samples: socket.socket | None
+        self._samples, samples = socket.socketpair()
         self._control, control = socket.socketpair()
         with samples, control:
             self._process = _spawned(control, samples)
@@ -64,6 +63,12 @@ class RadioLink:
     def opened(self) -> bool:
         """Whether the device is open."""
         return self.hardware is not None
+
+    def take_samples(self) -> socket.socket:
+        """Where the samples arrive; given once, to a ``sample_receiver``, which closes it."""
+        assert self._samples is not None
+        samples, self._samples = self._samples, None
+        return samples
 
     def start(self) -> None:
         """Start both streams, once the device is open."""
@@ -110,6 +115,8 @@ class RadioLink:
     def close(self, timeout_s: float = _CLOSE_S) -> None:
         """Close the device and end the process."""
         self._control.close()
+        if self._samples is not None:
+            self._samples.close()
         try:
             self._process.wait(timeout_s)
         except subprocess.TimeoutExpired:

@@ -102,6 +102,7 @@ class _Streams:
         self._flowgraph.connect(self._transmitted, radio.sink)
         self._flowgraph.connect(radio.source, self._sender)
         self._received, self._sent = _Progress(), _Progress()
+        self._ended_before = False
 
     def start(self, stopped):
         """Start both streams at one device time, unless `stopped()` says otherwise meanwhile."""
@@ -121,8 +122,9 @@ class _Streams:
 
     def check(self):
         """Raise DeviceLost when the device has gone."""
-        if self._sender.ended:
+        if self._ended_before:
             raise DeviceLost("cannot be reached any more")
+        self._ended_before = self._sender.ended
         if self._sender.waiting:
             self._received.moved()
         if self._received.still_s(self._sender.sent) > _SILENCE_S:
@@ -183,9 +185,10 @@ def _serve(reader, samples):
 
     streams.start(stopped)
     reader.report("started")
+    # When the reader has been killed, both sockets are closed: the device must be stopped then.
     while not stopped():
-        time.sleep(_LOOK_S)
         streams.check()
+        time.sleep(_LOOK_S)
     streams.stop()
     samples.close()
     reader.report("stopped")

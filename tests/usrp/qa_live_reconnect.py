@@ -207,6 +207,15 @@ def test_live_restart_appends_to_the_readings_and_reports_to_systemd(
     assert len(starts) == 2 and starts[1] > 15
 
 
+def test_live_killed_reader_leaves_a_stopped_device_behind(slow_scene, slow_device):
+    """An N210 would send samples to nobody, and a transmitter stay on the air."""
+    with live(slow_device.args, slow_scene, *GAINS) as process:
+        wait_until(lambda: streaming_s(slow_device) > 0.3)
+        process.kill()
+        process.communicate(timeout=60)
+    wait_until(lambda: streaming_s(slow_device) == 0.0, limit=30)  # the host has closed it
+
+
 def test_live_blocked_output_is_not_taken_for_a_lost_device(slow_scene, slow_device):
     """A reader whose standard output nobody reads must not reset a working device."""
     with live(slow_device.args, slow_scene, *GAINS, "--reconnect") as process:
