@@ -117,6 +117,25 @@ def test_receiver_stream_torn_in_a_packet_keeps_whole_samples_and_reads_the_next
     assert sorted(keys) == [(0, "rx_time"), (resumed, "retuned"), (resumed, "rx_time")]
 
 
+def test_receiver_stream_that_hangs_in_a_packet_is_idle_and_not_behind():
+    """A driver that hangs must be noticed, and not be mistaken for a blocked output."""
+    receiver = sample_receiver(RATE, FRAME)
+    ours, theirs = socket.socketpair()
+    receiver.attach(ours)
+    noticed = []
+
+    def feed():
+        theirs.sendall(packet(codes(1000))[:2000])
+        time.sleep(0.5)
+        noticed.append((receiver.idle_s, time.monotonic() - receiver.called_s))
+        theirs.close()
+        receiver.finish()
+
+    received(receiver, feed)
+    idle_s, behind_s = noticed[0]
+    assert idle_s > 0.4 and behind_s < 0.35
+
+
 def test_receiver_device_started_again_continues_time_by_the_hosts_clock_on_whole_frames():
     """A device clock that begins at zero again would be taken for an implausible time."""
     receiver = sample_receiver(RATE, FRAME)

@@ -157,6 +157,7 @@ class sample_receiver(gr.sync_block):
             except TimeoutError:
                 if received == 0 and self._left == 0:
                     raise
+                self.called_s = time.monotonic()  # it waits for samples all the same
                 continue
             except OSError:
                 break
