@@ -67,7 +67,7 @@ def sequence(path, seed):
     """What is wrong after the random faults of a seed, and how many readings have no flag."""
     rng = np.random.default_rng([seed, 99])
     count = rng.integers(1, 5)
-    chosen = [faults.FAULTS[i] for i in rng.integers(len(faults.FAULTS), size=count)]
+    chosen = [faults.ALL_FAULTS[i] for i in rng.integers(len(faults.ALL_FAULTS), size=count)]
     readings, wrong = check(codes_in(path), seed, chosen)
     return wrong, sum(not r.flags for r in readings)
 
@@ -90,7 +90,7 @@ def test_without_a_fault_all_is_read(path):
     assert sum(not r.flags for r in readings) >= 28
 
 
-@pytest.mark.parametrize("fault", faults.FAULTS, ids=lambda fault: fault.__name__)
+@pytest.mark.parametrize("fault", faults.ALL_FAULTS, ids=lambda fault: fault.__name__)
 def test_what_one_fault_spoils_is_flagged(path, fault):
     readings, wrong = check(codes_in(path), 1, [fault], faults.STARTED)
     assert not wrong
