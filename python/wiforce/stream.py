@@ -24,6 +24,13 @@ from .receiver import Receiver
 class StreamTares:
     """Requests for a tare of the receiver that reads a stream at present.
 
+    Parameters
+    ----------
+    request : callable
+        From ``force`` to the TareState of a request to that receiver.
+    cancel : callable
+        Gives up its tare, for a reason.
+
     Attributes
     ----------
     state : TareState
