@@ -135,9 +135,12 @@ class _Streams:
         self._ended_before = self._sender.ended
         if self._sender.waiting:
             self._received.moved()
-        if self._received.still_s(self._sender.sent) > _SILENCE_S:
+        unreceived_s = self._received.still_s(self._sender.sent)
+        unsent_s = self._sent.still_s(self._radio.sink.nitems_read(0))
+        if unreceived_s > _SILENCE_S:
             raise DeviceLost(f"has sent no samples for {_SILENCE_S:g} s")
-        if self._sent.still_s(self._radio.sink.nitems_read(0)) > _SILENCE_S:
+        # A device that has gone does neither; its samples are what is missed.
+        if unsent_s > _SILENCE_S and unreceived_s < _SILENCE_S / 2:
             raise DeviceLost(f"has not transmitted for {_SILENCE_S:g} s")
 
     def stop(self):
