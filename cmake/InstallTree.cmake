@@ -6,7 +6,8 @@ set(without_caches PATTERN __pycache__ EXCLUDE PATTERN bindings EXCLUDE)
 install(DIRECTORY python/wiforce/ DESTINATION ${package} FILES_MATCHING PATTERN *.py ${without_caches})
 install(DIRECTORY gr-wiforce/wiforce_app gr-wiforce/software_n210 DESTINATION ${GR_PYTHON_DIR} ${without_caches})
 install(DIRECTORY gr-wiforce/ DESTINATION ${WIFORCE_DATA_DIR}
-  PATTERN wiforce_app EXCLUDE PATTERN software_n210 EXCLUDE PATTERN completions EXCLUDE ${without_caches})
+  PATTERN wiforce_app EXCLUDE PATTERN software_n210 EXCLUDE PATTERN completions EXCLUDE
+  PATTERN systemd EXCLUDE ${without_caches})
 install(DIRECTORY grc/ DESTINATION ${GRC_BLOCKS_DIR} FILES_MATCHING PATTERN *.yml)
 install(DIRECTORY include/gnuradio/wiforce DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/gnuradio)
 
@@ -17,6 +18,12 @@ install(FILES gr-wiforce/completions/gr-wiforce.zsh RENAME _gr-wiforce
   DESTINATION ${CMAKE_INSTALL_DATADIR}/zsh/site-functions)
 install(FILES gr-wiforce/completions/gr-wiforce.fish
   DESTINATION ${CMAKE_INSTALL_DATADIR}/fish/vendor_completions.d)
+
+set(GR_WIFORCE_COMMAND ${CMAKE_INSTALL_FULL_BINDIR}/gr-wiforce)
+configure_file(gr-wiforce/systemd/gr-wiforce-live@.service.in
+  ${PROJECT_BINARY_DIR}/install/gr-wiforce-live@.service @ONLY)
+# Where systemd searches below /usr and below /usr/local.
+install(FILES ${PROJECT_BINARY_DIR}/install/gr-wiforce-live@.service DESTINATION lib/systemd/system)
 
 # Relative, so that an installed tree can be moved.
 file(RELATIVE_PATH DATA_FROM_PACKAGE /${package} /${WIFORCE_DATA_DIR})

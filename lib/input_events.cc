@@ -15,6 +15,7 @@ namespace {
 const pmt::pmt_t rx_time_key = pmt::mp(names::RX_TIME);
 const pmt::pmt_t rx_rate_key = pmt::mp(names::RX_RATE);
 const pmt::pmt_t rx_freq_key = pmt::mp(names::RX_FREQ);
+const pmt::pmt_t retuned_key = pmt::mp(names::RETUNED);
 
 } // namespace
 
@@ -43,6 +44,8 @@ void input_events::note(const gr::tag_t& tag)
         note_time(tag);
     else if (pmt::eq(tag.key, rx_rate_key) || pmt::eq(tag.key, rx_freq_key))
         note_setting(tag);
+    else if (pmt::eq(tag.key, retuned_key))
+        d_next = event{ tag.offset, 0, usable(), true };
 }
 
 void input_events::note_time(const gr::tag_t& tag)

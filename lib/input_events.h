@@ -14,14 +14,15 @@
 namespace gr::wiforce {
 
 // What changes on a stream of samples, according to the device's tags rx_time, rx_rate
-// and rx_freq.
+// and rx_freq, and to the tag retuned.
 class input_events
 {
 public:
     struct event {
         std::uint64_t item;
-        std::uint64_t lost; // samples before it
-        bool usable;        // whether rate and carrier are as configured from here on
+        std::uint64_t lost;   // samples before it
+        bool usable;          // whether rate and carrier are as configured from here on
+        bool retuned = false; // the oscillators have new phases from here on
     };
 
     input_events(double sample_rate, gr::logger_ptr logger);

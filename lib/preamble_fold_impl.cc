@@ -164,7 +164,7 @@ bool preamble_fold_impl<Sample>::take_whole_frames(const Sample* samples,
 template <class Sample>
 void preamble_fold_impl<Sample>::take_event(const input_events::event& event)
 {
-    if (event.usable && !d_usable)
+    if (event.retuned || (event.usable && !d_usable))
         mark_retuned();
     d_usable = event.usable;
     d_samples_lost += event.lost;

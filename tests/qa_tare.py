@@ -48,7 +48,7 @@ class Bench:
             self.run(length // len(reference), press)
         self.run(length - self._index + 3, *reference[-1:])
 
-    def run(self, groups, *presses, turned_deg=0.0, silent=()):
+    def run(self, groups, *presses, turned_deg=0.0, silent=(), retuned=False):
         """Receive groups; a press (force, location) or None for each sensor."""
         presses = presses or [None] * len(self.plan.sensors)
         for _ in range(groups):
@@ -60,11 +60,12 @@ class Bench:
             noise = self._rng.standard_normal((2, *self._channel.shape))
             noise = (noise[0] + 1j * noise[1]) * np.sqrt(self._variance / 2)
             on = np.array([i not in silent for i in range(len(presses))])
-            self._receive(self._channel * np.exp(1j * turns) + noise, on)
+            self._receive(self._channel * np.exp(1j * turns) + noise, on, retuned)
+            retuned = False
             self.truth += presses
         return self
 
-    def _receive(self, ends, on):
+    def _receive(self, ends, on, retuned):
         sensors = len(on)
         group = Groups(
             [self._index],
@@ -75,6 +76,7 @@ class Bench:
             snr_db=np.full((1, 2 * sensors), 10.0),
             locked=on[None],
             overlapping=np.zeros((1, sensors), bool),
+            retuned=np.array([retuned]),
         )
         self._index += 1
         self.readings += self.receiver.process(group)
@@ -127,6 +129,26 @@ def test_tare_that_the_tag_moves_in_fails():
     bench.receiver.tare()
     bench.run(6).run(20, turned_deg=25.0)
     assert bench.states[-1].state == "failed" and "s0 moved at" in bench.states[-1].reason
+
+
+def test_tare_after_the_device_was_opened_again_is_not_judged_by_the_former_reference():
+    """Its oscillators have other phases, which may look like a touch: no tare would be accepted."""
+    alike = (5.0, 40.0)
+    bench = Bench().run(8).run(10, alike, retuned=True)
+    assert bench.receiver.tare().state == "measuring"
+    later = bench.plan.reference_groups + 10
+    bench.run(later, alike)
+    assert bench.states[-1].state == "complete"
+    readings = [reading for _, reading in bench.finished()]
+    assert all(reading.touch == 0 and not reading.flags for reading in readings[-5:])
+    assert all("moved" in reading.flags for reading in readings[-later - 10 : -later])
+
+
+def test_tare_fails_when_the_device_is_opened_again_meanwhile():
+    bench = Bench()
+    bench.receiver.tare(force=True)
+    bench.run(6).run(4, turned_deg=70.0, retuned=True)
+    assert bench.states[-1].state == "failed" and "opened or tuned again" in bench.states[-1].reason
 
 
 def test_tare_of_an_untouched_sensor_is_complete_after_the_reference():

@@ -22,13 +22,13 @@ class SoftwareUsrp:
         UHD device arguments that name it.
     """
 
-    def __init__(self, *arguments, speed=1.0, faults=()):
+    def __init__(self, *arguments, speed=1.0, faults=(), address=None):
         command = [sys.executable, "-m", "software_n210", *map(str, arguments)]
         command += ["--speed", str(speed)]
         for fault in faults:
             command += ["--fault", fault]
         for _ in range(_TRIES):
-            self.address = f"127.0.{random.randrange(1, 255)}.{random.randrange(1, 255)}"
+            self.address = address or f"127.0.{random.randrange(1, 255)}.{random.randrange(1, 255)}"
             self.process = subprocess.Popen(
                 [*command, "--bind", self.address],
                 stdin=subprocess.PIPE,

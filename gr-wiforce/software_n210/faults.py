@@ -33,6 +33,7 @@ _KINDS = {
     "lose": _Kind((("packets", int),), lambda hw, packets: hw.receive[0].packets.lose(packets)),
     "swap": _Kind((), lambda hw: hw.receive[0].packets.swap()),
     "late": _Kind((("rx|tx", str),), _late),
+    "cut": _Kind((("seconds", float),), lambda hw, seconds: hw.network.cut(seconds)),
     "stall": _Kind((("seconds", float),), lambda hw, seconds: time.sleep(seconds)),
     "clock": _Kind(
         (("sensor", str), ("ppm", float)),
@@ -79,6 +80,8 @@ def parse_fault(text: str, where: str = "--fault") -> Fault:
         lose PACKETS              number the next packets but do not send them
         swap                      exchange the next two packets
         late rx|tx                report the next receive command or transmit burst as late
+        cut SECONDS               send half of the next packet, then let nothing pass in either
+                                  direction for SECONDS of wall time
         stall SECONDS             do nothing for SECONDS of wall time
         clock SENSOR PPM          set the clock offset of a tag
         off SENSOR, on SENSOR     stop or start the switches of a tag

@@ -13,6 +13,7 @@ from .eeprom import (
 )
 from .fifo import Fifo
 from .frontend import DAUGHTERBOARDS, FrontEnd
+from .network import Network
 from .receive import ReceiveChain
 from .registers import Registers
 from .transmit import TransmitChain
@@ -57,6 +58,8 @@ class Hardware:
     tuning : Tuning
     fifo : Fifo
     control : Control
+    network : Network
+        Between the device and the host.
     origin : int or None
         Tick of the first sample received in this session.
     """
@@ -68,6 +71,7 @@ class Hardware:
         self.transmit = TransmitChain(self.clock, air, tx_socket_bytes)
         self.receive = [ReceiveChain(self.clock, air, 3 + k) for k in range(len(RX_PORTS))]
         self.tuning = air.tuning = Tuning(self.front_end, self.transmit.dsp)
+        self.network = Network()
         self.origin = None
         self._on_close = on_close
         registers = self._registers()

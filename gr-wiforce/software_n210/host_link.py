@@ -42,6 +42,10 @@ class HostLink:
 
     def serve(self, ready):
         """Take what has arrived at the ports in `ready`, a set."""
+        if self._hardware.network.is_cut:
+            for port in ready - {None}:
+                self._sockets.drain(port)
+            return
         # Samples are read first and handed on last: a register write that the host sent before
         # them, through another socket, must act before them.
         samples = self._sockets.drain(TX_PORT) if TX_PORT in ready else []
@@ -65,10 +69,14 @@ class HostLink:
     def run_commands(self):
         """Execute the register commands that are due, and acknowledge them."""
         for reply, peer in self._hardware.fifo.run():
-            self._sockets.send(FIFO_PORT, reply, peer)
+            if not self._hardware.network.is_cut:
+                self._sockets.send(FIFO_PORT, reply, peer)
 
     def queue(self, packets):
         """Queue received packets for the host; nothing is kept while no host listens."""
+        if packets and self._hardware.network.is_cut:
+            self._tear(*packets[0])
+            return
         for index, data, size in packets:
             if self._rx_peers[index] is not None:
                 self._outbox.append((index, memoryview(data), size))
@@ -89,6 +97,13 @@ class HostLink:
                 return False
         return True
 
+    def _tear(self, index, data, size):
+        """Send what a network that has just been cut lets pass of the next packet."""
+        self.discard()
+        rest, peer = self._hardware.network.passed(bytes(data[:size])), self._rx_peers[index]
+        if rest and peer is not None:
+            self._sockets.send(RX_PORTS[index], rest, peer)
+
     def discard(self):
         """Drop queued packets."""
         self._outbox.clear()
@@ -96,7 +111,7 @@ class HostLink:
     def send_reports(self):
         """Send the transmit stream's reports that are due."""
         reports = self._hardware.transmit.flow.take()
-        if self._tx_peer is not None:
+        if self._tx_peer is not None and not self._hardware.network.is_cut:
             for report in reports:
                 self._sockets.send(TX_PORT, report, self._tx_peer)
 

@@ -19,8 +19,10 @@ from gnuradio.wiforce.planning.room import adapted
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.schema import Scene
 
-from .live import leave, open_radio
+from .live import FAILED, radio_request, warn_of_oscillators
+from .log import log
 from .options import optional_radio_options
+from .radio_request import DeviceLost
 from .room_report import finding_line, finding_rows, measure_tag, sensor_text
 from .stream_events import describe_events
 
@@ -52,7 +54,7 @@ class Findings:
 @click.argument("capture", type=click.Path(), required=False)
 @optional_radio_options
 @click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
-def check(capture, scene_path, args, as_json, amplitude, **radio):
+def check(capture, scene_path, args, as_json, **radio):
     """Measure levels, noise, delay and the tags' clocks, and advise what to change.
 
     With --args and --scene the check receives from a device; no sensor may be pressed meanwhile.
@@ -62,18 +64,17 @@ def check(capture, scene_path, args, as_json, amplitude, **radio):
         if args is not None:
             raise click.UsageError("CAPTURE and --args exclude each other")
         _check_files(capture, scene_path, as_json)
-        return
+        return 0
     if args is None or scene_path is None:
         raise click.UsageError("give --scene and --args for a device, or a CAPTURE")
-    from .live_session import DeviceLost
-
     scene = load_scene(scene_path)
-    opened = open_radio(args, scene, **radio)
-    findings = Findings(opened.hardware, opened.settings())
+    request = radio_request(args, scene, **radio)
     try:
-        session, samples = _receive(scene, opened, amplitude, args)
+        link, session, samples = _receive(scene, request)
     except DeviceLost as lost:
-        leave(lost)
+        log.error(str(lost))
+        return FAILED
+    findings = Findings(link.hardware, link.settings)
     if samples is not None:
         _measure(findings, scene, session, samples)
     findings.advice = advice_on(findings, scene)
@@ -83,6 +84,7 @@ def check(capture, scene_path, args, as_json, amplitude, **radio):
         click.echo(json.dumps(report, indent=2))
     else:
         click.echo(_text(findings))
+    return 0
 
 
 def _check_files(capture, scene_path, as_json):
@@ -92,30 +94,34 @@ def _check_files(capture, scene_path, as_json):
     click.echo(json.dumps(found, indent=2) if as_json else report(found))
 
 
-def _receive(scene, radio, amplitude, args):
-    """A session that has run a little longer than the reference, and its first frames or None."""
+def _receive(scene, request):
+    """The device, a session that has run a little longer than the reference, its first frames."""
     import time
 
     from gnuradio.wiforce.blocks.sample_keeper import sample_keeper
 
     from .live_session import LiveSession
-    from .watch import Watch
+    from .radio_keeper import RadioKeeper
 
-    session = LiveSession(scene, radio, lambda reading: None, amplitude)
+    session = LiveSession(scene, request, lambda reading: None)
     keeper = sample_keeper(_FRAMES * scene.sounding.frame_length)
     session.tap(keeper)
-    watch = Watch(session, args, quiet=True)
-    session.start()
+    links = []
+    radio = RadioKeeper(request, session, on_open=links.append)
     wanted_s = scene.reference_s + _AFTER_REFERENCE_S
-    while session.time_s < wanted_s and session.alignment.searches < _SEARCHES:
-        time.sleep(_LOOK_S)
-        watch.look()
-    session.stop()
+    try:
+        while session.time_s < wanted_s and session.alignment.searches < _SEARCHES:
+            time.sleep(_LOOK_S)
+            radio.look()
+    finally:
+        radio.stop()
+        session.stop()
+    warn_of_oscillators(links[0])
     if session.failure is not None:
         raise session.failure
     if session.alignment.offset is None:
-        return session, None
-    return session, samples_of(keeper.samples)
+        return links[0], session, None
+    return links[0], session, samples_of(keeper.samples)
 
 
 def _measure(findings, scene, session, samples):

@@ -3,6 +3,7 @@
 
 import functools
 import signal
+import time
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -10,6 +11,8 @@ import click
 from gnuradio.wiforce.errors import InputError
 
 from .options import optional_radio_options
+
+_LOOK_S = 0.02
 
 
 class _Numbers(click.ParamType):
@@ -184,31 +187,35 @@ def _sensor_named(scene, name):
     raise InputError("--sensor", f"must be one of the scene's: {', '.join(known)}", name)
 
 
-def _measure(session, scene, scale, args, amplitude, **radio):
+def _measure(session, scene, scale, args, **radio):
     """Run the dialogue with a device; whether it came to its end."""
     from .guided_calibration import GuidedCalibration
-    from .live import leave, open_radio
+    from .live import FAILED, radio_request, warn_of_oscillators
     from .live_presses import LivePresses
-    from .live_session import DeviceLost, LiveSession
+    from .live_session import LiveSession
+    from .log import log
     from .operator_lines import OperatorLines
-    from .watch import Watch
+    from .radio_keeper import RUNNING, RadioKeeper
+    from .radio_request import DeviceLost
 
     signal.signal(signal.SIGTERM, _interrupt)
-    live = LiveSession(scene, open_radio(args, scene, **radio), lambda reading: None, amplitude)
-    watch = Watch(live, args, quiet=True)
-    presses = LivePresses(live, watch, session.plan.sensor, scene)
+    request = radio_request(args, scene, **radio)
+    live = LiveSession(scene, request, lambda reading: None)
+    keeper = RadioKeeper(request, live, on_open=warn_of_oscillators)
+    presses = LivePresses(live, keeper, session.plan.sensor, scene)
     dialogue = GuidedCalibration(session, presses, OperatorLines(), click.echo, scale)
     try:
-        live.start()
-        finished = dialogue.run()
+        while keeper.state != RUNNING:
+            presses.idle()
+            time.sleep(_LOOK_S)
+        return dialogue.run()
     except DeviceLost as lost:
         click.echo()
-        leave(f"{lost}; {_stored(session)}")
-    except BaseException:
+        log.error(str(lost))
+        raise click.exceptions.Exit(FAILED) from lost
+    finally:
+        keeper.stop()
         live.stop()
-        raise
-    live.stop()
-    return finished
 
 
 def _stored(session):

@@ -1,28 +1,41 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """``gr-wiforce live``: transmit, receive and read with a UHD device."""
 
-import os
 import signal
 import sys
 import threading
 
 import click
-from gnuradio.wiforce.errors import OutputError
+from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.capture_files import recording_stem
-from gnuradio.wiforce.io.writers import open_writer
+from gnuradio.wiforce.io.rotation import Rotation, open_rotating
 from gnuradio.wiforce.io.zmq_sockets import ReadingsPublisher, endpoint_of
 from gnuradio.wiforce.scene import load_scene
 
+from .log import FORMATS, LEVELS, log
 from .options import FiniteRange, radio_options, readings_output, tracked_presses
+from .radio_request import RECEIVE_S, DeviceLost, RadioRequest
 
 _LOOK_S = 0.1
 # So that a flood of requests does not delay the warnings.
 _REQUESTS_A_LOOK = 100
+FAILED, BAD_INPUT = 1, 2
 
 
 @click.command()
 @radio_options
 @readings_output
+@click.option("--append", is_flag=True, help="Append to the output instead of replacing it.")
+@click.option(
+    "--rotate",
+    multiple=True,
+    metavar="LIMIT",
+    help="Rename the output with its date and begin another, every 15min, 6h or 1d of UTC, or when "
+    "it reaches 100MB. May be repeated.",
+)
+@click.option(
+    "--keep", type=click.IntRange(1), metavar="FILES", help="Delete older renamed outputs."
+)
 @click.option("--record", metavar="NAME", help="Record to NAME.sigmf-data and NAME.sigmf-meta.")
 @click.option(
     "--zmq",
@@ -46,47 +59,88 @@ _REQUESTS_A_LOOK = 100
 @click.option(
     "--duration", type=FiniteRange(0, min_open=True), help="Seconds to read. Default: until Ctrl-C."
 )
+@click.option(
+    "--reconnect", is_flag=True, help="Wait for the device, and open it again when it is lost."
+)
+@click.option(
+    "--log-level",
+    type=click.Choice(list(LEVELS)),
+    default="info",
+    show_default=True,
+    help="Least important messages to write.",
+)
+@click.option(
+    "--log-format",
+    type=click.Choice(FORMATS),
+    default="auto",
+    show_default=True,
+    help="journal: begin messages with <N>, their level for systemd's journal; auto detects it.",
+)
 def live(
-    scene_path, args, output, record, zmq_endpoint, control, tracked, latency, duration, **radio
+    scene_path,
+    args,
+    output,
+    append,
+    rotate,
+    keep,
+    record,
+    zmq_endpoint,
+    control,
+    tracked,
+    latency,
+    duration,
+    reconnect,
+    log_level,
+    log_format,
+    **radio,
 ):
     """Transmit, receive and read with a UHD device, until interrupted.
 
     SIGUSR1 measures the untouched reference again (tare).
     """
-    from .live_session import DeviceLost
-
+    log.set_up(log_level, log_format)
     scene = load_scene(scene_path)
     if record is not None:
         record = recording_stem(record, "--record")
     for endpoint, option in ((zmq_endpoint, "--zmq"), (control, "--control")):
         if endpoint is not None:
             endpoint_of(endpoint, option)
-    amplitude = radio.pop("amplitude")
+    request = radio_request(args, scene, receive_s=RECEIVE_S[latency], **radio)
+    rotation = Rotation.of(rotate, keep)
+    also = ("run", "time_utc")
     try:
-        with open_writer(output, scene.files, also=("run", "time_utc")) as writer:
-            opened = open_radio(args, scene, **radio)
+        with open_rotating(output, rotation, scene.files, also, append) as writer:
             with _Outputs(writer, zmq_endpoint) as outputs:
-                session = _make_session(scene, opened, outputs, amplitude, tracked, record, latency)
-                _run(session, opened, args, outputs, control, duration)
+                session = _make_session(scene, request, outputs, tracked, record)
+                _run(session, request, outputs, control, duration, reconnect)
     except DeviceLost as lost:
-        leave(lost)
+        log.error(f"{lost}; all readings until then are kept")
+        return FAILED
+    return 0
 
 
-def open_radio(args, scene, tx_gain, rx_gain, antenna, tx_antenna, reference):
-    """Open the device with a command's options; warns of oscillators that do not lock."""
-    from .radio import Radio
+def radio_request(args, scene, tx_gain, rx_gain, **settings):
+    """The radio that a command's options ask for."""
+    return RadioRequest.of_scene(
+        scene,
+        args,
+        tx_gain_db=tx_gain,
+        rx_gain_db=rx_gain,
+        rx_antenna=settings.pop("antenna"),
+        **settings,
+    )
 
-    radio = Radio(args, scene, tx_gain, rx_gain, tx_antenna, antenna, reference)
-    for direction in radio.unlocked():
-        text = f"the {direction} oscillator does not lock; readings may drift"
-        click.echo(f"gr-wiforce: warning: {text}", err=True)
-    return radio
+
+def warn_of_oscillators(link):
+    """Warn of oscillators that do not lock."""
+    for direction in link.unlocked:
+        log.warning(f"the {direction} oscillator does not lock; readings may drift")
 
 
-def _make_session(scene, radio, outputs, amplitude, tracked, record, latency):
+def _make_session(scene, request, outputs, tracked, record):
     from .live_session import LiveSession
 
-    return LiveSession(scene, radio, outputs.take, amplitude, tracked, record, latency)
+    return LiveSession(scene, request, outputs.take, tracked, record)
 
 
 class _Outputs:
@@ -108,7 +162,7 @@ class _Outputs:
             self._publisher.close()
 
     def begin(self):
-        """Start the file, whose former content is replaced."""
+        """Start the file, whose former content is replaced unless it is appended to."""
         self._writer.begin()
 
     def take(self, reading):
@@ -127,28 +181,39 @@ class _Outputs:
             self._publisher.send(kind, report)
 
 
-def _run(session, radio, args, outputs, control, duration):
+def _run(session, request, outputs, control, duration, reconnect):
     """Run the session until a signal, a request or `duration` ends it.
 
     Raises
     ------
     DeviceLost
-        When the device is gone; all readings have been written.
+        When the device is gone and must not be reopened; all readings have been written.
     """
     from .live_requests import TareLog, serve_requests
-    from .live_session import DeviceLost
+    from .radio_keeper import RadioKeeper
     from .run_clock import RunClock
     from .run_health import Heartbeat, RunHealth
+    from .service_manager import ServiceManager
+    from .service_report import ServiceReport
     from .watch import Watch
 
     ending = _Ending()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ending.request("signal"))
-    watch = Watch(session, args)
-    clock = RunClock(lambda: radio.time_s)
-    watch.health = outputs.health = health = RunHealth(session, clock, watch.log)
+    watch = Watch(session)
+
+    def opened(link):
+        outputs.begin()
+        warn_of_oscillators(link)
+        log.debug(f"opened {link.hardware}")
+
+    keeper = RadioKeeper(request, session, reconnect, on_open=opened)
+    health = RunHealth(session, RunClock(), log.info, lambda: keeper.state)
+    watch.health = outputs.health = health
     outputs.seen = watch.note
-    tares = TareLog(session, watch.log)
+    service = ServiceManager()
+    service_report = ServiceReport(service, session, keeper)
+    tares = TareLog(session, log.info)
     signal.signal(signal.SIGUSR1, lambda *_: tares.request())
     requests = None
     if control:
@@ -156,31 +221,32 @@ def _run(session, radio, args, outputs, control, duration):
             control, tares, watch.status, stop=lambda: ending.request("request")
         )
     try:
-        outputs.begin()
         with Heartbeat(health.report, lambda report: outputs.send("heartbeat", report)):
-            session.start()
-            clock.compare()
-            while not ending.requested.wait(_LOOK_S) and session.failure is None:
-                watch.look()
-                health.look()
-                if requests is not None:
-                    requests.serve(_REQUESTS_A_LOOK)
-                if duration and session.time_s >= duration:
-                    ending.request("duration")
-            session.stop()
+            try:
+                while not ending.requested.wait(_LOOK_S) and session.failure is None:
+                    keeper.look()
+                    watch.look()
+                    health.look()
+                    service_report.look()
+                    if requests is not None:
+                        requests.serve(_REQUESTS_A_LOOK)
+                    if duration and session.time_s >= duration:
+                        ending.request("duration")
+            finally:
+                service.stopping()
+                keeper.stop()
+                session.stop()
         if session.failure is not None:
             raise session.failure
         ending.failure = session.recorder and session.recorder.failure
-    except DeviceLost:
-        session.read_rest()
-        raise
     finally:
+        service.close()
         health.look()
         watch.finish()
         if requests is not None:
             requests.close()
         outputs.send("end", {**health.report(), **ending.report()})
-    click.echo(f"gr-wiforce: read {watch.summary()}", err=True)
+    log.info(f"read {watch.summary()}")
     if ending.failure is not None:
         raise OutputError("--record", f"the recording is incomplete ({ending.failure.strerror})")
 
@@ -202,10 +268,5 @@ class _Ending:
         """The end in the words of a message, with the exception that is being raised, if any."""
         error = sys.exception() or self.failure
         reason = self._reason if error is None else str(error) or type(error).__name__
-        return {"state": "ended", "reason": reason, "exit_status": int(error is not None)}
-
-
-def leave(error):
-    """End the process at once: UHD's blocks abort when they are stopped without their device."""
-    click.echo(f"gr-wiforce: {error}", err=True)
-    os._exit(1)
+        status = BAD_INPUT if isinstance(error, InputError) else FAILED
+        return {"state": "ended", "reason": reason, "exit_status": status if error else 0}

@@ -4,6 +4,7 @@
 import math
 import time
 from collections import deque
+from queue import SimpleQueue
 
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.fixed_tag import fixed_tag_readings
@@ -23,14 +24,14 @@ class LivePresses:
     Parameters
     ----------
     session : LiveSession
-    watch : Watch
+    keeper : RadioKeeper
         Notices when the device is gone.
     sensor : str
     scene : Scene
     """
 
-    def __init__(self, session, watch, sensor, scene):
-        self._session, self._watch, self._sensor = session, watch, sensor
+    def __init__(self, session, keeper, sensor, scene):
+        self._session, self._keeper, self._sensor = session, keeper, sensor
         self._period_s, self._reference_s = scene.group_period_s, scene.reference_s
         self._readings = deque(maxlen=_KEPT)
         self.groups = max(LEAST_GROUPS, math.ceil(_MEASURE_S / self._period_s))
@@ -53,7 +54,7 @@ class LivePresses:
         ------
         DeviceLost
         """
-        self._watch.look()
+        self._keeper.look()
         if self._session.failure is not None:
             raise self._session.failure
 
@@ -122,12 +123,22 @@ class LivePresses:
         Raises
         ------
         InputError
-            When the sensor is touched.
+            When the sensor is touched, or too few groups are received.
         """
         touched = sum(reading.touch == 1 for reading in self.collect(idle))
         if touched and not force:
             raise InputError("tare", "must be of the untouched sensor; release it")
-        self._session.reader.tare()
-        # Groups that were under way, and the first after the reference, are not part of it.
-        self._after(self._session.time_s + self._reference_s + 2 * self._period_s, 1, idle)
+        outcomes = SimpleQueue()
+        self._session.reader.tare(force, outcomes.put)
+        end = time.monotonic() + _PATIENCE_S + 2 * self._reference_s
+        while outcomes.empty():
+            if time.monotonic() > end:
+                self._session.reader.cancel_tare("no groups are received")
+            idle()
+            time.sleep(_LOOK_S)
+        outcome = outcomes.get()
+        if outcome.state != "complete":
+            raise InputError("tare", f"{outcome.state}: {outcome.reason}")
+        # The first group after the reference is not part of it.
+        self._after(self._session.time_s + self._period_s, 1, idle)
         self.wait_for_reference(idle)

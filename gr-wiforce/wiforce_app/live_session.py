@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The flowgraph of the live reader: transmit, receive, align, record, read."""
+"""The flowgraph of the live reader: receive, align, record, read."""
 
 import time
 from collections import deque
@@ -8,111 +8,82 @@ from pathlib import Path
 
 from gnuradio import gr, wiforce
 from gnuradio.wiforce.blocks.level_meter import level_meter
+from gnuradio.wiforce.blocks.sample_receiver import sample_receiver
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.readings import Reading
 from gnuradio.wiforce.io.samples import FULL_SCALE
 from gnuradio.wiforce.scene.schema import Scene
 
-from .radio import Radio
+from .radio_link import RadioLink
+from .radio_request import RadioRequest
 
 # GNU Radio logs to standard output, where readings may go.
 gr.logging().set_default_level(gr.log_levels.error)
 
-# How far ahead the common start is set. A busy machine may miss it; then the next one is tried.
-_START_LEADS_S = (0.5, 1.5, 4.0)
-_START_GRACE_S = 1.0
-_START_LOOK_S = 0.02
 _BUFFER_SAMPLES = 1 << 18
-# Samples that are received at once, as a time, by the option --latency. Handling every packet by
-# itself would cost two cores.
-RECEIVE_S = {"low": 2e-3, "relaxed": 20e-3}
-_MOST_RECEIVE_SAMPLES = 1 << 17  # half the buffer
-_RECEIVE_TIMEOUT_S = 0.1
 _LAST_READINGS_S = 2.0  # for the chain to process what has been received
 _KEPT_BATCHES = 64
-
-
-class DeviceLost(Exception):
-    """The device sends no samples, or has stopped sending them."""
+_BEHIND_S = 1.0
 
 
 class LiveSession:
-    """Transmits and reads with one device.
+    """Reads the samples of one device, however often it is lost and found.
 
     Parameters
     ----------
     scene : Scene
-    radio : Radio
+    request : RadioRequest
+        What is asked of the device.
     on_reading : callable
         Called with every Reading as soon as it is ready, in another thread.
-    amplitude : float
-        Root of the mean preamble power of the transmitted signal, over full scale.
     tracked : bool
         Track each press over time.
     recording : str or Path, optional
         Record to this SigMF pair.
-    latency : str
-        How many samples are received at once, a key of ``RECEIVE_S``.
     """
 
     def __init__(
         self,
         scene: Scene,
-        radio: Radio,
+        request: RadioRequest,
         on_reading: Callable[[Reading], None],
-        amplitude: float = 0.5,
         tracked: bool = False,
         recording: str | Path | None = None,
-        latency: str = "low",
     ):
-        self.waveform = waveform = scene.waveform()
-        sounding = {
-            "waveform": waveform.name,
-            "frame_length": waveform.frame_length,
-            "sample_rate": waveform.sample_rate_hz,
-            "item_type": "sc16",
-        }
-        self._scene, self._radio = scene, radio
-        self._transmitted = wiforce.sounding_source(amplitude=amplitude, **sounding)
-        self.alignment = wiforce.frame_alignment(**sounding)
+        self.waveform = scene.waveform()
+        self._scene, self._request = scene, request
+        self.source = sample_receiver(request.sample_rate_hz, request.frame_length)
+        self.alignment = wiforce.frame_alignment(**request.sounding)
         self.meter = level_meter()
         self._latest = deque(maxlen=_KEPT_BATCHES)
         self.reader = wiforce.reader(
-            scene,
-            input_type="sc16",
-            tracked=tracked,
-            on_reading=on_reading,
+            scene, input_type="sc16", tracked=tracked, on_reading=on_reading
         )
-        self.reader.groups.stream.on_groups = self._latest.append
-        self.recorder = self._make_recorder(recording, amplitude) if recording is not None else None
-        # UHD's blocks throw when a device disappears, which must not end the process.
+        self.reader.stream.on_groups = self._latest.append
+        self.recorder = self._make_recorder(recording) if recording is not None else None
         self._flowgraph = gr.top_block("gr-wiforce live", catch_exceptions=True)
-        self._connect(RECEIVE_S[latency])
+        self._running, self._started_s = False, 0.0
+        self._link, self._attached = None, 0
+        self._connect()
 
-    def _connect(self, receive_s):
-        radio, flowgraph = self._radio, self._flowgraph
-        radio.source.set_recv_timeout(_RECEIVE_TIMEOUT_S, False)
-        received = int(receive_s * self.waveform.sample_rate_hz)
-        radio.source.set_max_noutput_items(min(received, _MOST_RECEIVE_SAMPLES))
-        for block in (radio.source, self.alignment, self.meter):
+    def _connect(self):
+        flowgraph = self._flowgraph
+        for block in (self.source, self.alignment, self.meter):
             block.set_min_output_buffer(_BUFFER_SAMPLES)
-        flowgraph.connect(self._transmitted, radio.sink)
-        flowgraph.connect(radio.source, self.alignment, self.meter, self.reader)
+        flowgraph.connect(self.source, self.alignment, self.meter, self.reader)
         if self.recorder is not None:
             self.tap(self.recorder)
 
-    def _make_recorder(self, path, amplitude):
+    def _make_recorder(self, path):
         from gnuradio.wiforce._config import VERSION
 
         scene = self._scene
         fields = {
             "core:description": "Recorded by gr-wiforce live",
             "core:recorder": f"gr-wiforce {VERSION}",
-            "core:hw": self._radio.hardware,
             "core:extensions": [{"name": "wiforce", "version": VERSION, "optional": True}],
             "wiforce:scene": scene.as_dict(),
-            "wiforce:tx_amplitude": amplitude,
-            **{f"wiforce:{key}": value for key, value in self._radio.settings().items()},
+            "wiforce:tx_amplitude": self._request.amplitude,
         }
         radio = scene.radio
         return wiforce.sigmf_recorder(
@@ -120,48 +91,47 @@ class LiveSession:
         )
 
     def tap(self, *blocks) -> None:
-        """Connect further blocks to the aligned samples; before `start`."""
+        """Connect further blocks to the aligned samples; before `attach`."""
         self._flowgraph.connect(self.alignment, *blocks)
 
-    def start(self) -> None:
-        """Start both streams at one device time.
+    def attach(self, link: RadioLink) -> None:
+        """Read the samples of a device, after those of the devices before.
 
-        Raises
-        ------
-        DeviceLost
-            When the device sends no samples.
+        Parameters
+        ----------
+        link : RadioLink
+            Whose device is open.
         """
-        for lead_s in _START_LEADS_S:
-            start_s = self._radio.start_together(lead_s)
+        if self.recorder is not None:
+            settings = {f"wiforce:{key}": value for key, value in link.settings.items()}
+            self.recorder.describe({"core:hw": link.hardware, **settings})
+        self.source.attach(link.take_samples())
+        self._link = link
+        self._attached += 1
+        if not self._running:
+            self._running = True
+            self._started_s = time.monotonic()
             self._flowgraph.start()
-            if self._receives_after(start_s):
-                return
-            self._flowgraph.stop()
-            self._flowgraph.wait()
-        raise DeviceLost(f"{self._radio.hardware}: sends no samples; check its network and power")
-
-    def _receives_after(self, start_s):
-        """Whether samples arrive soon after this device time."""
-        try:
-            while self.samples_received == 0:
-                if self._radio.time_s > start_s + _START_GRACE_S:
-                    return False
-                time.sleep(_START_LOOK_S)
-        except RuntimeError as error:  # UHD's, when the device does not answer
-            raise DeviceLost(f"{self._radio.hardware}: does not answer any more") from error
-        return True
 
     def stop(self) -> None:
         """End in good order: `on_reading` has been called for all samples received."""
-        self.meter.end()
-        if self.samples:
+        self.source.finish()
+        if self._running:
             self.reader.ended.wait(_LAST_READINGS_S)
-        self._flowgraph.stop()
-        self._flowgraph.wait()
+            self._flowgraph.stop()
+            self._flowgraph.wait()
 
-    def read_rest(self) -> None:
-        """Read the groups held back when the device is lost, since it cannot be stopped then."""
-        self.reader.groups.end()
+    @property
+    def silent_s(self) -> float:
+        """Seconds without a sample from the device; 0 while the reader itself is behind."""
+        return 0.0 if self.behind_s > _BEHIND_S else self.source.idle_s
+
+    @property
+    def behind_s(self) -> float:
+        """Seconds since the reader last asked for samples; many where an output is blocked."""
+        if not self._running or self.reader.ended.is_set():
+            return 0.0
+        return time.monotonic() - max(self.source.called_s, self._started_s)
 
     @property
     def latest(self):
@@ -214,6 +184,19 @@ class LiveSession:
         """Device time of the first frame's first sample; None before it is found."""
         time = self.alignment.start_time
         return None if time is None else time[0] + time[1]
+
+    @property
+    def clock(self) -> tuple[float, float] | None:
+        """Offset of UTC from the time of the session and its uncertainty, in s.
+
+        The session's time is that of its first device, and goes on when the device is lost. None
+        while it is not known.
+        """
+        streams, stream_offset_s = self.source.stream_clock
+        if self._link is None or self._link.clock is None or streams != self._attached:
+            return None
+        offset_s, uncertainty_s = self._link.clock
+        return offset_s - stream_offset_s, uncertainty_s
 
     def take_peak(self) -> float:
         """Largest I or Q since the last call, over full scale."""

@@ -16,8 +16,8 @@ from gnuradio.wiforce.errors import InputError, OutputError
 
 from .interrupts import Interrupted, Terminated, terminate_by_exception
 from .lazy import LazyGroup
+from .log import PROGRAM, log
 
-PROGRAM = "gr-wiforce"
 # One line of help per subcommand, so that --help need not import them.
 COMMANDS = {
     "demo": "Simulate two presses, read them back and compare with the truth.",
@@ -147,6 +147,7 @@ def run():
     _find_home()
     _silence_libraries()
     terminate_by_exception()
+    log.set_up()
     return main()
 
 
@@ -200,7 +201,7 @@ def _with_command(error):
 
 def _fail(status, message):
     line = "".join(c if c.isprintable() else " " for c in message)
-    click.echo(f"{PROGRAM}: {' '.join(line.split())}", err=True)
+    log.error(" ".join(line.split()))
     return status
 
 

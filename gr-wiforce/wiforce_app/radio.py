@@ -5,7 +5,8 @@ import os
 import time
 
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.scene.schema import Scene
+
+from .radio_request import DeviceAbsent, RadioRequest
 
 # UHD prints dozens of lines that would hide our own. Users who need them set these variables.
 _QUIET = {"UHD_LOG_CONSOLE_LEVEL": "fatal", "UHD_LOG_FASTPATH_DISABLE": "1"}
@@ -19,50 +20,38 @@ class Radio:
 
     Parameters
     ----------
-    args : str
-        UHD device arguments.
-    scene : Scene
-        Determines carrier and sample rate.
-    tx_gain_db, rx_gain_db : float or None
-        None keeps the device's default.
-    tx_antenna, rx_antenna : str or None
-    reference : str or None
-        Clock source: ``internal``, ``external``, ...
+    request : RadioRequest
 
     Attributes
     ----------
     source, sink : uhd blocks
     hardware : str
         Kind, daughterboard and serial number of the device.
+    serial : str
+        Serial number alone; empty when the device states none.
 
     Raises
     ------
+    DeviceAbsent
+        When there is no such device.
     InputError
-        When there is no such device, or it does not support a setting.
+        When it does not support a setting.
     """
 
-    def __init__(
-        self,
-        args: str,
-        scene: Scene,
-        tx_gain_db: float | None = None,
-        rx_gain_db: float | None = None,
-        tx_antenna: str | None = None,
-        rx_antenna: str | None = None,
-        reference: str | None = None,
-    ):
-        self.source, self.sink = _open(args)
-        self._name = scene.path or "scene"
-        if reference is not None:
-            self._set_reference(reference)
+    def __init__(self, request: RadioRequest):
+        self.source, self.sink = _open(request.args)
+        self._name = request.scene_name
+        if request.reference is not None:
+            self._set_reference(request.reference)
         for block in (self.sink, self.source):
-            self._set_rate(block, scene.radio.sample_rate_hz)
-            self._set_carrier(block, scene.radio.center_frequency_hz)
-        _set_gain("--tx-gain", self.sink, tx_gain_db)
-        _set_gain("--rx-gain", self.source, rx_gain_db)
-        _set_antenna("--tx-antenna", self.sink, tx_antenna)
-        _set_antenna("--antenna", self.source, rx_antenna)
+            self._set_rate(block, request.sample_rate_hz)
+            self._set_carrier(block, request.center_frequency_hz)
+        _set_gain("--tx-gain", self.sink, request.tx_gain_db)
+        _set_gain("--rx-gain", self.source, request.rx_gain_db)
+        _set_antenna("--tx-antenna", self.sink, request.tx_antenna)
+        _set_antenna("--antenna", self.source, request.rx_antenna)
         self.hardware = _describe(self.source)
+        self.serial = self.source.get_usrp_info().get("mboard_serial")
 
     def unlocked(self) -> list[str]:
         """Directions (``tx``, ``rx``) whose oscillator has not locked after a second."""
@@ -138,7 +127,7 @@ def _open(args):
             f"must name a device that answers ({reason}); without a device, use "
             "`gr-wiforce emulate`, or `gr-wiforce read` for recordings"
         )
-        raise InputError("--args", rule, args) from error
+        raise DeviceAbsent("--args", rule, args) from error
     for block in blocks:
         block.set_log_level("off")  # the reader reports gaps
     return blocks

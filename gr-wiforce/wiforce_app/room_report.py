@@ -120,9 +120,16 @@ def finding_line(finding):
 
 
 class RoomNews:
-    """What each survey of a run has found that the one before had not."""
+    """What each survey of a run has found that the one before had not.
 
-    def __init__(self):
+    Parameters
+    ----------
+    say : callable, optional
+        Takes a line for the user; `report_room` by default.
+    """
+
+    def __init__(self, say=None):
+        self._say = say or report_room
         self._latest, self._known = None, []
 
     def report(self, found):
@@ -143,9 +150,9 @@ class RoomNews:
             return
         self._known = known
         for finding in mattering:
-            report_room(finding_line(finding))
+            self._say(finding_line(finding))
         if not mattering:
-            report_room("nothing found any more that matters")
+            self._say("nothing found any more that matters")
 
 
 def report_room(text):

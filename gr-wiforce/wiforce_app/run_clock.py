@@ -32,8 +32,8 @@ def utc_text(utc_s: float | None) -> str:
     return datetime.fromtimestamp(utc_s, UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
 
 
-class RunClock:
-    """Offset of UTC against the device's clock.
+class ClockComparison:
+    """Compares the clocks of host and device now and then.
 
     The device is asked for its time, and the host's clock is read before and after. Their mean is
     the UTC of the answer; half of their difference is the uncertainty, to which that of the host's
@@ -46,19 +46,11 @@ class RunClock:
     utc, now : callable
         Return UTC and a steady time in seconds.
 
-    Attributes
-    ----------
-    uncertainty_s : float or None
-        Of the offset; None before the device has answered.
-
     Examples
     --------
-    >>> clock = RunClock(lambda: 20.0, utc=lambda: 120.0)
-    >>> clock.utc_s(21.0) is None
-    True
-    >>> clock.compare()
-    >>> clock.utc_s(21.0), clock.uncertainty_s
-    (121.0, 0.0)
+    >>> comparison = ClockComparison(lambda: 20.0, utc=lambda: 120.0)
+    >>> comparison.look()
+    (100.0, 0.0)
     """
 
     def __init__(
@@ -68,17 +60,19 @@ class RunClock:
         now: Callable[[], float] = time.monotonic,
     ):
         self._device_time, self._utc, self._now = device_time, utc, now
-        self._offset_s: float | None = None
         self._compared_s = -float("inf")
-        self.uncertainty_s: float | None = None
 
-    def look(self) -> None:
-        """Compare the clocks where the last comparison is ten seconds old."""
-        if self._now() - self._compared_s >= _EVERY_S:
-            self.compare()
+    def look(self) -> tuple[float, float] | None:
+        """Compare the clocks where the last comparison is ten seconds old.
 
-    def compare(self) -> None:
-        """Compare the clocks; the quickest of three answers counts."""
+        Returns
+        -------
+        tuple of (float, float) or None
+            Offset of UTC from the device's clock and its uncertainty, in s, by the quickest of
+            three answers; None where none is due, or the device does not answer.
+        """
+        if self._now() - self._compared_s < _EVERY_S:
+            return None
         self._compared_s = self._now()
         best = None
         for _ in range(_QUERIES):
@@ -86,13 +80,43 @@ class RunClock:
             try:
                 device_s = self._device_time()
             except RuntimeError:  # UHD's, when the device does not answer
-                return
-            after_s = self._utc()
-            half_s = (after_s - before_s) / 2
-            if half_s >= 0 and (best is None or half_s < best[0]):
-                best = half_s, before_s + half_s - device_s
-        if best is not None:
-            self.uncertainty_s, self._offset_s = best
+                return None
+            half_s = (self._utc() - before_s) / 2
+            if half_s >= 0 and (best is None or half_s < best[1]):
+                best = before_s + half_s - device_s, half_s
+        return best
+
+
+class RunClock:
+    """UTC of the time of a run, by the latest comparison of the clocks.
+
+    Attributes
+    ----------
+    uncertainty_s : float or None
+        Of the offset; None before there is one.
+
+    Examples
+    --------
+    >>> clock = RunClock()
+    >>> clock.utc_s(21.0) is None
+    True
+    >>> clock.take(100.0, 0.002)
+    >>> clock.utc_s(21.0), clock.uncertainty_s
+    (121.0, 0.002)
+    """
+
+    def __init__(self) -> None:
+        self._offset_s: float | None = None
+        self.uncertainty_s: float | None = None
+
+    def take(self, offset_s: float, uncertainty_s: float) -> None:
+        """Use another offset of UTC from the device's clock.
+
+        Parameters
+        ----------
+        offset_s, uncertainty_s : float
+        """
+        self._offset_s, self.uncertainty_s = offset_s, uncertainty_s
 
     def utc_s(self, device_s: float | None) -> float | None:
         """UTC at a device time, in seconds since 1970; None when unknown."""

@@ -8,10 +8,12 @@ from collections import deque
 from collections.abc import Callable
 from datetime import UTC, datetime
 
+from gnuradio.wiforce.estimation.sensor_readout import RETUNED
 from gnuradio.wiforce.estimation.touch import SILENT_S
 from gnuradio.wiforce.io.readings import Reading
 
 from .live_session import LiveSession
+from .radio_keeper import OPENING, RECONNECTING, RUNNING
 from .run_clock import RunClock, utc_text
 
 STATES = ("waiting", "acquiring", "reference", "reading", "lost", "ended")
@@ -19,6 +21,10 @@ STATES = ("waiting", "acquiring", "reference", "reading", "lost", "ended")
 _NO_SAMPLES_S = 1.0
 _BEAT_S = 0.5
 _LOOK_S = 0.05
+_WITHOUT_DEVICE = {
+    OPENING: ("waiting", "the device is not open yet"),
+    RECONNECTING: ("lost", "the device is lost, and sought again"),
+}
 # Signal by which a tare may take longer than its reference, for groups in processing.
 _TARE_MARGIN_S = 2.0
 
@@ -58,6 +64,8 @@ class RunHealth:
     clock : RunClock
     log : callable
         Takes a line for the user.
+    device_state : callable
+        Returns the state of the device, as a `RadioKeeper` has it.
     now : callable
         Returns a steady time in seconds.
 
@@ -72,10 +80,12 @@ class RunHealth:
         session: LiveSession,
         clock: RunClock,
         log: Callable[[str], None],
+        device_state: Callable[[], str] = lambda: RUNNING,
         now: Callable[[], float] = time.monotonic,
     ):
         self.run = new_run()
         self._session, self._clock, self._log, self._now = session, clock, log, now
+        self._device_state = device_state
         self._tags = {each.name: _Tag() for each in self._stream.plan.sensors}
         self._events = deque()
         self._samples, self._samples_s = 0, now()
@@ -105,6 +115,8 @@ class RunHealth:
         text = f"{name} is received again at {reading.time_s:.2f} s, after {silent_s:.1f} s"
         if not doubt:
             return f"{text}; readings continue from the former reference"
+        if doubt == RETUNED:
+            return f"{text}; {doubt}: readings are flagged moved until a tare"
         ends = "until its untouched phases are seen or a tare is forced"
         return f"{text}; {doubt}: readings are flagged inconsistent {ends}"
 
@@ -113,8 +125,6 @@ class RunHealth:
         while self._events:
             self._log(self._events.popleft())
         silent_s = self._samples_age_s()
-        if silent_s < _NO_SAMPLES_S:
-            self._clock.look()
         tares = self._stream.tares
         if tares.measuring:
             reference_s = self._stream.plan.reference_groups * self._stream.plan.group_period_s
@@ -127,6 +137,8 @@ class RunHealth:
     def state(self) -> tuple[str, str]:
         """State of the reader, one of ``STATES``, and the reason where it is not reading."""
         session, silent_s = self._session, self._samples_age_s()
+        if (without := _WITHOUT_DEVICE.get(self._device_state())) is not None:
+            return without
         if session.alignment.offset is None:
             reason = "no samples" if silent_s > _NO_SAMPLES_S else "no sounding frames yet"
             return "waiting", reason
@@ -143,6 +155,7 @@ class RunHealth:
     def report(self) -> dict:
         """Health as plain values."""
         session, now = self._session, self._now()
+        self._follow_clock()
         state, reason = self.state
         sensors = {
             name: {
@@ -168,6 +181,7 @@ class RunHealth:
 
     def stamp(self, reading: Reading) -> dict:
         """What every reading carries besides its own columns: ``run`` and ``time_utc``."""
+        self._follow_clock()
         utc_s = self._clock.utc_s(self.device_time_s(reading))
         return {"run": self.run, "time_utc": utc_text(utc_s)}
 
@@ -175,6 +189,10 @@ class RunHealth:
         """Device time at the centre of a reading's group; None when unknown."""
         start_s = self._session.start_s
         return None if start_s is None else round(start_s + reading.time_s, 6)
+
+    def _follow_clock(self):
+        if (compared := self._session.clock) is not None:
+            self._clock.take(*compared)
 
     @property
     def _stream(self):

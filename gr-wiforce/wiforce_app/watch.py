@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Monitors a live session: status line, warnings, and the end when the device is gone."""
+"""Monitors a live session: status line and warnings."""
 
 import sys
 import time
@@ -10,13 +10,14 @@ import click
 from gnuradio.wiforce.estimation.frame import describe_frames
 from gnuradio.wiforce.io.readings import Reading
 
-from .live_session import DeviceLost, LiveSession
+from .live_session import LiveSession
+from .log import log
 from .room_report import RoomNews, finding_rows
 from .stream_events import describe_events, describe_loss
+from .warning_pace import WarningPace
 
 _LINE_S = 0.5
 _WARN_S = 1.0
-_SILENCE_S = 5.0
 _SEARCHES = 8  # of 0.12 s each, after which missing frames are reported
 _MANY_GAPS = 3  # within a second: more than chance
 _BUFFER_LIMIT = Path("/proc/sys/net/core/rmem_max")
@@ -29,10 +30,6 @@ class Watch:
     Parameters
     ----------
     session : LiveSession
-    args : str
-        The device's arguments, for messages.
-    quiet : bool
-        Print neither status line nor warnings; only detect that the device is gone.
     now : callable
         Returns wall time in seconds.
 
@@ -45,19 +42,18 @@ class Watch:
     def __init__(
         self,
         session: LiveSession,
-        args: str,
-        quiet: bool = False,
         now: Callable[[], float] = time.monotonic,
     ):
-        self._session, self._args, self._now = session, args, now
-        self._started_s = self._line_s = self._warn_s = self._heard_s = now()
-        self._heard, self._gaps, self._lost, self._saturated = 0, 0, 0, False
+        self._session, self._now = session, now
+        self._started_s = self._line_s = self._warn_s = now()
+        self._pace = WarningPace(now)
+        self._gaps, self._lost, self._saturated = 0, 0, False
+        self._latest_gaps = 0  # when it was looked at last
         self._moved = self._ignored = 0
         self._no_frames_reported = self._recording_reported = False
-        self._quiet = quiet
-        self._terminal = sys.stderr.isatty() and not quiet
+        self._terminal = log.line_in_use = sys.stderr.isatty() and not log.journal
         self._last = {}
-        self._room = RoomNews()
+        self._room = RoomNews(lambda text: log.info(f"room: {text}"))
         self.health = None
 
     def note(self, reading: Reading) -> None:
@@ -66,25 +62,19 @@ class Watch:
         self._saturated = self._saturated or "saturated" in reading.flags
 
     def look(self) -> None:
-        """Update the status line, warn, and check that samples still arrive.
-
-        Raises
-        ------
-        DeviceLost
-            When none has arrived for five seconds.
-        """
+        """Update the status line, and warn."""
         now = self._now()
-        if not self._quiet and now - self._warn_s >= _WARN_S:
+        if now - self._warn_s >= _WARN_S:
             self._warn_s = now
             self._warn()
         if self._terminal and now - self._line_s >= _LINE_S:
             self._line_s = now
             click.echo(f"\r\033[K{self.line()}", err=True, nl=False)
-        self._check_samples(now)
 
     def finish(self) -> None:
         """End the status line."""
         if self._terminal:
+            log.line_in_use = False
             click.echo(err=True)
 
     def line(self) -> str:
@@ -137,50 +127,37 @@ class Watch:
         return ", ".join([text, *describe_events(session.frames_moved, session.times_ignored)])
 
     def _warn(self):
-        session = self._session
+        session, pace = self._session, self._pace
         self._room.report(session.reader.findings)
         gaps, lost = session.gaps, session.samples_lost
-        if gaps > self._gaps:
+        many = gaps - self._latest_gaps >= _MANY_GAPS
+        self._latest_gaps = gaps
+        if gaps > self._gaps and pace.allows("gaps"):
             text = (
                 f"{describe_loss(gaps - self._gaps, lost - self._lost)} at {session.time_s:.1f} s"
             )
-            if gaps - self._gaps >= _MANY_GAPS:
+            if many:
                 text += f"; this machine or its network is too slow{_buffer_advice()}"
-            self._warn_of(text)
-        self._gaps, self._lost = gaps, lost
+            log.warning(text)
+            self._gaps, self._lost = gaps, lost
         moved, ignored = session.frames_moved, session.times_ignored
-        for event in describe_events(moved - self._moved, ignored - self._ignored):
-            self._warn_of(f"at {session.time_s:.1f} s: {event}")
-        self._moved, self._ignored = moved, ignored
-        if self._saturated:
-            self._warn_of("the receiver is saturated; lower --rx-gain, --tx-gain or --amplitude")
+        if (moved, ignored) != (self._moved, self._ignored) and pace.allows("timing"):
+            for event in describe_events(moved - self._moved, ignored - self._ignored):
+                log.warning(f"at {session.time_s:.1f} s: {event}")
+            self._moved, self._ignored = moved, ignored
+        if self._saturated and pace.allows("saturation"):
+            log.warning("the receiver is saturated; lower --rx-gain, --tx-gain or --amplitude")
             self._saturated = False
         if session.alignment.searches >= _SEARCHES and not self._no_frames_reported:
             self._no_frames_reported = True
             frames = describe_frames(session.waveform)
-            self._warn_of(
+            log.warning(
                 f"no sounding frames found ({frames}); check antennas, --tx-gain and --rx-gain"
             )
         failure = session.recorder.failure if session.recorder is not None else None
         if failure is not None and not self._recording_reported:
             self._recording_reported = True
-            self._warn_of(f"the recording has ended: {failure}; readings continue")
-
-    def log(self, text: str) -> None:
-        """Print a line above the status line."""
-        start = "\r\033[K" if self._terminal else ""
-        click.echo(f"{start}gr-wiforce: {text}", err=True)
-
-    def _warn_of(self, text):
-        self.log(f"warning: {text}")
-
-    def _check_samples(self, now):
-        heard = self._session.samples_received
-        if heard != self._heard:
-            self._heard, self._heard_s = heard, now
-        elif now - self._heard_s > _SILENCE_S:
-            event = f"the device {self._args!r} has sent no samples for {_SILENCE_S:g} s"
-            raise DeviceLost(f"{event}; all readings until then are kept")
+            log.warning(f"the recording has ended: {failure}; readings continue")
 
 
 def _db(amplitude):

@@ -215,6 +215,19 @@ def retuned(stream, rng):
     stream.scale(start + count, len(stream.codes), np.exp(2j * np.pi * rng.random()))
 
 
+def reopened(stream, rng):
+    """The device is lost and opened again: another phase, and a time by the host's clock."""
+    start, frames = _place(stream, rng), int(rng.integers(1, 300))
+    count = min(frames * FRAME, len(stream.codes) - start - GROUP)
+    late = FRAME * int(rng.integers(0, 90))  # up to 5 ms
+    stream.cut(start, count)
+    stream.told.append((start, count + late))
+    stream.tag_time(start, stream.time_s(start))
+    stream.tag(start, "retuned", pmt.from_uint64(1))
+    stream.scale(start, len(stream.codes), np.exp(2j * np.pi * rng.random()))
+    stream.shift_s += (late + FRAME) / RATE
+
+
 def saturated(stream, rng):
     """A stretch so loud that the converter clips."""
     start, count = _stretch(stream, rng)
@@ -277,6 +290,8 @@ FAULTS = (
     tag_off_and_on,
     second_reader,
 )  # fmt: skip
+# The golden sequences draw from those above, and would change with their number.
+ALL_FAULTS = (*FAULTS, reopened)
 
 
 def faulty(codes, rng, faults, earliest=0):

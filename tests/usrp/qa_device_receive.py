@@ -8,6 +8,7 @@ import pytest
 from device_parts import SPACING, Air, unit_gain
 from software_n210 import wire
 from software_n210.clock import DeviceClock
+from software_n210.network import Network
 from software_n210.receive import ReceiveChain
 
 
@@ -126,3 +127,14 @@ def test_receive_lost_packets_keep_numbers_and_swapped_ones_exchange():
     got = packets(chain.run(0, 800 * 6))
     assert [p["count"] for p in got] == [3, 2, 4, 5]
     assert [p["i"][0] for p in got] == [300, 200, 400, 500]
+
+
+def test_network_cut_tears_one_packet_and_then_passes_nothing_until_it_ends():
+    """A host must cope with a packet of which only the first half arrives."""
+    now = [0.0]
+    network = Network(lambda: now[0])
+    assert network.passed(b"12345678") == b"12345678" and not network.is_cut
+    network.cut(2.0)
+    assert [network.passed(b"12345678") for _ in range(3)] == [b"1234", b"", b""]
+    now[0] = 2.0
+    assert network.passed(b"12345678") == b"12345678" and not network.is_cut

@@ -137,6 +137,6 @@ def test_live_device_stalled_or_late_loses_nothing(software_usrp, slow_scene, tm
     assert recorded.samples / 2.5e6 > found["time_s"][-1]
 
 
-def test_live_ten_starts_and_stops_leave_nothing_open(slow_scene, slow_device):
+def test_live_five_starts_and_stops_leave_nothing_open(slow_scene, slow_device):
     held, _ = run_session("repeated", slow_scene, f"{slow_device.args},{FRAMES}")
     assert held[1:] == held[:1] * 4

@@ -4,9 +4,11 @@
 from types import SimpleNamespace
 
 import pytest
+from gnuradio.wiforce.estimation.sensor_readout import RETUNED
 from gnuradio.wiforce.estimation.tare_request import TareState
 from gnuradio.wiforce.io.readings import GroupCounts, Reading
-from wiforce_app.run_clock import RunClock
+from wiforce_app.radio_keeper import OPENING, RECONNECTING, RUNNING
+from wiforce_app.run_clock import ClockComparison, RunClock
 from wiforce_app.run_health import RunHealth
 from wiforce_app.status import problems_of
 
@@ -16,7 +18,7 @@ class Run:
 
     def __init__(self):
         self.now_s, self.said = 0.0, []
-        self.doubt = ""
+        self.doubt, self.device = "", RUNNING
         tares = SimpleNamespace(measuring=False, state=TareState())
         sensor = SimpleNamespace(name="arm")
         self.stream = SimpleNamespace(
@@ -29,6 +31,7 @@ class Run:
         self.session = SimpleNamespace(
             samples_received=0,
             start_s=100.0,
+            clock=(980.0, 0.002),
             time_s=1.0,
             gaps=0,
             samples_lost=0,
@@ -37,8 +40,13 @@ class Run:
                 stream=self.stream, counts=GroupCounts(), cancel_tare=self.cancelled.append
             ),
         )
-        clock = RunClock(lambda: 20.0, utc=lambda: 1000.0, now=lambda: self.now_s)
-        self.health = RunHealth(self.session, clock, self.said.append, now=lambda: self.now_s)
+        self.health = RunHealth(
+            self.session,
+            RunClock(),
+            self.said.append,
+            device_state=lambda: self.device,
+            now=lambda: self.now_s,
+        )
 
     def read(self, seconds, touch=0):
         """Receive for so long, in steps of 0.1 s."""
@@ -57,7 +65,11 @@ def run():
 
 @pytest.mark.parametrize(
     "doubt, words",
-    [("", "readings continue from the former reference"), ("it moved", "it moved: readings are")],
+    [
+        ("", "readings continue from the former reference"),
+        ("it moved", "it moved: readings are flagged inconsistent"),
+        (RETUNED, f"{RETUNED}: readings are flagged moved until a tare"),
+    ],
 )
 def test_health_says_when_a_tag_goes_silent_and_returns(run, doubt, words):
     assert run.read(2.0) == ("reading", "")
@@ -88,6 +100,17 @@ def test_health_without_samples_is_waiting_and_later_lost(run):
     assert run.health.state == ("lost", "no samples for 2.0 s")
 
 
+def test_health_without_its_device_says_so_before_samples_are_missed(run):
+    run.device, run.session.alignment.offset = OPENING, None
+    assert run.health.state == ("waiting", "the device is not open yet")
+    run.device, run.session.alignment.offset = RUNNING, 3
+    assert run.read(0.5)[0] == "reading"
+    run.device = RECONNECTING
+    assert run.health.state == ("lost", "the device is lost, and sought again")
+    run.device = RUNNING
+    assert run.read(0.5)[0] == "reading"
+
+
 def test_health_gives_up_a_tare_that_gets_no_groups(run):
     """The reply to its request would never come otherwise."""
     run.stream.tares.measuring = True
@@ -105,19 +128,28 @@ def test_health_stamps_readings_with_run_and_utc(run):
     stamp = run.health.stamp(Reading(2.5, "arm"))
     # Device time 102.5 s; the host's 1000 s are the device's 20 s.
     assert stamp == {"run": run.health.run, "time_utc": "1970-01-01T00:18:02.500000Z"}
+    assert run.health.report()["time_utc_uncertainty_s"] == 0.002
+    run.session.clock = None  # the next device has not sent samples yet
+    assert run.health.stamp(Reading(2.5, "arm")) == stamp
+    run.session.clock = (981.0, 0.001)
+    assert run.health.stamp(Reading(2.5, "arm"))["time_utc"] == "1970-01-01T00:18:03.500000Z"
 
 
-def test_run_clock_takes_the_quickest_answer_and_follows_the_host():
+def test_clock_comparison_takes_the_quickest_answer_and_follows_the_host():
     times, steady = iter([0.0, 0.4, 1.0, 1.1, 2.0, 2.6, 50.0, 50.0, 50.0, 50.0, 50.0, 50.0]), [0.0]
-    clock = RunClock(lambda: 7.0, utc=lambda: next(times), now=lambda: steady[0])
-    clock.look()
-    assert clock.uncertainty_s == pytest.approx(0.05) and clock.utc_s(7.0) == pytest.approx(1.05)
+    clocks = ClockComparison(lambda: 7.0, utc=lambda: next(times), now=lambda: steady[0])
+    assert clocks.look() == pytest.approx((1.05 - 7.0, 0.05))
     steady[0] = 9.0
-    clock.look()
-    assert clock.utc_s(7.0) == pytest.approx(1.05)
+    assert clocks.look() is None
     steady[0] = 10.0
-    clock.look()
-    assert clock.utc_s(7.0) == pytest.approx(50.0)
+    assert clocks.look() == pytest.approx((50.0 - 7.0, 0.0))
+
+
+def test_clock_comparison_without_an_answer_gives_none():
+    def no_answer():
+        raise RuntimeError("no control response")
+
+    assert ClockComparison(no_answer).look() is None
 
 
 @pytest.mark.parametrize(

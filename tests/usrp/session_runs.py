@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Runs of a LiveSession for the tests, in a process of their own: UHD's blocks end a process
-whose device is gone, and must not end the tests'.
+"""Runs of a LiveSession for the tests, in a process of their own.
 
-    session_runs.py timed SCENE ARGS NAME SECONDS   records, prints when which reading came
-    session_runs.py on_request SCENE ARGS NAME      starts at a line of input; prints what it read
-    session_runs.py repeated SCENE ARGS             starts and stops, prints what is held open
-    session_runs.py refused OPTIONS ...             `live` with each of these lists; their statuses
+session_runs.py timed SCENE ARGS NAME SECONDS   records, prints when which reading came
+session_runs.py on_request SCENE ARGS NAME      starts at a line of input; prints what it read
+session_runs.py repeated SCENE ARGS             starts and stops, prints what is held open
+session_runs.py refused OPTIONS ...             `live` with each of these lists; their statuses
 """
 
 import gc
@@ -17,51 +16,58 @@ import time
 from gnuradio.wiforce.scene import load_scene
 from wiforce_app.live_session import LiveSession
 from wiforce_app.main import main
-from wiforce_app.radio import Radio
+from wiforce_app.radio_keeper import RadioKeeper
+from wiforce_app.radio_request import RadioRequest
+
+
+class Run:
+    """A session with its device, driven by the test."""
+
+    def __init__(self, scene, args, on_reading, name=None, on_open=lambda link: None):
+        scene = load_scene(scene)
+        request = RadioRequest.of_scene(scene, args, tx_gain_db=15, rx_gain_db=15)
+        self.session = LiveSession(scene, request, on_reading, recording=name)
+        self._keeper = RadioKeeper(request, self.session, on_open=on_open)
+
+    def until(self, condition):
+        """Read until a condition holds, then stop."""
+        while not condition(self.session):
+            self._keeper.look()
+            time.sleep(0.02)
+        self._keeper.stop()
+        self.session.stop()
 
 
 def timed(scene, args, name, seconds):
     came = []
-    scene = load_scene(scene)
-    session = LiveSession(
+    run = Run(
         scene,
-        Radio(args, scene, 15, 15),
-        lambda reading: came.append({"came_s": session.time_s, **reading.row()}),
-        recording=name,
+        args,
+        lambda reading: came.append({"came_s": run.session.time_s, **reading.row()}),
+        name,
     )
-    session.start()
-    while session.time_s < float(seconds):
-        time.sleep(0.02)
-    session.stop()
+    run.until(lambda session: session.time_s >= float(seconds))
     print(json.dumps(came))
 
 
 def on_request(scene, args, name):
-    scene = load_scene(scene)
     times = []
-    radio = Radio(args, scene, 15, 15)
-    print("opened", flush=True)
-    sys.stdin.readline()
-    session = LiveSession(
-        scene, radio, lambda reading: times.append(reading.time_s), recording=name
-    )
-    session.start()
-    while session.time_s < 1.3:
-        time.sleep(0.02)
-    session.stop()
-    print(json.dumps({"time_s": times, "gaps": session.gaps}))
+
+    def opened(link):
+        print("opened", flush=True)
+        sys.stdin.readline()
+
+    run = Run(scene, args, lambda reading: times.append(reading.time_s), name, opened)
+    run.until(lambda session: session.time_s >= 1.3)
+    print(json.dumps({"time_s": times, "gaps": run.session.gaps}))
 
 
 def repeated(scene, args):
-    scene = load_scene(scene)
     held = []
     for _ in range(5):
-        radio = Radio(args, scene, 15, 15)
-        for _ in range(2):
-            session = LiveSession(scene, radio, lambda reading: None)
-            session.start()
-            session.stop()
-        del radio, session
+        run = Run(scene, args, lambda reading: None)
+        run.until(lambda session: session.samples > 0)
+        del run
         gc.collect()
         held.append(_held())
     print(json.dumps(held))
@@ -72,14 +78,15 @@ def refused(*cases):
 
 
 def _held():
-    """Sockets and threads of this process."""
+    """Sockets, threads and processes of this process."""
     sockets = 0
     for descriptor in os.listdir("/proc/self/fd"):
         try:
             sockets += os.readlink(f"/proc/self/fd/{descriptor}").startswith("socket")
         except FileNotFoundError:
             pass
-    return sockets, len(os.listdir("/proc/self/task"))
+    with open(f"/proc/self/task/{os.getpid()}/children") as children:
+        return sockets, len(os.listdir("/proc/self/task")), len(children.read().split())
 
 
 if __name__ == "__main__":

@@ -144,6 +144,13 @@ class frame_alignment(gr.basic_block):
     def _hold_from(self, item: int) -> None:
         """Discard the samples held, and hold those from an item of the input on."""
         self._held.clear()
+        # Without frames this may go on for weeks: of the tags before, only the last ones matter.
+        latest = {pmt.symbol_to_string(key): at for at, key, _ in self._tags if at <= item}
+        self._tags = deque(
+            tag
+            for tag in self._tags
+            if tag[0] > item or latest[pmt.symbol_to_string(tag[1])] == tag[0]
+        )
         self._held_start, self._held_count = item, 0
 
     def _samples(self) -> Array:

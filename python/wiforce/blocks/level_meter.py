@@ -1,16 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Block: peak level of samples relative to full scale; ends their stream on request."""
+"""Block: peak level of samples relative to full scale."""
 
 import numpy as np
 from gnuradio import gr
 
 from ..estimation.groups import Array
 
-_DONE = -1
-
 
 class level_meter(gr.sync_block):
-    """Passes complex 16-bit samples and measures their peak, until ``end`` is called.
+    """Passes complex 16-bit samples and measures their peak.
 
     Attributes
     ----------
@@ -27,15 +25,8 @@ class level_meter(gr.sync_block):
         item = (np.int16, 2)
         gr.sync_block.__init__(self, "level_meter", in_sig=[item], out_sig=[item])
         self.peak = 0
-        self._ended = False
-
-    def end(self) -> None:
-        """End the stream; the blocks after this one process their samples and end."""
-        self._ended = True
 
     def work(self, input_items: list[Array], output_items: list[Array]) -> int:
-        if self._ended:
-            return _DONE
         items = input_items[0]
         output_items[0][:] = items
         self.peak = max(self.peak, int(items.max()), -int(items.min()))

@@ -162,6 +162,16 @@ class reader(gr.hier_block2):
         """
         self.groups.tare(force, done)
 
+    def cancel_tare(self, reason: str) -> None:
+        """Give up a tare that is being measured; may be called from any thread.
+
+        Parameters
+        ----------
+        reason : str
+            Part of the TareState in which the request ends.
+        """
+        self.groups.cancel_tare(reason)
+
 
 def _enlarge(block: Any, items: int) -> None:
     """Call set_min_output_buffer without the line that it prints."""

@@ -95,6 +95,16 @@ class sigmf_recorder(gr.sync_block):
         _check_new(self._meta, self._data)
         self._file: FileIO | None = None
 
+    def describe(self, fields: dict[str, Any]) -> None:
+        """Add entries to the metadata's ``global`` object, written with the next capture.
+
+        Parameters
+        ----------
+        fields : dict
+            ``core:hw``, ...
+        """
+        self._global |= fields
+
     def start(self) -> bool:
         try:
             self._file = open(self._data, "xb" if self._file is None else "ab", buffering=0)

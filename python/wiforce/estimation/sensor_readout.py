@@ -18,6 +18,8 @@ from .touch import FORCED, TouchDetector
 if TYPE_CHECKING:
     from ..sensor.model import SensorModel
 
+# Why nothing is known of the untouched phases until a tare.
+RETUNED = "the device was opened or tuned again"
 _NAN = math.nan
 # Phase std above which a disturbance of the tag's own lines is flagged: most of it may be hidden.
 _DISTURBED_DEG = 1.0
@@ -44,6 +46,8 @@ class SensorState(NamedTuple):
         NaN when unknown.
     doubt : str
         Why it is not known which phases are those of the untouched sensor; empty if they are.
+    retuned : bool
+        The oscillators have had new phases since the reference, which says nothing any more.
 
     Examples
     --------
@@ -58,6 +62,7 @@ class SensorState(NamedTuple):
     force_n: float
     location_mm: float
     doubt: str
+    retuned: bool = False
 
 
 _UNSEEN = SensorState(False, 0, False, np.ones(2, complex), _NAN, _NAN, "")
@@ -183,6 +188,7 @@ class SensorReadout:
                 float(values[-1, 0]),
                 float(values[-1, 2]),
                 self._touch.doubt,
+                self._retuned,
             )
         return {
             "touch": touch,

@@ -11,7 +11,7 @@ import numpy as np
 
 from .groups import Array
 from .reference import ConjugateDifference
-from .sensor_readout import SensorReadout, SensorState
+from .sensor_readout import RETUNED, SensorReadout, SensorState
 
 # A reference needs at least this part of its groups from every sensor that is received in it.
 _LEAST_SHARE = 0.5
@@ -57,7 +57,8 @@ class TareState:
 class _Measured:
     """What a sensor showed during a tare."""
 
-    def __init__(self) -> None:
+    def __init__(self, retuned: bool) -> None:
+        self.retuned = retuned  # when it began
         self.groups = self.in_a_row = 0
         self.sum: Array = np.zeros(2, complex)
         self.magnitudes: Array = np.zeros(2)
@@ -128,6 +129,9 @@ class TareRequests:
     def request(self, force: bool = False) -> TareState:
         """Measure a new reference in the groups that follow, unless a sensor is touched.
 
+        After the oscillators have got new phases, as those of a device that was opened again, it
+        cannot be known whether one is: the reference is measured as the first one was.
+
         Parameters
         ----------
         force : bool
@@ -148,7 +152,9 @@ class TareRequests:
             advice = "release it" if len(touched) == 1 else "release them"
             reason = f"{'; '.join(touched)}; {advice}, or force the tare if nothing is touched"
             return self._set("refused", reason, force)
-        self._measured = {name: _Measured() for name in self._sensors}
+        self._measured = {
+            name: _Measured(sensor.state.retuned) for name, sensor in self._sensors.items()
+        }
         self._reference.tare()
         return self._set("measuring" if self._reference.measuring else "complete", "", force)
 
@@ -183,7 +189,12 @@ class TareRequests:
             state, measured = sensor.state, self._measured[name]
             if not state.received:
                 continue
+            if state.retuned and not measured.retuned:
+                self.cancel(f"{RETUNED}; send another tare")
+                return
             event = "was touched" if state.touch else "moved" if state.moved else ""
+            if state.retuned:
+                event = ""
             measured.add(state, f"{name} {event} at {self.time_s:.2f} s" if event else "")
             ends = measured.in_a_row >= (1 if last else _TOUCHED_GROUPS)
             if ends and not self.state.forced:
@@ -199,6 +210,8 @@ class TareRequests:
     def _touched(self, name: str) -> str:
         """Why a tare would not measure an untouched sensor; empty when it would."""
         state = self._sensors[name].state
+        if state.retuned:
+            return ""  # as before the first reference, nobody can tell
         if state.touch:
             force = f"{state.force_n:.2f} N" if np.isfinite(state.force_n) else ""
             location = f"{state.location_mm:.1f} mm" if np.isfinite(state.location_mm) else ""
@@ -221,6 +234,8 @@ class TareRequests:
                 return
         for name, measured in self._measured.items():
             state = self._sensors[name].state
+            if measured.retuned:
+                continue
             if measured.problem or (state.doubt and measured.groups):
                 # A mean over a touch and its release is the phase of neither.
                 self._sensors[name].force_reference(None if state.doubt else measured.former)

@@ -11,6 +11,7 @@ from types import TracebackType
 from typing import Any
 
 from ..errors import InputError, OutputError
+from .appending import prepare_append
 from .readings import COLUMNS, Reading
 from .textfile import check_output
 
@@ -33,6 +34,8 @@ class ReadingsWriter:
         First line.
     inputs : iterable of str or Path, optional
         Files that the readings are made from, none of which may be written to.
+    append : bool
+        Keep the previous content, which must have the same header.
 
     Attributes
     ----------
@@ -58,8 +61,9 @@ class ReadingsWriter:
         form: Callable[[dict[str, Any]], str],
         header: str = "",
         inputs: Iterable[str | Path] = (),
+        append: bool = False,
     ) -> None:
-        self._path, self._form = path, form
+        self._path, self._form, self._append = path, form, append
         self._header, self._begun = header, False
         self.rows = 0
         self._file: FileIO | None = None
@@ -117,7 +121,7 @@ class ReadingsWriter:
             self._file.close()
 
     def begin(self) -> "ReadingsWriter":
-        """Empty the file except for its header, unless that has been done.
+        """Empty the file except for its header, or prepare to append, unless that has been done.
 
         Returns
         -------
@@ -127,7 +131,7 @@ class ReadingsWriter:
         Raises
         ------
         InputError
-            When the file cannot be opened.
+            When the file cannot be opened, or has other columns than those that are appended.
         OutputError
             When it cannot be written to.
         """
@@ -135,13 +139,23 @@ class ReadingsWriter:
             return self
         if self._path is not None:
             try:
-                self._file = open(self._path, "wb", buffering=0)
+                if self._append and Path(self._path).is_file():
+                    self._complete_bytes = prepare_append(self._path, self._header)
+                self._file = open(self._path, "ab" if self._append else "wb", buffering=0)
+            except InputError:
+                raise
             except (OSError, ValueError) as error:
                 reason = getattr(error, "strerror", None) or error
                 raise InputError(self._path, f"cannot be written ({reason})") from error
         self._begun = True
-        self._put(self._header)
+        if not self._complete_bytes:
+            self._put(self._header)
         return self
+
+    @property
+    def size_bytes(self) -> int:
+        """Size of the file."""
+        return self._complete_bytes
 
     def _put(self, text: str) -> None:
         if self._file is None:
@@ -184,6 +198,7 @@ def open_writer(
     path: str | Path | None = None,
     inputs: Iterable[str | Path] = (),
     also: Sequence[str] = (),
+    append: bool = False,
 ) -> ReadingsWriter:
     """A writer of readings in the format that the file's suffix names.
 
@@ -195,6 +210,8 @@ def open_writer(
         Files that the readings are made from, none of which may be written to.
     also : sequence of str
         Columns that follow those of a reading, and that each ``write`` is given.
+    append : bool
+        Keep the previous content of the file, and write no second header.
 
     Returns
     -------
@@ -215,9 +232,12 @@ def open_writer(
     name = "" if path is None else str(path).lower()
     if name.endswith(".jsonl"):
         return ReadingsWriter(
-            path, lambda row: json.dumps(row, allow_nan=False) + "\n", inputs=inputs
+            path,
+            lambda row: json.dumps(row, allow_nan=False) + "\n",
+            inputs=inputs,
+            append=append,
         )
     if path is not None and not name.endswith(".csv"):
         raise InputError(path, "output must end in .csv or .jsonl")
     columns = _csv_line((*COLUMNS, *also))
-    return ReadingsWriter(path, lambda row: _csv_line(row.values()), columns, inputs)
+    return ReadingsWriter(path, lambda row: _csv_line(row.values()), columns, inputs, append)

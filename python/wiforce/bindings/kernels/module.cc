@@ -9,6 +9,7 @@ PYBIND11_MODULE(wiforce_kernels, m)
     bind_inversion(m);
     bind_recordings(m);
     bind_screening(m);
+    bind_termination(m);
     bind_timing(m);
     bind_tones(m);
 }

@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Keeps two processes of a machine from using the same device."""
+
+import contextlib
+import errno
+import hashlib
+import socket
+import struct
+import time
+
+from .radio_request import DeviceBusy
+
+_HANDOVER_S = 4.0  # UHD takes 1.5 s to close a device
+_LOOK_S = 0.1
+_PEER = struct.Struct("3i")  # process, user, group
+
+
+class DeviceLock:
+    """Held while a process uses a device.
+
+    The device is known by what names it in its arguments, so that it can be locked before it is
+    opened, and by its serial number. Each is a name in Linux's abstract namespace of sockets: it
+    disappears with the process that holds it, however that ends, and is seen by all users.
+    Processes in other network namespaces, such as containers, and on other machines are not
+    detected.
+
+    Parameters
+    ----------
+    args : str
+        UHD device arguments.
+    handover_s : float
+        How long to wait for a process that is about to close the device.
+
+    Raises
+    ------
+    DeviceBusy
+        When another process holds it.
+    """
+
+    def __init__(self, args: str, handover_s: float = _HANDOVER_S):
+        self._args = args
+        self._sockets: list[socket.socket] = []
+        deadline = time.monotonic() + handover_s
+        try:
+            for name in _names(args):
+                self._take(name, deadline)
+        except DeviceBusy:
+            self.release()
+            raise
+
+    def take_serial(self, serial: str) -> None:
+        """Hold the device by its serial number too.
+
+        Raises
+        ------
+        DeviceBusy
+            When another process holds it, having opened it by other arguments.
+        """
+        if serial:
+            self._take(f"serial={serial}", deadline=0.0)
+
+    def release(self) -> None:
+        """Let other processes use the device."""
+        while self._sockets:
+            self._sockets.pop().close()
+
+    def _take(self, name, deadline):
+        address = f"\0gr-wiforce/{hashlib.sha256(name.encode()).hexdigest()[:32]}"
+        if any(held.getsockname() == address.encode() for held in self._sockets):
+            return
+        holder = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._sockets.append(holder)
+        while True:
+            try:
+                holder.bind(address)
+                holder.listen(1)
+                return
+            except OSError as error:
+                if error.errno != errno.EADDRINUSE:
+                    raise
+            if time.monotonic() > deadline:
+                rule = f"must name a device that is free (in use by {_user(address)})"
+                raise DeviceBusy("--args", rule, self._args)
+            time.sleep(_LOOK_S)
+
+
+def _names(args):
+    """What identifies each device in UHD's arguments; all of them where nothing does."""
+    found = []
+    for pair in args.split(","):
+        key, _, value = (part.strip() for part in pair.partition("="))
+        key = key.rstrip("0123456789")
+        if key in ("addr", "second_addr", "mgmt_addr"):
+            with contextlib.suppress(OSError):
+                value = socket.gethostbyname(value)
+            found.append(f"addr={value}")
+        elif key in ("serial", "name", "resource"):
+            found.append(f"{key}={value}")
+    return found or [args]
+
+
+def _user(address):
+    """The process that holds a device, in words."""
+    with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX) as client:
+        client.settimeout(_LOOK_S)
+        client.connect(address)
+        peer = client.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size)
+        return f"process {_PEER.unpack(peer)[0]}"
+    return "another process"

@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The reader's end of a process that uses a device (:mod:`radio_process`)."""
+
+import contextlib
+import json
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+from gnuradio.wiforce.errors import InputError
+
+from .radio_request import (
+    LOST_STATUS,
+    DeviceAbsent,
+    DeviceBusy,
+    DeviceLost,
+    RadioRequest,
+)
+
+_KINDS = {kind.__name__: kind for kind in (DeviceAbsent, DeviceBusy)}
+_CLOSE_S = 5.0  # UHD takes 1.5 s to close a device
+
+
+class RadioLink:
+    """A device, opened in a process of its own.
+
+    Parameters
+    ----------
+    request : RadioRequest
+
+    Attributes
+    ----------
+    request : RadioRequest
+    hardware : str or None
+        Kind, daughterboard and serial number of the device; None until it is open.
+    settings : dict
+        Its gains and antennas.
+    unlocked : list of str
+        Directions (``tx``, ``rx``) whose oscillator has not locked.
+    started : bool
+        Whether samples have been received.
+    clock : tuple of (float, float) or None
+        Offset of UTC from the device's clock by the latest comparison, and its uncertainty, in s.
+    """
+
+    def __init__(self, request: RadioRequest):
+        self.request = request
+        self.hardware: str | None = None
+        self.settings: dict = {}
+        self.unlocked: list[str] = []
+        self.started = False
+        self.clock: tuple[float, float] | None = None
+        self._rest = b""
+        self._samples: socket.socket | None
+        self._samples, samples = socket.socketpair()
+        self._control, control = socket.socketpair()
+        with samples, control:
+            self._process = _spawned(control, samples)
+        self._send(request.to_json())
+
+    @property
+    def opened(self) -> bool:
+        """Whether the device is open."""
+        return self.hardware is not None
+
+    def take_samples(self) -> socket.socket:
+        """Where the samples arrive; given once, to a ``sample_receiver``, which closes it."""
+        assert self._samples is not None
+        samples, self._samples = self._samples, None
+        return samples
+
+    def start(self) -> None:
+        """Start both streams, once the device is open."""
+        self._send("start")
+
+    def poll(self, timeout_s: float = 0.0) -> None:
+        """Take what the process reports.
+
+        Parameters
+        ----------
+        timeout_s : float
+            How long to wait for a report.
+
+        Raises
+        ------
+        DeviceAbsent, DeviceBusy
+            When there is no such device now.
+        InputError
+            When it does not support a setting.
+        DeviceLost
+            When the device, or the process, has gone.
+        """
+        while select.select([self._control], [], [], timeout_s)[0]:
+            try:
+                data = self._control.recv(65536)
+            except ConnectionError:
+                data = b""
+            if not data:
+                raise DeviceLost(self._end())
+            *lines, self._rest = (self._rest + data).split(b"\n")
+            for line in lines:
+                self._take(json.loads(line))
+            timeout_s = 0.0
+
+    def stop(self, timeout_s: float = 2.0) -> None:
+        """Stop both streams; the samples received so far arrive before the stream ends."""
+        self._send("stop")
+        with contextlib.suppress(DeviceLost, InputError):
+            while not self._stopped:
+                if not select.select([self._control], [], [], timeout_s)[0]:
+                    break
+                self.poll()
+
+    def close(self, timeout_s: float = _CLOSE_S) -> None:
+        """Close the device and end the process."""
+        self._control.close()
+        if self._samples is not None:
+            self._samples.close()
+        try:
+            self._process.wait(timeout_s)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def discard(self) -> None:
+        """End the process without waiting for its device, which is lost."""
+        self._process.kill()
+        self.close()
+
+    _stopped = False
+
+    def _take(self, report):
+        event = report.pop("event")
+        if event == "opened":
+            self.hardware, self.settings = report["hardware"], report["settings"]
+            self.unlocked = report["unlocked"]
+        elif event == "started":
+            self.started = True
+        elif event == "clock":
+            self.clock = report["offset_s"], report["uncertainty_s"]
+        elif event == "stopped":
+            self._stopped = True
+        elif event == "refused":
+            raise _KINDS.get(report["kind"], InputError)(report["where"], report["rule"])
+        elif event == "lost":
+            raise DeviceLost(report["reason"])
+
+    def _send(self, line):
+        with contextlib.suppress(OSError):  # it has ended, which `poll` reports
+            self._control.sendall(line.encode() + b"\n")
+
+    def _end(self):
+        """How the process has ended, in words."""
+        try:
+            status = self._process.wait(1.0)
+        except subprocess.TimeoutExpired:
+            return "is lost: its process does not respond"
+        if status == LOST_STATUS:
+            return "cannot be reached any more"
+        if status < 0:
+            return f"is lost: its process was ended by {signal.Signals(-status).name}"
+        return f"is lost: its process ended with status {status}"
+
+
+def _spawned(control, samples):
+    """The process, with its ends of both sockets."""
+    descriptors = control.fileno(), samples.fileno()
+    packages = [str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
+    environment = {"PYTHONPATH": os.pathsep.join(filter(None, packages)), "PYTHONSAFEPATH": "1"}
+    return subprocess.Popen(
+        [sys.executable, "-m", f"{__package__}.radio_process", *map(str, descriptors)],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,  # GNU Radio logs there
+        env=os.environ | environment,
+        pass_fds=descriptors,
+    )

@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is asked of a radio: its device, settings and the frames that it transmits."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from gnuradio.wiforce.errors import InputError
+
+if TYPE_CHECKING:
+    from gnuradio.wiforce.scene.schema import Scene
+
+
+# Samples that are received at once, as a time, by the option --latency. Handling every packet by
+# itself would cost two cores.
+RECEIVE_S = {"low": 2e-3, "relaxed": 20e-3}
+LOST_STATUS = 3  # of the process that used a device, when that has gone
+
+
+class DeviceAbsent(InputError):
+    """No such device answers now; the same request may succeed later."""
+
+
+class DeviceBusy(InputError):
+    """The device is in use by another process of this machine."""
+
+
+class DeviceLost(Exception):
+    """The device sends no samples, or has stopped sending them."""
+
+
+@dataclass(frozen=True)
+class RadioRequest:
+    """A device with its settings, and the signal that it transmits.
+
+    Attributes
+    ----------
+    args : str
+        UHD device arguments.
+    sample_rate_hz, center_frequency_hz : float
+        In both directions.
+    waveform : str
+    frame_length : int
+        Samples per frame.
+    amplitude : float
+        Root of the mean preamble power of the transmitted signal, over full scale.
+    tx_gain_db, rx_gain_db : float or None
+        None keeps the device's default.
+    tx_antenna, rx_antenna : str or None
+    reference : str or None
+        Clock source: ``internal``, ``external``, ...
+    receive_s : float
+        Samples that are received at once, as a time in s.
+    scene_name : str
+        Of the scene's file, for messages.
+    """
+
+    args: str
+    sample_rate_hz: float
+    center_frequency_hz: float
+    waveform: str
+    frame_length: int
+    amplitude: float = 0.5
+    tx_gain_db: float | None = None
+    rx_gain_db: float | None = None
+    tx_antenna: str | None = None
+    rx_antenna: str | None = None
+    reference: str | None = None
+    receive_s: float = RECEIVE_S["low"]
+    scene_name: str = "scene"
+
+    @classmethod
+    def of_scene(cls, scene: Scene, args: str, **settings) -> RadioRequest:
+        """The request for a scene.
+
+        Parameters
+        ----------
+        scene : Scene
+        args : str
+            UHD device arguments.
+        **settings
+            Amplitude, gains, antennas, clock source and ``receive_s``, by the names of the
+            attributes.
+
+        Returns
+        -------
+        RadioRequest
+        """
+        waveform = scene.waveform()
+        return cls(
+            args,
+            waveform.sample_rate_hz,
+            scene.radio.center_frequency_hz,
+            waveform.name,
+            waveform.frame_length,
+            scene_name=str(scene.path or "scene"),
+            **settings,
+        )
+
+    @property
+    def sounding(self) -> dict:
+        """Parameters of the blocks that make and align frames."""
+        return {
+            "waveform": self.waveform,
+            "frame_length": self.frame_length,
+            "sample_rate": self.sample_rate_hz,
+            "item_type": "sc16",
+        }
+
+    def to_json(self) -> str:
+        """The request as a line of text."""
+        return json.dumps(dataclasses.asdict(self))
+
+    @classmethod
+    def from_json(cls, text: str) -> RadioRequest:
+        """A request from :meth:`to_json`."""
+        return cls(**json.loads(text))

@@ -1,0 +1,246 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Live runs that go on when the device, the network or the driver fails."""
+
+import fcntl
+import json
+import os
+import signal
+import socket
+import time
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zmq
+from gnuradio.wiforce.io.capture import open_capture
+from live_runs import (
+    GAINS,
+    SLOW,
+    SLOW_GROUP_S,
+    ask,
+    connected,
+    free_ports,
+    live,
+    rows_of,
+    streaming_s,
+    wait_until,
+)
+
+LOSSES, LONG_LOSSES = 2, 50
+RATE = SLOW["radio"]["sample_rate_hz"]
+
+
+def children(process):
+    """Processes that a process has started."""
+    return [
+        int(text)
+        for text in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    ]
+
+
+def held(process):
+    """Descriptors, threads and children of a process, and its memory in bytes."""
+    folder = Path(f"/proc/{process.pid}")
+    pages = int((folder / "statm").read_text().split()[1])
+    counts = len(list((folder / "fd").iterdir())), len(list((folder / "task").iterdir()))
+    return (*counts, len(children(process))), pages * os.sysconf("SC_PAGESIZE")
+
+
+def check_times(rows, losses):
+    """Every group of the run is there once and in order, and the breaks are marked."""
+    times = np.array([float(row["time_s"]) for row in rows])
+    assert np.allclose(times, SLOW_GROUP_S * (np.arange(len(rows)) + 0.5), atol=2e-6)
+    absent = np.array([row["flags"] == "gap" for row in rows])
+    assert np.count_nonzero(np.diff(absent.astype(int)) == 1) == losses
+    first = int(np.argmax(absent))
+    assert not [row for row in rows[first:] if not {"gap", "moved"} & set(row["flags"].split())]
+    assert not [row for row in rows[: first - 1] if "moved" in row["flags"]]
+
+
+def check_utc(rows):
+    """UTC follows the time of the run over every break, whose length the host has measured."""
+    utc_s = np.array([datetime.fromisoformat(row["time_utc"]).timestamp() for row in rows])
+    shift_s = utc_s - np.array([float(row["time_s"]) for row in rows])
+    # On a busy machine the software N210 falls behind, and its first samples come late.
+    assert np.ptp(shift_s) < 1.0
+
+
+def received_s(client):
+    return ask(client, "status")["time_s"]
+
+
+@pytest.mark.timeout(3000)
+def test_live_network_cut_in_a_packet_continues_the_run_and_its_outputs(
+    software_usrp, slow_scene, tmp_path, long_run
+):
+    device = software_usrp(slow_scene)
+    output, name, (port,) = tmp_path / "out.csv", tmp_path / "run", free_ports(1)
+    options = [*GAINS, "--reconnect", "-o", output, "--record", name, "--control", port]
+    losses = LONG_LOSSES if long_run else LOSSES
+    holds = []
+    with live(device.args, slow_scene, *options, limit=2000) as process:
+        with connected(zmq.REQ, port) as client:
+            for loss in range(losses):
+                wait_until(lambda: streaming_s(device) > 0.8)
+                assert not device.command("fault 0 cut 6").get("error")
+                wait_until(lambda: streaming_s(device) == 0.0)  # the session has ended
+                wait_until(lambda gaps=loss + 1: ask(client, "status")["gaps"] == gaps)
+                holds.append(held(process))
+            # The clock of the tag is found, and then a tare ends the doubt.
+            wait_until(lambda: "opened" in ask(client, "status")["sensors"]["arm"]["doubt"])
+            wait_until(lambda: ask(client, "tare")["ok"])
+            assert not ask(client, "status")["sensors"]["arm"]["doubt"]
+            tared_s = received_s(client)
+            wait_until(lambda: received_s(client) > tared_s + 1.2)
+        process.send_signal(signal.SIGTERM)
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == 0
+    assert said.count("; waiting for the device") >= losses
+    assert said.count("is back after") == losses and "terminate" not in said
+    rows = rows_of(output)
+    tared = next(n for n, row in enumerate(rows) if "reference" in row["flags"] and n > 20)
+    check_times(rows[:tared], losses)
+    assert rows[-1]["flags"] == "" and rows[-1]["touch"] == "0"
+    check_utc(rows)
+    dropped = sum(row["flags"] == "gap" for row in rows)
+    assert f"{len(rows)} groups" in said and f"{dropped} dropped" in said
+    assert dropped * SLOW_GROUP_S > 5.9 * losses
+    # The recording is one capture, with the breaks as gaps.
+    capture = open_capture(name)
+    assert len(capture.segments) == losses + 1
+    lost = capture.span - capture.samples
+    assert lost / RATE == pytest.approx(dropped * SLOW_GROUP_S, abs=2 * losses * SLOW_GROUP_S)
+    # What is held does not depend on how often the device was lost.
+    assert len({counts for counts, _ in holds}) == 1
+    if long_run:
+        assert holds[-1][1] - holds[9][1] < 20e6
+
+
+def test_live_device_started_again_is_found_and_its_clock_does_not_matter(
+    software_usrp, slow_scene, tmp_path
+):
+    """Killed while it sends, which aborted the reader about once in twenty times."""
+    first = software_usrp(slow_scene)
+    output = tmp_path / "out.jsonl"
+    options = [*GAINS, "--reconnect", "-o", output, "--log-level", "warning"]
+    with live(first.args, slow_scene, *options) as process:
+        wait_until(lambda: streaming_s(first) > 0.8)
+        first.process.kill()
+        first.process.wait()
+        second = software_usrp(slow_scene, address=first.address)
+        wait_until(lambda: streaming_s(second) > 1.0)
+        process.send_signal(signal.SIGINT)
+        ended_s = time.time()
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == 0 and "terminate" not in said
+    assert all(line.startswith("gr-wiforce: warning: ") for line in said.splitlines())
+    rows = [json.loads(line) for line in output.read_text().splitlines()]
+    check_times(rows, 1)
+    # The time of the second device begins at zero.
+    check_utc(rows)
+    utc_s = datetime.fromisoformat(rows[-1]["time_utc"]).timestamp()
+    assert abs(utc_s - ended_s) < 5
+
+
+def test_live_driver_killed_is_started_again(slow_scene, slow_device, tmp_path):
+    """A driver may crash or be killed for its memory, with a packet half sent."""
+    output = tmp_path / "out.csv"
+    with live(slow_device.args, slow_scene, *GAINS, "--reconnect", "-o", output) as process:
+        wait_until(lambda: streaming_s(slow_device) > 0.8)
+        (driver,) = children(process)
+        os.kill(driver, signal.SIGKILL)
+        wait_until(lambda: streaming_s(slow_device) < 0.8)
+        wait_until(lambda: streaming_s(slow_device) > 0.8)
+        process.send_signal(signal.SIGTERM)
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == 0 and said.count("SIGKILL") == 1
+    check_times(rows_of(output), 1)
+
+
+def test_live_waits_for_an_absent_device_and_keeps_the_file_until_then(
+    software_usrp, slow_scene, tmp_path
+):
+    """A service starts before the device is switched on."""
+    address = software_usrp("--air", "cable").address
+    other = software_usrp(slow_scene)
+    output = tmp_path / "out.csv"
+    output.write_text("precious")
+    absent = f"addr={address[:-1]}{(int(address[-1]) + 1) % 10},type=usrp2"
+    with live(absent, slow_scene, *GAINS, "--reconnect", "-o", output) as process:
+        assert "waiting for the device" in process.stderr.readline()
+        assert output.read_text() == "precious"
+        device = software_usrp(slow_scene, address=absent.split(",")[0].removeprefix("addr="))
+        wait_until(lambda: streaming_s(device) > 0.5)
+        process.send_signal(signal.SIGTERM)
+        process.communicate(timeout=60)
+    assert process.returncode == 0
+    rows = rows_of(output)
+    assert len(rows) > 10 and not any("moved" in row["flags"] for row in rows)
+    assert streaming_s(other) == 0.0
+
+
+def test_live_second_run_on_a_device_in_use_is_refused(slow_scene, slow_device, tmp_path):
+    """Both would lose the device to each other, with wrong readings in between."""
+    first, second = tmp_path / "first.csv", tmp_path / "second.csv"
+    second.write_text("precious")
+    with live(slow_device.args, slow_scene, *GAINS, "-o", first) as process:
+        wait_until(lambda: streaming_s(slow_device) > 0.3)
+        options = [*GAINS, "-o", second, "--reconnect"]
+        with live(slow_device.args, slow_scene, *options) as refused:
+            _, said = refused.communicate(timeout=60)
+        assert refused.returncode == 2
+        (driver,) = children(process)
+        assert "--args: must name a device that is free" in said and f"process {driver}" in said
+        assert second.read_text() == "precious"
+        before_s = streaming_s(slow_device)
+        wait_until(lambda: streaming_s(slow_device) > before_s + 0.3)
+        process.send_signal(signal.SIGTERM)
+        process.communicate(timeout=60)
+    assert process.returncode == 0
+    assert all("gap" not in row["flags"] for row in rows_of(first))
+
+
+def test_live_restart_appends_to_the_readings_and_reports_to_systemd(
+    slow_scene, slow_device, tmp_path, monkeypatch
+):
+    output, messages = tmp_path / "out.csv", []
+    monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
+    monkeypatch.setenv("WATCHDOG_USEC", "400000")
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd:
+        systemd.bind(str(tmp_path / "notify"))
+        for _ in range(2):
+            options = [*GAINS, "-o", output, "--append", "--duration", 0.6]
+            with live(slow_device.args, slow_scene, *options) as process:
+                messages.append(systemd.recv(4096).decode())
+                while messages[-1] != "STOPPING=1":
+                    messages.append(systemd.recv(4096).decode())
+                process.communicate(timeout=60)
+            assert process.returncode == 0
+    assert messages.count("READY=1") == 2 and messages.count("WATCHDOG=1") >= 2
+    assert messages.index("READY=1") < messages.index("STOPPING=1")
+    times = [float(row["time_s"]) for row in rows_of(output)]
+    starts = [n for n, time_s in enumerate(times) if time_s == SLOW_GROUP_S / 2]
+    assert len(starts) == 2 and starts[1] > 15
+
+
+def test_live_killed_reader_leaves_a_stopped_device_behind(slow_scene, slow_device):
+    """An N210 would send samples to nobody, and a transmitter stay on the air."""
+    with live(slow_device.args, slow_scene, *GAINS) as process:
+        wait_until(lambda: streaming_s(slow_device) > 0.3)
+        process.kill()
+        process.communicate(timeout=60)
+    wait_until(lambda: streaming_s(slow_device) == 0.0, limit=30)  # the host has closed it
+
+
+def test_live_blocked_output_is_not_taken_for_a_lost_device(slow_scene, slow_device):
+    """A reader whose standard output nobody reads must not reset a working device."""
+    with live(slow_device.args, slow_scene, *GAINS, "--reconnect") as process:
+        os.set_blocking(process.stdout.fileno(), False)
+        wait_until(lambda: streaming_s(slow_device) > 0.5)
+        driver = children(process)
+        # Shrunk, the pipe is full after a second of readings.
+        fcntl.fcntl(process.stdout.fileno(), fcntl.F_SETPIPE_SZ, 4096)
+        time.sleep(10)
+        assert children(process) == driver
+        os.set_blocking(process.stdout.fileno(), True)
