@@ -2,7 +2,6 @@
 """What ``gr-wiforce calibrate --live`` needs around its dialogue: options, device, session."""
 
 import functools
-import signal
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -193,7 +192,6 @@ def _measure(session, scene, scale, args, amplitude, **radio):
     from .operator_lines import OperatorLines
     from .watch import Watch
 
-    signal.signal(signal.SIGTERM, _interrupt)
     live = LiveSession(scene, open_radio(args, scene, **radio), lambda reading: None, amplitude)
     watch = Watch(live, args, quiet=True)
     presses = LivePresses(live, watch, session.plan.sensor, scene)
@@ -213,7 +211,3 @@ def _measure(session, scene, scale, args, amplitude, **radio):
 
 def _stored(session):
     return f"presses stored in {session.path}: {len(session.presses)}"
-
-
-def _interrupt(*_):
-    raise KeyboardInterrupt
