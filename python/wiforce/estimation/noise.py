@@ -232,7 +232,7 @@ def raised_subcarriers(ratios: Array, freedom: int) -> Array:
     return np.ones_like(ratios)
 
 
-def usual_noise(residuals: Array, freedom: int) -> Array:
+def robust_noise(residuals: Array, freedom: int) -> Array:
     """Mean of the residuals of some groups without subcarriers that are raised in some of them.
 
     Parameters
@@ -250,7 +250,7 @@ def usual_noise(residuals: Array, freedom: int) -> Array:
     --------
     >>> residuals = np.ones((12, 62))
     >>> residuals[:4, 10:18] = 100.0
-    >>> bool(np.all(usual_noise(residuals, 14) == 1))
+    >>> bool(np.all(robust_noise(residuals, 14) == 1))
     True
     """
     quartile = np.sort(residuals, axis=0)[len(residuals) // 4]
