@@ -7,7 +7,6 @@ import numpy as np
 from gnuradio.wiforce.signal.carrier import wrap_deg
 
 _GRID_LOCATION_STEP = 2
-_FINE_FORCES = 4
 _STARTS = 12
 _STEPS = 12
 # Two solutions are different when they are this far apart.

@@ -64,6 +64,13 @@ def test_flags_are_those_of_the_sensors_own_ends(array, flag):
     assert [each.flags for each in found] == [(), (flag,), ()]
 
 
+def test_groups_of_a_tare_are_flagged_reference():
+    """A press during a tare would be calibrated against the former reference."""
+    found = readings(np.zeros((2, 2)), in_tare=np.array([True, False]))
+    assert [each.flags for each in found] == [("reference",), ()]
+    assert [each.group for each in found] == [10, 11]
+
+
 def test_gaps_and_saturation_are_flagged():
     missing, saturated = np.array([0, 5]), np.array([True, False])
     found = readings(np.zeros((2, 2)), missing=missing, saturated=saturated)

@@ -82,7 +82,7 @@ def test_untouched_sensor_that_is_touched_is_refused(sensor):
         measure_untouched(sensor.readings(), LARGEST_DEG)
 
 
-@pytest.mark.parametrize("flag", ["gap", "saturated", "moved", "transition", "disturbed"])
+@pytest.mark.parametrize("flag", ["gap", "saturated", "moved", "transition"])
 def test_press_with_a_flag_of_the_reception_is_refused(sensor, flag):
     sensor.flags = (flag,)
     with pytest.raises(InputError, match=f"must not be flagged; '{flag}' in 1 of 14"):

@@ -2,7 +2,6 @@
 """What ``gr-wiforce calibrate --live`` needs around its dialogue: options, device, session."""
 
 import functools
-import signal
 import time
 from contextlib import ExitStack
 from pathlib import Path
@@ -198,7 +197,6 @@ def _measure(session, scene, scale, args, **radio):
     from .radio_keeper import RUNNING, RadioKeeper
     from .radio_request import DeviceLost
 
-    signal.signal(signal.SIGTERM, _interrupt)
     request = radio_request(args, scene, **radio)
     live = LiveSession(scene, request, lambda reading: None)
     keeper = RadioKeeper(request, live, on_open=warn_of_oscillators)
@@ -220,7 +218,3 @@ def _measure(session, scene, scale, args, **radio):
 
 def _stored(session):
     return f"presses stored in {session.path}: {len(session.presses)}"
-
-
-def _interrupt(*_):
-    raise KeyboardInterrupt

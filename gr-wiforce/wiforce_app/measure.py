@@ -2,9 +2,9 @@
 """Measures the cost of each step of a plan, as processor time per second of signal.
 
 GNU Radio's performance counters time the C++ blocks over a simulated press, and the receiver's
-stages are timed on the tones that come out. Folding and tones are one block there, so the cost of
-the tones is what they add to folding alone. The saving of a skipped step is the time of the same
-block with the step forced on, minus its time without.
+stages are timed on the tones that come out. Folding and tones are one block here, so the cost of
+the tones is what they add to folding alone; streams compute them by the same kernel. The saving of
+a skipped step is the time of the same block with the step forced on, minus its time without.
 """
 
 import dataclasses

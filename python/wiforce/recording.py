@@ -126,7 +126,7 @@ class RecordingReader:
     on_groups : callable, optional
         Called with every batch of Groups that has been read (see ``Receiver``).
     survey : bool
-        Whether to survey the room first; False reads by the given plan, as a stream is read.
+        Whether to survey the room first; False reads by the given plan.
 
     Attributes
     ----------

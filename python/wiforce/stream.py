@@ -253,7 +253,7 @@ class StreamReader:
         self.survey = survey
         better = self._better(survey)
         if better is self.plan:
-            self._state()
+            self._update_findings()
             return []
         readings = self._receiver.finish()
         self._use(better, last + 1)
@@ -282,13 +282,13 @@ class StreamReader:
             counts=self.counts,
         )
         self._receiver.tares.on_state = self.tares.take
-        self._state()
+        self._update_findings()
 
     def _give(self, groups: Groups) -> None:
         if self.on_groups is not None:
             self.on_groups(groups)
 
-    def _state(self) -> None:
+    def _update_findings(self) -> None:
         if self.survey is not None:
             self.findings = findings(self.survey, self._scene_plan, self.plan)
 

@@ -193,7 +193,7 @@ def test_interrupted_session_ends_in_order_and_is_kept(bench, tmp_path):
     with bench.person(tmp_path / "arm.yaml") as person:
         person.follow(prompts=2)
         person.process.send_signal(signal.SIGTERM)
-        assert person.finish() == 130
+        assert person.finish() == 143
     table = tmp_path / "arm.taps.csv"
     assert f"presses stored in {table}: 1; the same command continues" in person.shown
     assert len(table.read_text().splitlines()) == 3 and not (tmp_path / "arm.yaml").exists()

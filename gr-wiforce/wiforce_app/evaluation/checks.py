@@ -19,6 +19,8 @@ UNDESCRIBED = {
     "warm_day": "the plan does not know the drift",
 }
 _JITTER = "the plan does not know the jitter of the clock"
+# Published quantities, with their units.
+_UNITS = {"force_n": "N", "location_mm": "mm", "phase_rms_deg": "deg"}
 
 
 def checks(results, figures):
@@ -79,9 +81,6 @@ def _cause_checks(causes, figure):
         value = found["paper"][key]
         what = f"{cause}: the paper's method gives {wanted:.3g} +- {error:.2g} {unit}"
         yield what, f"{figure_text(value)} {unit}", bool(abs(value - wanted) <= error)
-
-
-_UNITS = {"force_n": "N", "location_mm": "mm", "phase_rms_deg": "deg"}
 
 
 def _figure_checks(ours, figure):

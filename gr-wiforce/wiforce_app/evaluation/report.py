@@ -63,6 +63,8 @@ _CAUSE_HEAD = (
     "location (mm)",
     "flagged",
 )
+# Our errors in the last columns but one.
+_OURS = ("phase_rms_deg", "force_n", "location_mm")
 
 
 def cause_table(results, figures):
@@ -83,9 +85,6 @@ def cause_table(results, figures):
             rows.append([*first, cause, theirs, *ours, f"{found['flagged']} of {found['read']}"])
         rows.append(["", "", "range of ours", "", *(_range(causes, k) for k in _OURS), ""])
     return markdown_table(_CAUSE_HEAD, rows) if rows else ""
-
-
-_OURS = ("phase_rms_deg", "force_n", "location_mm")
 
 
 def _range(causes, key):

@@ -1,15 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Block: tones of a group to the complex channels of the tags' ends."""
 
-import numpy as np
+from typing import Any
 
+import numpy as np
+import pmt
+
+from .. import names
 from ..estimation.estimators import estimator_named
 from ..estimation.groups import Array, Groups
 from ..planning.plan import Plan
-from .tone_input import ToneBlock
+from .group_block import GroupBlock, Tags
+from .tone_input import ToneInput
 
 
-class end_separation(ToneBlock):
+class end_separation(GroupBlock):
     """Separates the ends of every tag in a group's tones, at the tracked clock.
 
     Input: vectors M x 64, the channel at each tone (``phase_group_doppler`` with the plan's
@@ -37,10 +42,20 @@ class end_separation(ToneBlock):
             plan.table, plan.clocks, plan.waveform, derotated, plan.others
         )
         outputs = 2 * len(plan.clocks) * 64
-        ToneBlock.__init__(self, "end_separation", plan, derotated, outputs)
+        self._input = ToneInput(plan, derotated)
+        GroupBlock.__init__(self, "end_separation", self._input.rows * 64, outputs)
+        self.message_port_register_in(pmt.intern(names.INCOMPLETE))
+        self.set_msg_handler(pmt.intern(names.INCOMPLETE), self._on_incomplete)
 
-    def process(self, groups: Groups) -> Groups:
-        return self.stage.process(groups)
+    def _on_incomplete(self, message: Any) -> None:
+        try:
+            self._input.on_incomplete(message)
+        except Exception as error:
+            self.fail(error)
+
+    def take(self, items: Array, tags: Tags) -> tuple[int, Groups]:
+        count, groups = self._input.collect(items, tags)
+        return count, self.stage.process(groups)
 
     def vectors(self, groups: Groups) -> Array:
         items = np.zeros((*groups.ends.shape[:2], 64), complex)

@@ -11,7 +11,7 @@ from .. import names
 from ..estimation.folded_groups import FoldedGroups
 from ..estimation.groups import Array, Groups, is_clipped
 from ..planning.plan import Plan
-from .group_block import GroupBlock, Tags, count_of
+from .group_block import Tags, count_of
 
 
 class ToneInput:
@@ -104,43 +104,3 @@ class ToneInput:
             return 0.0, 0.0
         present, folded = self._messages.pop(group)
         return self._folded.solve(present, folded[present])
-
-
-class ToneBlock(GroupBlock):
-    """A block behind the channel estimator, with the port ``incomplete``.
-
-    Subclasses implement ``process``, which takes a batch of Groups with tones and returns one.
-
-    Parameters
-    ----------
-    name : str
-    plan : Plan
-    derotated : bool
-        Whether the channel estimator was given the plan's derotation.
-    outputs : int
-        Length of the vectors; 0 for a sink.
-
-    Examples
-    --------
-    >>> from gnuradio import wiforce
-    >>> block = ToneBlock("tap", wiforce.plan("demo"), derotated=True, outputs=0)
-    """
-
-    def __init__(self, name: str, plan: Plan, derotated: bool, outputs: int) -> None:
-        self._input = ToneInput(plan, derotated)
-        GroupBlock.__init__(self, name, self._input.rows * 64, outputs)
-        self.message_port_register_in(pmt.intern(names.INCOMPLETE))
-        self.set_msg_handler(pmt.intern(names.INCOMPLETE), self._on_incomplete)
-
-    def _on_incomplete(self, message: Any) -> None:
-        try:
-            self._input.on_incomplete(message)
-        except Exception as error:
-            self.fail(error)
-
-    def process(self, groups: Groups) -> Groups:
-        raise NotImplementedError
-
-    def take(self, items: Array, tags: Tags) -> tuple[int, Groups]:
-        count, groups = self._input.collect(items, tags)
-        return count, self.process(groups)

@@ -11,7 +11,7 @@ from .acquisition import DELAY_EVIDENCE, acquire
 from .group_tones import GroupTones, without_loud
 from .joint_clock import likelihood_bias, phase_errors
 from .least_squares import ToneModel
-from .noise import OUTLIER_RATIO, NoiseEstimate, usual_noise
+from .noise import OUTLIER_RATIO, NoiseEstimate, robust_noise
 from .pulse_fit import fit_pulses
 from .tracked_tag import TrackedTag
 
@@ -135,7 +135,7 @@ class ClockSearch:
         residuals = fit.noise()
         levels = residuals.mean(axis=1)
         fitting = residuals[levels <= OUTLIER_RATIO * np.median(levels)]
-        self._noise.set(usual_noise(fitting, fit.freedom), groups.level.max())
+        self._noise.set(robust_noise(fitting, fit.freedom), groups.level.max())
 
     def _refine(self, groups: GroupTones) -> None:
         """Fit all clocks to a block of groups by the complete model, from their present values."""

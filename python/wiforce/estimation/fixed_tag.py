@@ -11,9 +11,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..io.readings import Flag, Reading, flag_words
+from ..io.readings import Reading, flag_words
 from .groups import Groups
 from .off_state import corrected_phase_deg
+from .stage_flags import has_phases, stage_flags
 
 # Change of a phase by which the line is touched. The shorted line differs from the open one by much
 # more at one end at least (docs/sensors.md), drift between two tares by much less.
@@ -64,22 +65,10 @@ def fixed_tag_readings(
     """
     ends = slice(2 * sensor, 2 * sensor + 2)
     ratios = groups.ratios[:, ends]
-    readable = groups.locked[:, sensor] & ~groups.overlapping[:, sensor]
-    readable &= np.isfinite(groups.phase_std_deg[:, ends]).all(axis=1)
-    readable &= (np.abs(ratios) > 0).all(axis=1)
+    readable, flags = has_phases(groups, sensor), stage_flags(groups, sensor)
     with np.errstate(invalid="ignore"):
         phases, _ = corrected_phase_deg(ratios, untouched_deg, off_reflection)
     touched = np.abs(np.degrees(np.angle(ratios))).max(axis=1) > _TOUCHED_DEG
-    raised = {
-        Flag.REFERENCE: groups.in_reference[:, ends].any(axis=1),
-        Flag.GAP: groups.missing > 0,
-        Flag.SATURATED: groups.saturated,
-        Flag.MOVED: groups.reshaped[:, ends].any(axis=1),
-        Flag.INCONSISTENT: groups.late_reference[:, ends].any(axis=1),
-    }
-    flags = np.zeros(len(groups), np.int64)
-    for flag, rows in raised.items():
-        flags[rows] |= flag.value
     readings = []
     for row, index in enumerate(groups.index.tolist()):
         found = (None, None, None)
@@ -93,6 +82,8 @@ def fixed_tag_readings(
                 phase1_deg=found[1],
                 phase2_deg=found[2],
                 flags=flag_words(int(flags[row])),
+                group=index,
+                interference=float(groups.interference[row]),
             )
         )
     return readings

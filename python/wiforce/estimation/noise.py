@@ -31,7 +31,7 @@ _STEP = 1.33
 # A transmitter on few subcarriers leaves the rest of them as they are: up to this lower quartile of
 # the ratios, a group's noise may be raised on single subcarriers. Bursts, presses that change and
 # errors of a clock raise it on all.
-_UNHURT_RATIO = 1.5
+_NARROW_BAND_QUARTILE = 1.5
 # Standard deviations above which a subcarrier is raised: exceeded by noise in 1 of 10 million. The
 # limit grows with the cube of the quartile, since a residual with the profile of a fading tag
 # (exponential powers, 14 times the quartile at most) is no narrow-band transmitter.
@@ -227,12 +227,12 @@ def raised_subcarriers(ratios: Array, freedom: int) -> Array:
     if ratios.max() > limit:
         quarter = len(ratios) // 4
         quartile = max(1.0, np.partition(ratios, quarter)[quarter])
-        if quartile <= _UNHURT_RATIO:
+        if quartile <= _NARROW_BAND_QUARTILE:
             return np.where(ratios > limit * quartile**3, ratios, 1.0)
     return np.ones_like(ratios)
 
 
-def usual_noise(residuals: Array, freedom: int) -> Array:
+def robust_noise(residuals: Array, freedom: int) -> Array:
     """Mean of the residuals of some groups without subcarriers that are raised in some of them.
 
     Parameters
@@ -250,7 +250,7 @@ def usual_noise(residuals: Array, freedom: int) -> Array:
     --------
     >>> residuals = np.ones((12, 62))
     >>> residuals[:4, 10:18] = 100.0
-    >>> bool(np.all(usual_noise(residuals, 14) == 1))
+    >>> bool(np.all(robust_noise(residuals, 14) == 1))
     True
     """
     quartile = np.sort(residuals, axis=0)[len(residuals) // 4]

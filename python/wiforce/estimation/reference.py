@@ -55,6 +55,8 @@ class NewReference:
         Sum of V over its variance; None before the first group.
     precision : ndarray, shape (2S,)
         Sum of 1 over the variance; 0 for an end that was not received.
+    precisions : ndarray, shape (2S, K)
+        The same on each subcarrier, less where a narrow-band transmitter interfered.
 
     Examples
     --------
@@ -69,7 +71,7 @@ class NewReference:
         self._stop: int | None = None
         self.sum: Array | None = None
         self.precision = np.zeros(ends)
-        self.precisions: Array = np.zeros((ends, 1))  # on each subcarrier
+        self.precisions: Array = np.zeros((ends, 1))
 
     def ends_before(self, index: int) -> bool:
         """Whether the reference ends before the group of this index."""
@@ -86,11 +88,17 @@ class NewReference:
             received = received & np.repeat(group.locked[0], 2)
         if self.sum is None:
             self.sum = np.zeros(values.shape, complex)
-        raised = np.ones(values.shape) if group.raised is None else group.raised
-        weights = np.where(received[:, None], 1 / (gain[:, None] * raised), 0)
+        weights = _precisions_of(group, received)
         self.sum[received] += values[received] * weights[received]
         self.precision[received] += 1 / gain[received]
         self.precisions = self.precisions + weights
+
+
+def _precisions_of(group: Groups, ends: Array) -> Array:
+    """1 / variance of some ends of a single group on each subcarrier (2S, K), 0 for the others."""
+    gain = group.gain[0][:, None]
+    raised = np.ones(group.ends.shape[1:]) if group.raised is None else group.raised
+    return np.where(ends[:, None], 1 / (gain * raised), 0)
 
 
 class ConjugateDifference:
@@ -289,8 +297,7 @@ class ConjugateDifference:
         if self._against_previous:
             return self._step(group, received, total)
         learning = received & (index < stop)
-        raised = np.ones(values.shape) if group.raised is None else group.raised
-        weights = np.where(learning[:, None], 1 / (gain[:, None] * raised), 0)
+        weights = _precisions_of(group, learning)
         total[learning] += values[learning] * weights[learning]
         self._precision[learning] += 1 / gain[learning]
         self._precisions = self._precisions + weights

@@ -13,6 +13,7 @@ from ..io.readings import ESTIMATES, WEAK_FORCE_N, WEAK_PHASE_DEG, Flag, flag_bi
 from .groups import Array, Groups
 from .motion import TouchedMotion
 from .off_state import corrected_phase_deg
+from .stage_flags import has_phases, stage_flags
 from .touch import FORCED, TouchDetector
 
 if TYPE_CHECKING:
@@ -155,7 +156,7 @@ class SensorReadout:
         ends = slice(2 * sensor, 2 * sensor + 2)
         ratios, std = groups.ratios[:, ends], groups.phase_std_deg[:, ends]
         renewed = self._renewals(groups, sensor)
-        flags, readable = self._known_flags(groups, sensor, renewed, ratios, std)
+        flags, readable = self._known_flags(groups, sensor, renewed)
         touch, drift, drifting, scale, moved = self._decide_touch(
             groups, renewed, ratios, std, flags, readable, sensor
         )
@@ -237,31 +238,18 @@ class SensorReadout:
         untouched = np.exp(1j * np.radians(self._untouched))
         return np.degrees(np.angle((reflections - self._off) / (untouched - self._off)))
 
-    def _known_flags(
-        self, groups: Groups, sensor: int, renewed: Array, ratios: Array, std: Array
-    ) -> tuple[Array, Array]:
+    def _known_flags(self, groups: Groups, sensor: int, renewed: Array) -> tuple[Array, Array]:
         """Flags of each group from the stages before, and whether it can be read; shape (G,)."""
-        ends = slice(2 * sensor, 2 * sensor + 2)
         # A retuned oscillator has a new phase, which rotates both ends until a new reference.
         retuned = np.full(len(groups), self._retuned)
         for row in np.flatnonzero(groups.retuned | renewed):
             self._retuned = bool(groups.retuned[row]) or (self._retuned and not renewed[row])
             retuned[row:] = self._retuned
-        overlapping = groups.overlapping[:, sensor]
-        late = groups.late_reference[:, ends].any(axis=1)
-        raised = {
-            Flag.REFERENCE: groups.in_reference[:, ends].any(axis=1) | groups.in_tare,
-            Flag.GAP: groups.missing > 0,
-            Flag.SATURATED: groups.saturated,
-            Flag.MOVED: retuned | groups.reshaped[:, ends].any(axis=1),
-            Flag.INCONSISTENT: overlapping | late,
-        }
-        flags = np.zeros(len(groups), np.int64)
-        for flag, rows in raised.items():
-            flags[rows] |= flag.value
-        readable = groups.locked[:, sensor] & np.isfinite(std).all(axis=1) & ~overlapping
-        readable &= (np.abs(ratios) > 0).all(axis=1)
-        unexplained = ~readable & ~overlapping & ((flags & ~Flag.INCONSISTENT.value) == 0)
+        flags, readable = stage_flags(groups, sensor), has_phases(groups, sensor)
+        flags[retuned] |= Flag.MOVED.value
+        unexplained = (
+            ~readable & ~groups.overlapping[:, sensor] & ((flags & ~Flag.INCONSISTENT.value) == 0)
+        )
         flags[unexplained] |= Flag.WEAK.value
         return flags, readable
 

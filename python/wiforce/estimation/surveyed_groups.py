@@ -11,7 +11,7 @@ from ..io.readings import Reading
 from .groups import Array
 from .snapshot_group import SnapshotGroup
 
-# A survey that nobody asked for waits for so many more groups: a press that begins slowly is
+# A survey without a request waits for so many more groups: a press that begins slowly is
 # recognised as a touch only after its first groups, and readings are one group late.
 _MORE_GROUPS = 3
 # Flags of untouched groups in which the tag or the receiver may have changed.
@@ -40,7 +40,6 @@ class SurveyedGroups:
     Examples
     --------
     >>> kept = SurveyedGroups(snapshots=6, group_length=4)
-    >>> group = SnapshotGroup(7, np.ones((4, 64)), np.ones((4, 2)), np.ones(4, bool))
     >>> for index in (7, 8):
     ...     kept.add(SnapshotGroup(index, np.ones((4, 64)), np.ones((4, 2)), np.ones(4, bool)))
     ...     print(kept.complete, len(kept.snapshots))

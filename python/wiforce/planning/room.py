@@ -119,7 +119,7 @@ def expecting_snr(plan: Plan, survey: Survey | None) -> Plan:
     return replace(plan, surveyed_snr_db=survey.snr_db)
 
 
-def readapted(current: Plan, plan: Plan, survey: Survey | None) -> Plan:
+def readapted(current: Plan, plan: Plan, survey: Survey) -> Plan:
     """Adapt a plan to a room that was surveyed again.
 
     Parameters
@@ -128,7 +128,7 @@ def readapted(current: Plan, plan: Plan, survey: Survey | None) -> Plan:
         In use: adapted to an earlier survey.
     plan : Plan
         Of the scene.
-    survey : Survey or None
+    survey : Survey
         The new one.
 
     Returns
@@ -144,13 +144,14 @@ def readapted(current: Plan, plan: Plan, survey: Survey | None) -> Plan:
 
     Examples
     --------
+    >>> from gnuradio.wiforce.estimation.survey import survey_channel
     >>> from gnuradio.wiforce.planning.plan import plan
     >>> settings = plan("demo")
-    >>> readapted(settings, settings, None) is settings
+    >>> noise = np.random.default_rng(1).standard_normal((4000, 62, 2)) @ [1, 1j]
+    >>> survey = survey_channel(noise, settings.waveform, settings.clocks)
+    >>> readapted(settings, settings, survey) is settings
     True
     """
-    if survey is None:
-        return current
     better = adapted(plan, survey)
     same_tags = _same_clocks(current.clocks, better.clocks) and _same_clocks(
         current.others, better.others

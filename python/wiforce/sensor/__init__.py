@@ -7,8 +7,10 @@ from .calibration_warnings import calibration_warnings
 from .file import load_sensor, sensor_from_dict, sensor_to_dict, shipped_sensors, write_sensor
 from .force_gauge import ForceGauge, parse_force
 from .inversion import Inversion
+from .line_estimate import estimate_line
 from .model import LineModel, SensorModel
-from .plausibility import estimate_line, phase_suspicions, suspicions
+from .phase_plausibility import phase_suspicions
+from .plausibility import suspicions
 from .press_measurement import PressMeasurement, measure_press, measure_untouched
 from .refine import refine
 from .session_plan import SessionPlan

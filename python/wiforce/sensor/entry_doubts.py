@@ -97,7 +97,7 @@ def press_doubts(
         if not doubts:
             doubts += _widening(new, here, frequency_hz, length_mm, permittivity)
     else:
-        doubts += _step(new, presses, frequency_hz, length_mm, permittivity)
+        doubts += _step(new, presses, frequency_hz, permittivity)
     return doubts
 
 
@@ -182,7 +182,6 @@ def _step(
     new: PressMeasurement,
     presses: Sequence[PressMeasurement],
     frequency_hz: float,
-    length_mm: float,
     permittivity: float,
 ) -> list[str]:
     """Whether the first press at a location lies where the nearest other location suggests."""

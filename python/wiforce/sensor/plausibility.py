@@ -1,115 +1,34 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Whether measured phases can be those of the assumed line or sensor, or have a mistake.
-
-Along the line the phase falls by 2 beta per millimetre at port 1 and rises by as much at port 2. At
-light forces the short is narrow, so that both slopes give the permittivity. The changes against
-the untouched line, D1 = 180 deg + 2 beta (L - l + a1) and D2 = 180 deg + 2 beta (l + a2), give its
-length L, since the extents a1 and a2 of the short are alike on average along the line (line.py).
-"""
-
-from dataclasses import dataclass
+"""Whether a calibration table can be that of the assumed line, or has a mistake."""
 
 import numpy as np
 
-from ..signal.carrier import same_carrier, wrap_deg
+from ..signal.carrier import same_carrier
 from . import line
-from .calibration_data import carriers_of, untouched_phases
-from .model import SensorModel
+from .calibration_data import carriers_of
+from .line_estimate import (
+    ENOUGH_LOCATIONS,
+    ON_A_LINE,
+    LineEstimate,
+    concentrations,
+    estimate_line,
+)
 from .tables import CalibrationTable
 
 # Phases in radians lie within a turn, 6.28; those of a press and of the untouched line in degrees
 # are further apart.
-_TURN_RAD = 2 * np.pi + 0.01
+TURN_RAD = 2 * np.pi + 0.01
 # No tactile sensor is pressed with as much; 8 N are 816 g.
 _LARGEST_FORCE_N = 100.0
 # Presses within a tenth of the line are not a calibration, but one in other units.
 _SMALLEST_SHARE = 0.1
-# Concentration of the phases about a line: 1 without scatter. Below this the locations have phase
-# offsets of their own, as when cables were moved, and nothing can be told. The slope is only
-# determined by several locations.
-_ON_A_LINE, _ENOUGH_LOCATIONS = 0.97, 3
 # A direction is reversed if it leaves so much less scatter.
 _REVERSED = 0.25
+_DIRECTION_SLOPES = np.array([0.9, 1.0, 1.2, 1.4])
 # The asymmetry of the short shifts the length by up to 7 mm where only one half was pressed, and
 # the slope by up to 25 %, more for wide contacts.
 _LENGTH_MM = 10.0
-_SLOPES = np.linspace(0.6, 1.8, 241)
-_DIRECTION_SLOPES = np.array([0.9, 1.0, 1.2, 1.4])
 _SLOPE_LIMITS = (0.7, 1.5)
-# Readings of which so many are unexplained are suspicious, and explained if so few are.
-_MOST, _FEW, _ROWS_TRIED = 0.5, 0.1, 200
-_UNEXPLAINED = {"inconsistent", "extrapolated"}
-# Share of the rows, those with the lightest forces, in which the short is taken to be narrow.
-_LIGHT = 0.4
-
-
-@dataclass(frozen=True)
-class LineEstimate:
-    """What the data of one carrier say about the line.
-
-    Attributes
-    ----------
-    frequency_hz : float
-        Carrier.
-    permittivity : float or None
-        Effective relative permittivity; None where the data do not determine it.
-    length_mm : float or None
-        The length next to the assumed one; None where there are no untouched rows.
-    ambiguity_mm : float
-        Lengths that differ by this give the same phases: half a wavelength.
-
-    Examples
-    --------
-    >>> LineEstimate(900e6, 1.1, 79.0, 166.6).length_mm
-    79.0
-    """
-
-    frequency_hz: float
-    permittivity: float | None
-    length_mm: float | None
-    ambiguity_mm: float
-
-    def text(self) -> str:
-        """The estimate in words."""
-        if self.permittivity is None:
-            return "the phases of different locations do not tell"
-        length = (
-            "a length that only untouched rows would tell"
-            if self.length_mm is None
-            else f"{self.length_mm:.0f} mm (modulo {self.ambiguity_mm:.0f} mm)"
-        )
-        return f"the data suggest roughly {length} and permittivity {self.permittivity:.2g}"
-
-
-def estimate_line(
-    table: CalibrationTable, length_mm: float, permittivity: float
-) -> list[LineEstimate]:
-    """Estimate length and permittivity of the line from the data of each carrier.
-
-    Parameters
-    ----------
-    table : CalibrationTable
-    length_mm, permittivity : float
-        As assumed.
-
-    Returns
-    -------
-    list of LineEstimate
-        Rough ones, within 10 mm and 60 %, since the contact law is not known.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.sensor import load_sensor, measure_vna
-    >>> places = [20.0, 30.0, 40.0, 50.0, 60.0]
-    >>> table = measure_vna(load_sensor("line-900mhz"), places, np.linspace(1, 8, 15), 0.2)
-    >>> (found,) = estimate_line(table, 100.0, 1.0)
-    >>> abs(found.length_mm - 80) < 5
-    True
-    """
-    return [
-        _estimate(table.take(same_carrier(table.frequency_hz, f)), f, length_mm, permittivity)
-        for f in carriers_of(table)
-    ]
 
 
 def suspicions(table: CalibrationTable, length_mm: float, permittivity: float) -> list[str]:
@@ -155,18 +74,39 @@ def suspicions(table: CalibrationTable, length_mm: float, permittivity: float) -
 def _units(table: CalibrationTable, touched: CalibrationTable, length_mm: float) -> list[str]:
     found = []
     widest = float(np.max(np.abs(table.phase_deg)))
-    if widest <= _TURN_RAD:
+    if widest <= TURN_RAD:
         found.append(
             f"all phases lie within +-{widest:.1f}: are they in radians instead of degrees?"
         )
-    found += _location_unit(float(np.max(touched.location_mm)), length_mm)
+    found += location_suspicions(float(np.max(touched.location_mm)), length_mm)
     hardest = float(np.max(touched.force_n))
     if hardest > _LARGEST_FORCE_N:
         found.append(f"forces reach {hardest:g} N: are they in grams (1 N is 102 g)?")
     return found
 
 
-def _location_unit(farthest_mm: float, length_mm: float) -> list[str]:
+def location_suspicions(farthest_mm: float, length_mm: float) -> list[str]:
+    """The unit that locations may have been given in instead of millimetres.
+
+    Parameters
+    ----------
+    farthest_mm : float
+        Location that is farthest from port 1, as given.
+    length_mm : float
+        Of the line.
+
+    Returns
+    -------
+    list of str
+        One sentence, or none.
+
+    Examples
+    --------
+    >>> location_suspicions(6.0, 80.0)[0][-47:]
+    'are they in centimetres instead of millimetres?'
+    >>> location_suspicions(60.0, 80.0)
+    []
+    """
     if not 0 < farthest_mm <= _SMALLEST_SHARE * length_mm:
         return []
     unit = "metres" if farthest_mm < 1 else "centimetres"
@@ -176,36 +116,11 @@ def _location_unit(farthest_mm: float, length_mm: float) -> list[str]:
     ]
 
 
-def _mean_phasors(rows: CalibrationTable, port: int) -> tuple[np.ndarray, np.ndarray]:
-    """Locations of a port, and the direction of the mean phasor of the lightest presses at each."""
-    own = rows.take(rows.port == port)
-    places = np.unique(own.location_mm)
-    means = []
-    for place in places:
-        here = own.take(own.location_mm == place)
-        light = here.force_n <= np.quantile(here.force_n, _LIGHT)
-        means.append(np.mean(np.exp(1j * np.radians(here.phase_deg[light]))))
-    phasors = np.array(means)
-    return places, phasors / np.maximum(np.abs(phasors), 1e-12)
-
-
-def _concentrations(rows: CalibrationTable, slopes: np.ndarray) -> np.ndarray:
-    """How well phases follow each slope in deg/mm, negative at port 1: 1 without scatter."""
-    values = np.zeros((2, len(slopes)))
-    for row, (port, sign) in enumerate(((1, -1), (2, 1))):
-        places, phasors = _mean_phasors(rows, port)
-        if len(places) < 2:
-            return np.zeros(len(slopes))
-        turns = np.exp(-1j * np.radians(sign * slopes[:, None] * places))
-        values[row] = np.abs(np.mean(phasors * turns, axis=1))
-    return values.mean(axis=0)
-
-
 def _direction(rows: CalibrationTable, slope: float) -> list[str]:
     """Whether ports are swapped or the sign of the phase is inverted."""
     tried = slope * _DIRECTION_SLOPES
-    expected, reverse = (float(_concentrations(rows, sign * tried).max()) for sign in (1, -1))
-    if reverse < _ON_A_LINE or len(np.unique(rows.location_mm)) < _ENOUGH_LOCATIONS:
+    expected, reverse = (float(concentrations(rows, sign * tried).max()) for sign in (1, -1))
+    if reverse < ON_A_LINE or len(np.unique(rows.location_mm)) < ENOUGH_LOCATIONS:
         return []
     if 1 - reverse > _REVERSED * (1 - expected):
         return []
@@ -233,42 +148,6 @@ def _movement_deg(rows: CalibrationTable) -> float:
     return float(np.mean(changes)) if changes else 0.0
 
 
-def _estimate(
-    rows: CalibrationTable, frequency_hz: float, length_mm: float, permittivity: float
-) -> LineEstimate:
-    slope = line.round_trip_deg_per_mm(frequency_hz, permittivity)
-    ambiguity_mm = float(360.0 / slope)
-    touched = rows.take(~rows.untouched)
-    scores = _concentrations(touched, _SLOPES * slope)
-    best = int(np.argmax(scores))
-    places = np.unique(touched.location_mm)
-    if scores[best] < _ON_A_LINE or len(places) < _ENOUGH_LOCATIONS:
-        return LineEstimate(frequency_hz, None, None, ambiguity_mm)
-    own_permittivity = float(permittivity * _SLOPES[best] ** 2)
-    untouched = untouched_phases(rows)
-    if untouched is None:
-        return LineEstimate(frequency_hz, own_permittivity, None, ambiguity_mm)
-    lengths = _lengths_mm(touched, untouched, slope)
-    turns = np.mean(np.exp(1j * np.radians(slope * lengths)))
-    beyond = wrap_deg(np.degrees(np.angle(turns)) - slope * length_mm) / slope
-    return LineEstimate(frequency_hz, own_permittivity, float(length_mm + beyond), ambiguity_mm)
-
-
-def _lengths_mm(
-    touched: CalibrationTable, untouched_deg: tuple[float, float], slope: float
-) -> np.ndarray:
-    """Length of the line from the light presses at each location, modulo half a wavelength."""
-    places, first = _mean_phasors(touched, 1)
-    others, second = _mean_phasors(touched, 2)
-    common, rows, columns = np.intersect1d(places, others, return_indices=True)
-    changes = [
-        np.degrees(np.angle(phasors)) - start
-        for phasors, start in zip((first[rows], second[columns]), untouched_deg, strict=True)
-    ]
-    extent = wrap_deg(changes[1] - 180.0 - slope * common) / slope
-    return np.asarray((changes[0] - 180.0) / slope + common - extent)
-
-
 def _other_line(estimate: LineEstimate, length_mm: float, permittivity: float) -> list[str]:
     at = f"{estimate.frequency_hz / 1e6:g} MHz: "
     if estimate.permittivity is None:
@@ -286,81 +165,3 @@ def _other_line(estimate: LineEstimate, length_mm: float, permittivity: float) -
             f"{estimate.length_mm:.0f} mm, not {length_mm:g} mm: check --length-mm"
         ]
     return []
-
-
-def phase_suspicions(
-    model: SensorModel,
-    phases_deg: np.ndarray,
-    std_deg: float,
-    location_mm: np.ndarray | None = None,
-    frequency_hz: float | None = None,
-) -> list[str]:
-    """Likely mistakes in the units, ports and signs of phases that a model does not explain.
-
-    Parameters
-    ----------
-    model : SensorModel
-    phases_deg : ndarray, shape (n, 2)
-    std_deg : float
-        Standard deviation of the phases.
-    location_mm : ndarray, shape (n,), optional
-        Known locations, NaN where unknown.
-    frequency_hz : float, optional
-        Carrier; the model's only one by default.
-
-    Returns
-    -------
-    list of str
-        A sentence each. A mistake is named if most readings are inconsistent with the model, and
-        nearly all would be consistent without it.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.sensor import load_sensor
-    >>> model = load_sensor("line-900mhz")
-    >>> phases = model.phases_deg([2.0, 3.0, 4.0, 5.0], [25.0, 35.0, 45.0, 55.0])
-    >>> phase_suspicions(model, phases, 1.0)
-    []
-    >>> phase_suspicions(model, -phases, 1.0)[0][:48]
-    'with the opposite sign the phases would fit the '
-    """
-    known = np.full(len(phases_deg), np.nan) if location_mm is None else np.asarray(location_mm)
-    rows = np.linspace(0, len(phases_deg) - 1, min(len(phases_deg), _ROWS_TRIED)).astype(int)
-    phases, known = np.asarray(phases_deg, float)[rows], known[rows]
-    found = []
-    if np.isfinite(known).any() and (farthest := float(np.nanmax(known))) > 0:
-        found += _location_unit(farthest, model.length_mm)
-
-    def share(changed: np.ndarray) -> float:
-        return _unexplained(model, changed, std_deg, known, frequency_hz)
-
-    if found or share(phases) <= _MOST:
-        return found
-    if np.max(np.abs(phases)) <= _TURN_RAD and share(np.degrees(phases)) <= _FEW:
-        return ["the phases would fit the sensor in radians: are they not in degrees?"]
-    for changed, text in (
-        (phases[:, ::-1], "with the ports swapped the phases would fit the sensor"),
-        (-phases, "with the opposite sign the phases would fit the sensor (arg S11, arg S22)"),
-    ):
-        if share(changed) <= _FEW:
-            found.append(f"{text}; now most of them do not")
-    return found
-
-
-def _unexplained(
-    model: SensorModel,
-    phases: np.ndarray,
-    std_deg: float,
-    known: np.ndarray,
-    frequency_hz: float | None,
-) -> float:
-    """Share of touched readings that the model does not explain; 1 where none is touched."""
-    touched = ~model.is_untouched(phases, std_deg, frequency_hz)
-    bad = []
-    for given in (True, False):
-        chosen = touched & (np.isfinite(known) == given)
-        if chosen.any():
-            places = known[chosen] if given else None
-            result = model.invert(phases[chosen], std_deg, places, frequency_hz)
-            bad += [bool(_UNEXPLAINED & set(flags)) for flags in result.flags]
-    return float(np.mean(bad)) if bad else 1.0

@@ -31,7 +31,6 @@ _REFUSED = {
     "gap": "samples were lost",
     "saturated": "the receiver is saturated; lower the gains",
     "moved": "the tag or an antenna moved; release the sensor and tare (t)",
-    "disturbed": "the room disturbs the readings",
     "transition": "the press changed",
 }
 _REFUSED_UNTOUCHED = {

@@ -69,7 +69,7 @@ def sample_type(recording, item_type):
 @chain("stream-fc32", item_type="fc32")
 @chain("stream-sc16", item_type="sc16")
 def stream(recording, weights, item_type):
-    """The reader's C++ blocks behind a file source, nothing set by hand."""
+    """Folding and tones in one block behind a file source, nothing set by hand."""
     path, size, _ = sample_type(recording, item_type)
     flowgraph = Flowgraph()
     source = blocks.file_source(size, path, False, 0, recording.samples)

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the stages before the readout say of a sensor's groups, whatever its model."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..io.readings import Flag
+from .groups import Array, Groups
+
+
+def stage_flags(groups: Groups, sensor: int) -> Array:
+    """Flags of a sensor's groups by the collection of snapshots, separation and reference.
+
+    Parameters
+    ----------
+    groups : Groups
+        With the arrays of separation and reference.
+    sensor : int
+        Index of the sensor.
+
+    Returns
+    -------
+    ndarray of int, shape (G,)
+        Bits of ``io.readings.Flag``.
+
+    Examples
+    --------
+    >>> none = np.zeros((2, 2), bool)
+    >>> groups = Groups(
+    ...     [20, 21], missing=np.array([0, 9]), overlapping=np.zeros((2, 1), bool),
+    ...     in_tare=np.array([True, False]), in_reference=none, late_reference=none, reshaped=none)
+    >>> [Flag(bits).words for bits in stage_flags(groups, 0).tolist()]
+    [('reference',), ('gap',)]
+    """
+    ends = slice(2 * sensor, 2 * sensor + 2)
+    late = groups.late_reference[:, ends].any(axis=1)
+    raised = {
+        Flag.REFERENCE: groups.in_reference[:, ends].any(axis=1) | groups.in_tare,
+        Flag.GAP: groups.missing > 0,
+        Flag.SATURATED: groups.saturated,
+        Flag.MOVED: groups.reshaped[:, ends].any(axis=1),
+        Flag.INCONSISTENT: groups.overlapping[:, sensor] | late,
+    }
+    flags = np.zeros(len(groups), np.int64)
+    for flag, rows in raised.items():
+        flags[rows] |= flag.value
+    return flags
+
+
+def has_phases(groups: Groups, sensor: int) -> Array:
+    """Whether the groups determine the phases of a sensor.
+
+    Parameters
+    ----------
+    groups : Groups
+        With ``ratios``, ``phase_std_deg`` and the arrays of the separation.
+    sensor : int
+        Index of the sensor.
+
+    Returns
+    -------
+    ndarray of bool, shape (G,)
+
+    Examples
+    --------
+    >>> groups = Groups(
+    ...     [20, 21], ratios=np.ones((2, 2)), phase_std_deg=np.array([[0.1, 0.1], [0.1, np.inf]]),
+    ...     locked=np.ones((2, 1), bool), overlapping=np.zeros((2, 1), bool))
+    >>> has_phases(groups, 0).tolist()
+    [True, False]
+    """
+    ends = slice(2 * sensor, 2 * sensor + 2)
+    received = groups.locked[:, sensor] & ~groups.overlapping[:, sensor]
+    known = np.isfinite(groups.phase_std_deg[:, ends]).all(axis=1)
+    return np.asarray(received & known & (np.abs(groups.ratios[:, ends]) > 0).all(axis=1))
