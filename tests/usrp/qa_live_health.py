@@ -114,7 +114,8 @@ def test_live_reports_its_state_its_tags_and_its_end(scene, device, tmp_path):
         status, said, _ = command("status", control_port)
         assert status == 0 and said.splitlines()[-1] == "healthy"
         device.command("fault 0 off arm")
-        lost = until(subscriber, in_state("lost"))[-1]
+        messages += until(subscriber, in_state("lost"))
+        lost = messages[-1]
         assert lost["reason"] == "not received: arm" and not lost["sensors"]["arm"]["received"]
         status, said, _ = command("status", control_port, "--json")
         found = json.loads(said)
