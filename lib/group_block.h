@@ -25,7 +25,8 @@ protected:
         : Base(std::forward<Arguments>(arguments)...),
           d_collector(std::move(transform), group_length)
     {
-        this->message_port_register_out(d_incomplete_port);
+        if (!d_collector.passes_snapshots())
+            this->message_port_register_out(d_incomplete_port);
     }
 
     // The receiver's settings changed before the group at hand, or inside it.

@@ -178,6 +178,8 @@ def test_collected_groups_hold_the_snapshots_with_their_noise_and_mask(chunk):
     fold = wiforce.preamble_fold(**parameters)
     two = [wiforce.preamble_fold(**parameters), wiforce.phase_group_doppler.collected(length)]
     one = [wiforce.preamble_fold.collected(length, **parameters)]
+    for collecting in (one[0], two[1]):  # no port that never sends anything
+        assert not pmt.to_python(collecting.message_ports_out())
     folded, tones_tags, _ = run_tones(left, tags, chunk, [fold])
     by_snapshot, snapshot, noise = {}, 0, []
     for offset, vector in enumerate(folded):
