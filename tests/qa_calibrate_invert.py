@@ -68,6 +68,10 @@ def test_phases_become_force_and_location_between_the_calibrated_ones(folder, li
         ("phase1_deg\n1\n", "must have a column phase2_deg"),
         ("phase1_deg,phase2_deg\n1,x\n", "row 2: phase2_deg: must be a finite number, got 'x'"),
         ("phase1_deg,phase2_deg\n1,nan\n", "row 2: phase2_deg: must be a finite number"),
+        (
+            "phase1_deg,phase2_deg\n-1e30,1\n",
+            "phase1_deg: must be at most 1e+12 in size, got '-1e30'",
+        ),
         ("phase1_deg,phase2_deg,location_mm\n1,2,90\n", "location"),
     ],
 )
@@ -118,6 +122,14 @@ def test_a_table_of_another_kind_is_told_how_to_be_read(folder, tmp_path):
     assert done.returncode == 2 and "must be given for a table of taps" in done.stderr
     done = run("calibrate", tmp_path / "t.csv", "-o", tmp_path / "s.yaml", "--kind", "vna")
     assert done.returncode == 2 and "--kind taps" in done.stderr
+
+
+def test_a_sensor_named_by_no_text_is_refused_and_not_written(tmp_path):
+    sensor = tmp_path / "s.yaml"
+    transfer = ("transfer", "wiforce-900mhz", "--frequency-hz", "915e6", "-o", sensor)
+    done = run(*transfer, "--name", "bell\a")
+    assert done.returncode == 2 and "s.yaml: name: must be printable text" in done.stderr
+    assert done.stdout == "" and not sensor.exists()
 
 
 def test_outputs_are_checked_before_any_work(folder, tmp_path):

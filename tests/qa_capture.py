@@ -131,6 +131,16 @@ def test_open_capture_missing_metadata_key_is_named(tmp_path):
         open_capture(stem)
 
 
+def test_open_capture_samples_without_metadata_name_the_commands_that_read_them(tmp_path):
+    raw = tmp_path / "raw.dat"
+    raw.write_bytes(bytes(8000))
+    rule = r"no raw\.dat\.sigmf-meta; raw samples .* --datatype .read, off-reflection"
+    with pytest.raises(InputError, match=rule):
+        open_capture(raw)
+    with pytest.raises(InputError, match=r"raw\.dat: has no scene .* or is read without them"):
+        load_capture_scene(open_capture(raw, "cf32_le"))
+
+
 def test_open_capture_pipe_or_folder_is_refused(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     for path in (tmp_path / "pipe", tmp_path):

@@ -41,6 +41,14 @@ def generated(tmp_path_factory, qt):
     return module
 
 
+@pytest.mark.parametrize("arguments", [["--help"], ["5555"], ["tcp://127.0.0.1:5555", "more"]])
+def test_zmq_client_bad_usage_is_told(arguments):
+    command = [sys.executable, HEADLESS / "zmq_client.py", *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1 and done.stderr.startswith("usage: zmq_client.py [ENDPOINT]")
+    assert len(done.stderr.splitlines()) == 1
+
+
 @pytest.mark.parametrize("path", FLOWGRAPHS, ids=lambda p: p.stem)
 def test_flowgraph_compiles_and_is_documented(generated, path):
     import yaml

@@ -2,6 +2,7 @@
 """Sensor files: what is written is read back equal, and wrong files are rejected by key."""
 
 import copy
+import dataclasses
 import importlib.util
 from pathlib import Path
 
@@ -176,6 +177,14 @@ def test_sensor_name_or_carrier_unknown_is_rejected(tmp_path):
     assert model.phases_deg(4.0, 40.0, 900.5e6).shape == (2,)
     with pytest.raises(InputError, match="carrier must be within 0.1 % of 900 MHz"):
         model.phases_deg(4.0, 40.0, 915e6)
+
+
+@pytest.mark.parametrize("name", ["bad\udcff", "two\nlines", "x" * 256, ""])
+def test_write_sensor_refuses_a_file_that_could_not_be_read(tmp_path, name):
+    model = dataclasses.replace(load_sensor("line-900mhz"), name=name)
+    with pytest.raises(InputError, match="a.yaml: name: must be printable text of 1 to 255"):
+        write_sensor(model, tmp_path / "a.yaml")
+    assert not list(tmp_path.iterdir())
 
 
 def test_write_sensor_failure_leaves_no_partial_file(tmp_path):

@@ -96,6 +96,14 @@ def test_reflection_of_the_line_equals_the_input_impedance_formula():
     assert microstrip.reflection_db(frequency, 2.5 / 0.63) == pytest.approx(plain, abs=1e-6)
 
 
+@pytest.mark.parametrize("name", ["line-900mhz", "line-900mhz-calibrated", "plain-trace-900mhz"])
+def test_phases_of_an_unknown_force_are_unknown_rather_than_untouched(name):
+    model = load_sensor(name)
+    known = model.phases_deg([4.0, 0.0], 45.0)
+    phases = model.phases_deg([np.nan, 4.0, 0.0], 45.0)
+    assert np.isnan(phases[0]).all() and np.array_equal(phases[1:], known)
+
+
 def test_best_match_lies_where_the_published_field_simulations_have_it():
     published = {}
     with open(Path(DATA_DIR) / "data" / "paper" / "hfss_s11.csv") as stream:

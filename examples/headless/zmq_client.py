@@ -7,8 +7,11 @@ import sys
 
 import zmq
 
+endpoint = sys.argv[1] if len(sys.argv) > 1 else "tcp://127.0.0.1:5555"
+if len(sys.argv) > 2 or "://" not in endpoint:
+    sys.exit("usage: zmq_client.py [ENDPOINT], for example: zmq_client.py tcp://127.0.0.1:5555")
 subscriber = zmq.Context().socket(zmq.SUB)
-subscriber.connect(sys.argv[1] if len(sys.argv) > 1 else "tcp://127.0.0.1:5555")
+subscriber.connect(endpoint)
 subscriber.subscribe('{"message": "reading"')
 while True:
     reading = json.loads(subscriber.recv_string())

@@ -40,7 +40,7 @@ def invert(phases, model, output, frequency_hz, std_deg, tracked, smoothed):
     from gnuradio.wiforce.sensor import load_sensor, phase_suspicions
 
     if std_deg is not None and not (math.isfinite(std_deg) and std_deg > 0):
-        raise InputError("--std-deg", "must be positive", std_deg)
+        raise InputError("--std-deg", "must be positive and finite", std_deg)
     if tracked and smoothed:
         raise click.UsageError("--tracked and --smoothed exclude each other")
     sensor = load_sensor(model, frequency_hz=frequency_hz)
@@ -83,7 +83,9 @@ def _numbers(path, number, row):
         except ValueError:
             parsed[column] = math.nan
         if not abs(parsed[column]) <= _LARGEST:
-            raise InputError(f"{path}: row {number}: {column}", "must be a finite number", cell)
+            large = math.isfinite(parsed[column])
+            rule = f"must be at most {_LARGEST:g} in size" if large else "must be a finite number"
+            raise InputError(f"{path}: row {number}: {column}", rule, cell)
     if parsed["location_std_mm"] > 0:
         parsed["location_mm"] = math.nan
     return parsed

@@ -27,6 +27,7 @@ def transfer(sensor, frequency_hz, output, name):
         raise InputError(output, "sensor file must end in .yaml")
     check_output(output, [sensor])
     moved = load_sensor(sensor).transferred(frequency_hz, name or Path(output).stem)
+    write_sensor(moved, output)
     added = moved.transfer_std_deg
     click.echo(
         f"sensor {moved.name}: {frequency_hz / 1e6:g} MHz, "
@@ -37,5 +38,4 @@ def transfer(sensor, frequency_hz, output, name):
             "the standard deviation of each phase"
         )
     )
-    write_sensor(moved, output)
     click.echo(f"written: {output}")

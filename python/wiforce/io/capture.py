@@ -205,7 +205,10 @@ def open_capture(path: str | Path, datatype: str | None = None) -> Capture:
     stem = path.with_suffix("") if path.suffix in (".sigmf-meta", ".sigmf-data") else path
     meta, data = (stem.with_name(stem.name + suffix) for suffix in (".sigmf-meta", ".sigmf-data"))
     if path.is_file() and not meta.is_file():
-        rule = f"is not a capture: there is no {meta.name}; for raw samples give --datatype"
+        rule = (
+            f"is not a capture: there is no {meta.name}; raw samples are only accepted by the "
+            "commands with an option --datatype (read, off-reflection)"
+        )
         raise InputError(path, rule)
     for file in (meta, data):
         _check_file(file)

@@ -85,7 +85,8 @@ def load_capture_scene(capture: Capture) -> Scene:
     ('arm',)
     """
     if capture.scene is None:
-        raise InputError(capture.path, "has no scene in its metadata; name one with --scene")
+        rule = "has no scene in its metadata, or is read without them; name one with --scene"
+        raise InputError(capture.path, rule)
     where = KeyPath(f"{capture.path}: wiforce:scene")
     if not isinstance(capture.scene, dict):
         raise InputError(where.source, "must hold a mapping of keys to values", capture.scene)

@@ -165,7 +165,8 @@ def write_sensor(model: SensorModel, path: str | Path) -> None:
     Raises
     ------
     InputError
-        When the file cannot be written.
+        When the file cannot be written, or could not be read again, for example because the name
+        is not printable.
     OutputError
         When the disk is full.
 
@@ -177,9 +178,9 @@ def write_sensor(model: SensorModel, path: str | Path) -> None:
     >>> load_sensor(path).name
     'line-900mhz'
     """
-    text = yaml.safe_dump(
-        sensor_to_dict(model), sort_keys=False, width=100, default_flow_style=None
-    )
+    content = sensor_to_dict(model)
+    sensor_from_dict(content, path)
+    text = yaml.safe_dump(content, sort_keys=False, width=100, default_flow_style=None)
     try:
         write_whole(path, "# SPDX-License-Identifier: GPL-3.0-or-later\n" + text)
     except OSError as error:

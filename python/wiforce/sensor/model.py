@@ -237,14 +237,15 @@ class SensorModel:
         Returns
         -------
         ndarray, shape (..., 2)
+            NaN where the force is.
         """
         carrier = self.carrier_index(frequency_hz)
         force, location = np.broadcast_arrays(
             np.asarray(force_n, float), np.asarray(location_mm, float)
         )
         pressed = self.short_deg(np.maximum(force, self.onset_force_n), location, carrier)
-        touched = (force >= self.onset_force_n)[..., None]
-        return wrap_deg(np.where(touched, pressed, self._untouched_deg(carrier)))
+        untouched = (force < self.onset_force_n)[..., None]
+        return wrap_deg(np.where(untouched, self._untouched_deg(carrier), pressed))
 
     def invert(
         self,
