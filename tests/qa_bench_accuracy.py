@@ -88,7 +88,8 @@ def room(tmp_path_factory):
 def test_room_row_compares_readings_with_and_without_survey(room):
     """The survey must show what it gains, or nobody knows whether a room needs it."""
     surveyed, plain = room
-    assert max(surveyed.loss_db) < 2.5 < max(plain.loss_db)
+    # Thirteen readings share one reference, so that the loss scatters by some decibels.
+    assert max(surveyed.loss_db) < 5 and max(plain.loss_db) > 10, (surveyed, plain)
     assert surveyed.n == plain.n >= 12 and surveyed.wrong == 0
     assert surveyed.seconds_per_second > plain.seconds_per_second > 0
 

@@ -22,7 +22,11 @@ CALIBRATE = ["calibrate", "file.csv", "-o", "s.yaml"]
 @pytest.mark.parametrize(
     "content, arguments, message",
     [
-        ("1,2\n", ["read", "file.csv"], "is not a capture: there is no file.csv.sigmf-meta; for"),
+        (
+            "1,2\n",
+            ["read", "file.csv"],
+            "is not a capture: there is no file.csv.sigmf-meta; raw samples",
+        ),
         (HEADER, ["simulate", "press.sigmf-meta", "x"], "is a file of a capture; a scene is a"),
         (HEADER, ["plan", "tabeltop"], "shipped scene (did you mean 'tabletop'? gr-wiforce list"),
         (

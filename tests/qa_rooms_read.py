@@ -12,12 +12,9 @@ from rooms.score import score_capture
 ROOMS = (
     "clean",
     "walker+30",
-    "fan+20",
     "tag-1300-10",
-    "tag-2000-10",
     "near-tag-20ppm",
     "image-30",
-    "iq-raw",
     "lamps-10",
     "bursts-20",
     "half-frame",

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from .errors import InputError
 from .estimation.folded_groups import FoldedGroups
 from .estimation.groups import Groups
+from .estimation.sensor_readout import RETUNED
 from .estimation.snapshot_group import GroupScreen, SnapshotGroup
 from .estimation.survey import Survey
 from .estimation.surveyed_groups import SurveyedGroups
@@ -210,7 +211,8 @@ class StreamReader:
         """Why it is not known which phases of a sensor are those untouched; empty if they are."""
         if self._receiver is None:
             return ""
-        return self._receiver.readout.sensors[sensor].state.doubt
+        state = self._receiver.readout.sensors[sensor].state
+        return RETUNED if state.retuned else state.doubt
 
     def _request_tare(self, force: bool) -> TareState:
         if self._receiver is None:

@@ -9,7 +9,7 @@ import fuzzing
 import numpy as np
 import pytest
 
-CASES, LONG_CASES = 200, 10_000
+CASES, LONG_CASES = 100, 10_000
 # Readers leave their buffers behind: see "processes of their own" in docs/architecture.md.
 CASES_PER_PROCESS = {"metadata": 200, "samples": 200}
 PROCESSES, LONG_PROCESSES = 1, 100

@@ -53,7 +53,7 @@ class RoomCase:
     def run(self, run, seed):
         """Simulate with another seed and read twice; estimator to :class:`RoomResult`."""
         scene = load_scene(self.scene)
-        number = zlib.crc32(repr((seed, self.scene, run)).encode())
+        number = zlib.crc32(repr((seed, Path(self.scene).name, run)).encode())
         scene = replace(scene, simulation=replace(scene.simulation, seed=number))
         settings = plan(scene)
         with tempfile.TemporaryDirectory() as folder:
