@@ -147,7 +147,7 @@ def test_rotation_of_standard_output_refused():
 
 @pytest.mark.parametrize("rotation", [Rotation(), Rotation(size_bytes=100)])
 def test_open_rotating_writes_further_columns_and_no_input(tmp_path, rotation):
-    """Readings of two runs in one file could not be told apart; a scene would be overwritten."""
+    """Readings of two runs in one file could not be distinguished; a scene would be overwritten."""
     scene, path = tmp_path / "scene.csv", tmp_path / "grip.csv"
     scene.write_text("precious")
     with pytest.raises(InputError, match="scene.csv"):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Loading and unloading: told apart in a table, reported by calibrate, covered by readings."""
+"""Loading and unloading: distinguished in a table, reported by calibrate, covered by readings."""
 
 import subprocess
 from dataclasses import replace

@@ -90,7 +90,7 @@ class _Streams:
         from gnuradio.wiforce.blocks.sample_sender import sample_sender
         from gnuradio.wiforce.wiforce_kernels import exit_on_terminate
 
-        # GNU Radio reports failures of blocks itself; the reader is told of them here.
+        # GNU Radio reports failures of blocks itself; the reader gets them from here.
         gr.logging().set_default_level(gr.log_levels.off)
         self._radio = radio
         self._transmitted = wiforce.sounding_source(amplitude=request.amplitude, **request.sounding)
@@ -150,7 +150,7 @@ class _Streams:
 
 
 def run(control: socket.socket, samples: socket.socket) -> None:
-    """Open the device that is asked for, and stream until told to stop.
+    """Open the device that is asked for, and stream until the reader stops it.
 
     Parameters
     ----------

@@ -16,7 +16,6 @@ from .live_session import LiveSession
 from .radio_keeper import OPENING, RECONNECTING, RUNNING
 from .run_clock import RunClock, utc_text
 
-STATES = ("waiting", "acquiring", "reference", "reading", "lost", "ended")
 # Without samples for this long the device counts as lost; it sends packets every millisecond.
 _NO_SAMPLES_S = 1.0
 _BEAT_S = 0.5
@@ -135,7 +134,7 @@ class RunHealth:
 
     @property
     def state(self) -> tuple[str, str]:
-        """State of the reader, one of ``STATES``, and the reason where it is not reading."""
+        """State of the reader, as in docs/live.md, and the reason where it is not reading."""
         session, silent_s = self._session, self._samples_age_s()
         if (without := _WITHOUT_DEVICE.get(self._device_state())) is not None:
             return without

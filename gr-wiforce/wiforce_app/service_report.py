@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What systemd is told of a live run: readiness, one line of state, and signs of life."""
+"""Reports of a live run to systemd: readiness, one line of state, and signs of life."""
 
 import time
 from collections.abc import Callable

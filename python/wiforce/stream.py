@@ -12,7 +12,7 @@ from .estimation.sensor_readout import RETUNED
 from .estimation.snapshot_group import GroupScreen, SnapshotGroup
 from .estimation.survey import Survey
 from .estimation.surveyed_groups import SurveyedGroups
-from .estimation.tare_request import TareState
+from .estimation.tare_request import TareReports, TareState
 from .io.readings import GroupCounts, Reading
 from .planning.findings import Finding, findings
 from .planning.plan import Plan
@@ -21,7 +21,7 @@ from .planning.room import adapted, expecting_snr, is_same_room, readapted
 from .receiver import Receiver
 
 
-class StreamTares:
+class StreamTares(TareReports):
     """Requests for a tare of the receiver that reads a stream at present.
 
     Parameters
@@ -31,13 +31,6 @@ class StreamTares:
     cancel : callable
         Takes the reason.
 
-    Attributes
-    ----------
-    state : TareState
-        Of the last request.
-    on_state : callable or None
-        Called with every TareState that follows.
-
     Examples
     --------
     >>> from gnuradio.wiforce.planning.plan import plan
@@ -46,14 +39,8 @@ class StreamTares:
     """
 
     def __init__(self, request: Callable[[bool], TareState], cancel: Callable[[str], None]) -> None:
+        super().__init__()
         self._request, self._cancel = request, cancel
-        self.state = TareState()
-        self.on_state: Callable[[TareState], None] | None = None
-
-    @property
-    def measuring(self) -> bool:
-        """Whether a tare is being measured."""
-        return self.state.state == "measuring"
 
     def request(self, force: bool = False) -> TareState:
         """Measure a new reference, and survey the room in it.
@@ -82,12 +69,6 @@ class StreamTares:
         """
         self._cancel(reason)
         return self.state
-
-    def take(self, state: TareState) -> None:
-        """Take a state of the receiver's own requests."""
-        self.state = state
-        if self.on_state is not None:
-            self.on_state(state)
 
 
 # Time after a survey until the next one, in s: a survey takes a tenth of a second of one core.
@@ -217,14 +198,16 @@ class StreamReader:
     def _request_tare(self, force: bool) -> TareState:
         if self._receiver is None:
             reason = "the first reference is not complete"
-            self.tares.take(TareState("refused", reason, force))
-            return self.tares.state
+            return self.tares.report(TareState("refused", reason, force))
         state = self._receiver.tare(force)
         # What is touched in a forced tare is no room in which nothing is touched.
         if state.state == "measuring" and self._surveyed:
             self._in_tare = not force
             self._kept = None if force else self._survey_from()
         return state
+
+    def _report_tare(self, state: TareState) -> None:
+        self.tares.report(state)
 
     def _cancel_tare(self, reason: str) -> None:
         if self._receiver is not None:
@@ -283,7 +266,7 @@ class StreamReader:
             first_group=first_group,
             counts=self.counts,
         )
-        self._receiver.tares.on_state = self.tares.take
+        self._receiver.tares.on_state = self._report_tare
         self._update_findings()
 
     def _give(self, groups: Groups) -> None:

@@ -155,11 +155,11 @@ class ClockTracking:
         if not lost:
             return self._follow(groups)
         # The tags that are locked may change with every group.
-        self._point = None
+        self.restart()
         clocks = self._follow(first)
-        self._point = None
         for tag in lost:
             self._search.retry(tag, first)
+        self.restart()
         seen = [tag.last_seen_s >= first.center_s[0] for tag in model.locked]
         return replace(clocks, path=model.predict(first), received=np.array([seen], bool))
 
@@ -199,7 +199,7 @@ class ClockTracking:
             residual = group.power_at(shifts) / freedom
             raised[row] = noise.raised(residual, freedom)
             inverse[row] = noise.inverse / raised[row]
-            ratio = noise.ratio(residual, raised[row])
+            ratio = float(residual @ inverse[row]) / len(residual)
             ratios.append(ratio)
             if not missing[row]:
                 verdict = noise.learn(residual, ratio, levels[row], raised[row])

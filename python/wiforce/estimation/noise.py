@@ -90,8 +90,8 @@ class NoiseEstimate:
     --------
     >>> noise = NoiseEstimate(0.036)
     >>> noise.set(np.array([1.0, 2.0, 3.0]), level=1.0)
-    >>> noise.level, noise.ratio(np.array([2.0, 4.0, 6.0]))
-    (2.0, 2.0)
+    >>> noise.level, noise.inverse[1]
+    (2.0, 0.5)
     """
 
     def __init__(self, group_period_s: float) -> None:
@@ -122,13 +122,6 @@ class NoiseEstimate:
         if groups is not None:
             self._groups = groups
 
-    def ratio(self, residual: Array, raised: Array | float = 1.0) -> float:
-        """Mean of a residual's variance (K,) over the noise, 1 when the model fits.
-
-        ``raised`` is that of the group (:meth:`raised`).
-        """
-        return float(residual @ (self.inverse / raised)) / len(residual)
-
     def raised(self, residual: Array, freedom: int) -> Array:
         """Noise of a group over that of the groups before, 1 where it is not significantly more.
 
@@ -156,7 +149,8 @@ class NoiseEstimate:
         residual : ndarray, shape (K,)
             Mean square of the whitened residual per degree of freedom.
         ratio : float
-            See :meth:`ratio`; of the subcarriers that are not raised.
+            Mean over the subcarriers of the residual over the noise, 1 when the model fits.
+            Raised subcarriers count by their own noise.
         level : float
             Mean power of the group's whitened tones.
         raised : ndarray, shape (K,), optional

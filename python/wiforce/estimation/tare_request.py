@@ -82,7 +82,51 @@ class _Measured:
         return None
 
 
-class TareRequests:
+class TareReports:
+    """What became of requests for a tare.
+
+    Attributes
+    ----------
+    state : TareState
+        Of the last request.
+    on_state : callable or None
+        Called with every TareState that follows.
+
+    Examples
+    --------
+    >>> reports = TareReports()
+    >>> reports.report(TareState("measuring")).state, reports.measuring
+    ('measuring', True)
+    """
+
+    def __init__(self) -> None:
+        self.state = TareState()
+        self.on_state: Callable[[TareState], None] | None = None
+
+    @property
+    def measuring(self) -> bool:
+        """Whether a tare is being measured."""
+        return self.state.state == "measuring"
+
+    def report(self, state: TareState) -> TareState:
+        """Take a new state, and pass it on.
+
+        Parameters
+        ----------
+        state : TareState
+
+        Returns
+        -------
+        TareState
+            The same.
+        """
+        self.state = state
+        if self.on_state is not None:
+            self.on_state(state)
+        return state
+
+
+class TareRequests(TareReports):
     """Decides on requests for a tare from what the sensors show before and during it.
 
     Parameters
@@ -93,13 +137,6 @@ class TareRequests:
         By name.
     group_period_s : float
         Length of a group, in s.
-
-    Attributes
-    ----------
-    state : TareState
-        Of the last request.
-    on_state : callable or None
-        Called with every TareState that follows.
 
     Examples
     --------
@@ -114,17 +151,11 @@ class TareRequests:
         sensors: Mapping[str, SensorReadout],
         group_period_s: float,
     ) -> None:
+        super().__init__()
         self._reference, self._sensors = reference, sensors
         self._period_s = group_period_s
         self._measured: dict[str, _Measured] = {}
         self._index = 0
-        self.state = TareState()
-        self.on_state: Callable[[TareState], None] | None = None
-
-    @property
-    def measuring(self) -> bool:
-        """Whether a tare is being measured."""
-        return self.state.state == "measuring"
 
     def request(self, force: bool = False) -> TareState:
         """Measure a new reference in the groups that follow, unless a sensor is touched.
@@ -245,7 +276,4 @@ class TareRequests:
         self._set("complete", reason, self.state.forced)
 
     def _set(self, state: str, reason: str, forced: bool) -> TareState:
-        self.state = TareState(state, reason, forced, round(self.time_s, 6))
-        if self.on_state is not None:
-            self.on_state(self.state)
-        return self.state
+        return self.report(TareState(state, reason, forced, round(self.time_s, 6)))

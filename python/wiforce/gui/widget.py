@@ -43,7 +43,7 @@ class ForceDisplay(QWidget):
     after 10 s. Force is shown as an arrow's length and as a number with two standard deviations.
     Readings with a flag other than ``reference`` have another colour and the flags beside them.
 
-    The signal ``tare_requested`` is emitted when the tare button is pressed. What becomes of the
+    The signal ``tare_requested`` is sent when the tare button is pressed. What becomes of the
     request is shown beside the button (``show_tare``).
 
     Parameters

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Loading and unloading, told by the order in which a press was measured."""
+"""Loading and unloading, distinguished by the order in which a press was measured."""
 
 import numpy as np
 
