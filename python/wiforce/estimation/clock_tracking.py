@@ -21,7 +21,7 @@ from .group_tones import GroupTones, power_of
 from .groups import Array
 from .joint_clock import PhaseExpansion, phase_errors
 from .least_squares import ToneModel
-from .noise import NoiseEstimate, Verdict
+from .noise import NoiseEstimate, NoiseHistory, Verdict
 from .tracked_tag import TrackedTag
 
 # A tag that was not received for this long is acquired again, because its clock may have restarted.
@@ -45,42 +45,55 @@ class TrackedClocks:
         Corrected by each group; arrays of shape (G, tags).
     received : ndarray of bool, shape (G, tags)
         Whether the group contains the tag.
-    ratio : ndarray, shape (G,)
-        Residual of each group over the noise before it.
-    raised : ndarray, shape (G, K)
-        Noise of each group over that of the groups before (``NoiseEstimate.raised``).
-    inverse_noise : ndarray, shape (G, K)
-        1 / sigma_k^2 of each group, by the groups before and ``raised``.
-    variance : ndarray, shape (G, K)
-        sigma_k^2 after it, without ``raised``.
-    model_lost : bool
-        Whether the last of these groups shows that clocks or noise are wrong.
+    noise : NoiseHistory
+        MODEL_LOST where the last of these groups shows that clocks or noise are wrong.
 
     Examples
     --------
-    >>> path, noise = ClockPath(np.zeros((3, 1)), np.zeros((3, 1))), np.ones((3, 62))
-    >>> len(TrackedClocks(path, np.ones((3, 1), bool), np.ones(3), noise, noise, noise))
+    >>> path, ones = ClockPath(np.zeros((3, 1)), np.zeros((3, 1))), np.ones((3, 62))
+    >>> noise = NoiseHistory(np.ones(3), ones, ones, ones, Verdict.LEARNED)
+    >>> len(TrackedClocks(path, np.ones((3, 1), bool), noise))
     3
     """
 
     path: ClockPath
     received: Array
-    ratio: Array
-    raised: Array
-    inverse_noise: Array
-    variance: Array
-    model_lost: bool = False
+    noise: NoiseHistory
 
     def __len__(self) -> int:
-        return len(self.ratio)
+        return len(self.noise)
 
 
 @dataclass(frozen=True)
 class _OperatingPoint:
-    """Clocks before a group, at which groups are evaluated from this one on up to ``stop``."""
+    """Clocks and noise before a group, by which groups are evaluated up to ``stop``."""
 
     stop: int
     trackers: list[ClockTracker]
+    inverse_noise: Array
+    noise_level: float
+
+
+@dataclass(frozen=True)
+class _Measurement:
+    """What G groups say of the clocks of S tags, at the clocks assumed.
+
+    Attributes
+    ----------
+    assumed : ndarray, shape (G, S)
+        Phases, in rad.
+    likelihood : ndarray, shape (G, S, 3)
+        J, J' and J'' of each tag without the others.
+    noise_level : float
+        Mean noise variance by which the likelihoods are scaled.
+    errors : ndarray, shape (G, S, 2), or None
+        Errors of the phases by the complete model, and their variances, where these are used.
+    """
+
+    assumed: Array
+    likelihood: Array
+    noise_level: float
+    errors: Array | None
 
 
 class ClockTracking:
@@ -121,14 +134,14 @@ class ClockTracking:
         residual = fit.noise()
         raised = np.array([noise.raised(each, fit.freedom) for each in residual])
         last_seen_s = np.array([tag.last_seen_s for tag in self._model.locked])
-        return TrackedClocks(
-            clocks,
-            last_seen_s >= groups.center_s[:, None] - 1e-9,
+        history = NoiseHistory(
             np.mean(residual * noise.inverse / raised, axis=1),
             raised,
             noise.inverse / raised,
             np.tile(noise.variance, (len(groups), 1)),
+            Verdict.LEARNED,
         )
+        return TrackedClocks(clocks, last_seen_s >= groups.center_s[:, None] - 1e-9, history)
 
     def restart(self) -> None:
         """Start from clocks that were acquired again."""
@@ -164,59 +177,72 @@ class ClockTracking:
         return replace(clocks, path=model.predict(first), received=np.array([seen], bool))
 
     def _follow(self, groups: GroupTones) -> TrackedClocks:
-        model, noise = self._model, self._noise
-        locked, trackers = model.locked, model.trackers
+        locked, trackers = self._model.locked, self._model.trackers
         point = self._point_for(groups, trackers)
         groups = groups[: int(np.searchsorted(groups.group, point.stop))]
         assumed = predict_clocks(point.trackers, groups.center_s)
-        expansion, likelihoods, freedom = self._expand(groups, assumed)
-        wandering = np.array([tag.clock.wanders for tag in locked], bool)
-        phase, rate = np.empty((2, *assumed.phase.shape))
+        expansion, terms, freedom = self._expand(groups, assumed)
+        measured = _Measurement(
+            assumed.phase,
+            terms @ point.inverse_noise / groups.loss[:, :, None],
+            point.noise_level,
+            self._errors(expansion, point.inverse_noise),
+        )
+        before = [copy(tracker) for tracker in trackers], [tag.last_seen_s for tag in locked]
+        path, received = self._filter(groups.center_s, measured)
+        count = len(received)
+        shifts = np.remainder(path.phase - assumed.phase[:count] + np.pi, 2 * np.pi) - np.pi
+        # Of clocks that wander, contained in the wander that was removed.
+        shifts[:, [tag.clock.wanders for tag in locked]] = 0.0
+        residuals = expansion[:count].power_at(shifts) / freedom
+        complete = (groups.missing == 0).tolist()
+        noise = self._noise.follow(residuals, freedom, groups.level.tolist(), complete)
+        if noise.verdict is not Verdict.LEARNED:
+            # What follows is tracked by the noise that this group has shown.
+            self.restart()
+            if len(noise) < count:
+                for tag, tracker, last_seen_s in zip(locked, *before, strict=True):
+                    tag.tracker, tag.last_seen_s = tracker, last_seen_s
+                path, received = self._filter(groups.center_s[: len(noise)], measured)
+        return TrackedClocks(path, received, noise)
+
+    def _filter(self, center_s: Array, measured: _Measurement) -> tuple[ClockPath, Array]:
+        """Update the trackers by one group after the other, as long as the point serves.
+
+        Parameters
+        ----------
+        center_s : ndarray, shape (G,)
+            Centres of groups, at least one.
+        measured : _Measurement
+            Of at least these groups.
+
+        Returns
+        -------
+        path : ClockPath
+            Of as many groups as were taken.
+        received : ndarray of bool, shape (G, S)
+            Whether each of them contains the tag.
+        """
+        locked, trackers = self._model.locked, self._model.trackers
+        noise_level = measured.noise_level
+        assumed, likelihoods = measured.assumed.tolist(), measured.likelihood.tolist()
+        errors = None if measured.errors is None else measured.errors.tolist()
+        phase, rate = np.empty((2, len(center_s), len(locked)))
         received = np.zeros(phase.shape, bool)
-        raised, inverse, variance = np.empty((3, *expansion.power.shape))
-        ratios: list[float] = []
-        model_lost = False
-        phases, levels = assumed.phase.tolist(), groups.level.tolist()
-        loss, missing = groups.loss.ravel().tolist(), groups.missing.tolist()
-        for row, time_s in enumerate(groups.center_s.tolist()):
-            ahead = _ahead(trackers, phases[row], time_s)
+        for row, time_s in enumerate(center_s.tolist()):
+            ahead = _ahead(trackers, assumed[row], time_s)
             if row and (
                 max(map(abs, ahead), default=0.0) > _POINT_RAD
                 or any(_expired(tag, time_s) for tag in locked)
             ):
-                break
-            group = expansion[row]
-            errors = self._measure(group)
-            values = (likelihoods[row] @ noise.inverse / loss[row]).tolist()
+                return ClockPath(phase[:row], rate[:row]), received[:row]
             for i, tracker in enumerate(trackers):
-                error = errors[i] if errors else None
-                if tracker.update(time_s, values[i], noise.level, error, ahead[i]):
+                values, error = likelihoods[row][i], errors[row][i] if errors else None
+                if tracker.update(time_s, values, noise_level, error, ahead[i]):
                     locked[i].last_seen_s = time_s
                     received[row, i] = True
                 phase[row, i], rate[row, i] = tracker.phase, tracker.rate
-            shifts = np.remainder(phase[row] - assumed.phase[row] + np.pi, 2 * np.pi) - np.pi
-            shifts[wandering] = 0.0  # contained in the wander that was removed
-            residual = group.power_at(shifts) / freedom
-            raised[row] = noise.raised(residual, freedom)
-            inverse[row] = noise.inverse / raised[row]
-            ratio = float(residual @ inverse[row]) / len(residual)
-            ratios.append(ratio)
-            if not missing[row]:
-                verdict = noise.learn(residual, ratio, levels[row], raised[row])
-                model_lost = verdict is Verdict.MODEL_LOST
-            variance[row] = noise.variance
-            if model_lost:
-                break
-        count = len(ratios)
-        return TrackedClocks(
-            ClockPath(phase[:count], rate[:count]),
-            received[:count],
-            np.array(ratios),
-            raised[:count],
-            inverse[:count],
-            variance[:count],
-            model_lost,
-        )
+        return ClockPath(phase, rate), received
 
     def _point_for(self, groups: GroupTones, trackers: list[ClockTracker]) -> _OperatingPoint:
         """The operating point of the first of some groups: the present one, or a new one."""
@@ -226,7 +252,8 @@ class ClockTracking:
             phases = [tracker.predict(time_s)[0] for tracker in point.trackers]
             if max(map(abs, _ahead(trackers, phases, time_s)), default=0.0) <= _POINT_RAD:
                 return point
-        self._point = _OperatingPoint(group + _POINT_GROUPS, [copy(each) for each in trackers])
+        before, noise = [copy(each) for each in trackers], self._noise
+        self._point = _OperatingPoint(group + _POINT_GROUPS, before, noise.inverse, noise.level)
         return self._point
 
     def _expand(self, groups: GroupTones, assumed: ClockPath) -> tuple[PhaseExpansion, Array, int]:
@@ -247,12 +274,11 @@ class ClockTracking:
             expansion.power = power_of(fit.residual).sum(axis=1)
         return expansion, terms, fit.freedom
 
-    def _measure(self, group: PhaseExpansion) -> list[tuple[float, float]]:
+    def _errors(self, expansion: PhaseExpansion, inverse_noise: Array) -> Array | None:
         """Errors of the phases assumed and their variances by the complete model, if used."""
         if not self._search.jointly or not self._model.locked:
-            return []
-        errors, variances = phase_errors(*group.information(self._noise.inverse))
-        return list(zip(errors.tolist(), variances.tolist(), strict=True))
+            return None
+        return np.stack(phase_errors(*expansion.information(inverse_noise)), axis=2)
 
 
 def _expired(tag: TrackedTag, time_s: float) -> bool:

@@ -174,14 +174,14 @@ class PhaseExpansion:
             np.einsum("...aiaj->...a", _by_tag(noise)),
         )
 
-    def __getitem__(self, group: int) -> PhaseExpansion:
-        """The expansion of one of the groups."""
+    def __getitem__(self, rows: slice) -> PhaseExpansion:
+        """The expansion of some of the groups."""
         return PhaseExpansion(
-            self.ends[group],
-            self.power[group],
-            self.gradient[group],
-            self.gram[group],
-            self.excess[group],
+            self.ends[rows],
+            self.power[rows],
+            self.gradient[rows],
+            self.gram[rows],
+            self.excess[rows],
         )
 
     def information(self, inverse_noise: Array) -> tuple[Array, Array, Array]:

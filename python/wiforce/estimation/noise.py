@@ -8,6 +8,8 @@ of them (``NoiseEstimate.raised``).
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import Enum, auto
 
 import numpy as np
@@ -42,6 +44,7 @@ _LEAST_RAISED = 4.0
 # Groups in a row in which it is raised after which that is its usual noise. A transmitter that is
 # on a subcarrier in four groups of ten hardly ever stays for as long.
 _LASTING_GROUPS = 16
+_NO_GROUPS: Array = np.zeros(0, int)
 
 
 class Verdict(Enum):
@@ -51,6 +54,8 @@ class Verdict(Enum):
     ----------
     LEARNED
         The group fits, or is a single outlier.
+    STEPPED
+        The noise has risen or fallen.
     MODEL_LOST
         ``STEP_GROUPS`` groups in a row do not fit: noise has risen, or a clock is tracked at a
         wrong phase.
@@ -58,11 +63,47 @@ class Verdict(Enum):
     Examples
     --------
     >>> [verdict.name for verdict in Verdict]
-    ['LEARNED', 'MODEL_LOST']
+    ['LEARNED', 'STEPPED', 'MODEL_LOST']
     """
 
     LEARNED = auto()
+    STEPPED = auto()
     MODEL_LOST = auto()
+
+
+@dataclass(frozen=True)
+class NoiseHistory:
+    """Noise in G groups.
+
+    Attributes
+    ----------
+    ratio : ndarray, shape (G,)
+        Residual of each group over the noise before it, 1 when the model fits. Raised subcarriers
+        count by their own noise.
+    raised : ndarray, shape (G, K)
+        Noise of each group over that of the groups before (``NoiseEstimate.raised``).
+    inverse : ndarray, shape (G, K)
+        1 / sigma_k^2 of each group, by the groups before and ``raised``.
+    variance : ndarray, shape (G, K)
+        sigma_k^2 after it, without ``raised``.
+    verdict : Verdict
+        On the last of these groups.
+
+    Examples
+    --------
+    >>> ones = np.ones((3, 62))
+    >>> len(NoiseHistory(np.ones(3), ones, ones, ones, Verdict.LEARNED))
+    3
+    """
+
+    ratio: Array
+    raised: Array
+    inverse: Array
+    variance: Array
+    verdict: Verdict
+
+    def __len__(self) -> int:
+        return len(self.ratio)
 
 
 class NoiseEstimate:
@@ -81,8 +122,6 @@ class NoiseEstimate:
         sigma_k^2.
     inverse : ndarray, shape (K,)
         1 / sigma_k^2.
-    level : float
-        Mean of the variance over the subcarriers.
     memory : int
         Groups that it is a mean of, at most.
 
@@ -98,11 +137,15 @@ class NoiseEstimate:
         self.known = False
         self.variance: Array = np.empty(0)
         self.inverse: Array = np.empty(0)
-        self.level = 0.0
         self._groups = 0
         self.memory = max(_LEAST_MEMORY_GROUPS, int(_MEMORY_S / group_period_s))
         self._ratios: deque[float] = deque(maxlen=STEP_GROUPS)
-        self._raised_groups: Array = np.zeros(0, int)
+        self._raised_groups = _NO_GROUPS
+
+    @property
+    def level(self) -> float:
+        """Mean of the variance over the subcarriers."""
+        return float(self.variance.sum()) / len(self.variance)
 
     def set(self, variance: Array, level: float, groups: int | None = None) -> None:
         """Set the variance of the noise, limited to the rounding errors of the tones.
@@ -118,7 +161,6 @@ class NoiseEstimate:
         self.known = True
         self.variance = np.maximum(variance, max(_FLOOR * level, 1e-300))
         self.inverse = 1 / self.variance
-        self.level = float(self.variance.sum()) / len(self.variance)
         if groups is not None:
             self._groups = groups
 
@@ -139,6 +181,55 @@ class NoiseEstimate:
         """
         return raised_subcarriers(residual * self.inverse, freedom)
 
+    def follow(
+        self, residuals: Array, freedom: int, levels: Sequence[float], complete: Sequence[bool]
+    ) -> NoiseHistory:
+        """Update the estimate group by group, up to the first one that it does not fit.
+
+        Parameters
+        ----------
+        residuals : ndarray, shape (G, K)
+            Mean square of each group's whitened residual per degree of freedom.
+        freedom : int
+            Complex degrees of freedom of each on every subcarrier.
+        levels : sequence of float, length G
+            Mean power of each group's whitened tones.
+        complete : sequence of bool, length G
+            Whether the group may be learned from.
+
+        Returns
+        -------
+        NoiseHistory
+            Of as many groups as were taken, at least one; of all of them where each is LEARNED.
+
+        Examples
+        --------
+        >>> noise = NoiseEstimate(0.036)
+        >>> noise.set(np.ones(62), level=1.0, groups=12)
+        >>> history = noise.follow(np.full((20, 62), 2.0), 14, np.ones(20), np.ones(20, bool))
+        >>> len(history), history.verdict.name, history.ratio[0], round(noise.level, 1)
+        (8, 'STEPPED', 2.0, 2.0)
+        """
+        limit = _raised_limit(freedom)
+        ratio, raised = np.empty(len(residuals)), np.ones(residuals.shape)
+        inverse, variance = np.empty((2, *residuals.shape))
+        verdict, count = Verdict.LEARNED, 0
+        while verdict is Verdict.LEARNED and count < len(residuals):
+            inverse[count], residual = self.inverse, residuals[count]
+            ratios, interfered = residual * self.inverse, None
+            if ratios.max() > limit:
+                interfered = raised[count] = raised_subcarriers(ratios, freedom)
+                inverse[count] /= interfered
+                ratios /= interfered
+            ratio[count] = ratios.sum() / len(ratios)
+            if complete[count]:
+                verdict = self.learn(residual, float(ratio[count]), levels[count], interfered)
+            variance[count] = self.variance
+            count += 1
+        return NoiseHistory(
+            ratio[:count], raised[:count], inverse[:count], variance[:count], verdict
+        )
+
     def learn(
         self, residual: Array, ratio: float, level: float, raised: Array | None = None
     ) -> Verdict:
@@ -154,13 +245,16 @@ class NoiseEstimate:
         level : float
             Mean power of the group's whitened tones.
         raised : ndarray, shape (K,), optional
-            See :meth:`raised`. These subcarriers are learned only if it lasts.
+            See :meth:`raised`. These subcarriers are learned only if it lasts. None where none is
+            raised.
 
         Returns
         -------
         Verdict
         """
-        if raised is not None:
+        if raised is None:
+            self._raised_groups = _NO_GROUPS
+        else:
             residual = self._without_passing(residual, raised > 1)
         self._ratios.append(ratio)
         full = len(self._ratios) == STEP_GROUPS
@@ -174,7 +268,7 @@ class NoiseEstimate:
             # The level has changed; the profile over the subcarriers is still the best estimate.
             self._ratios.clear()
             self.set(median * self.variance, level, min(self._groups, STEP_GROUPS))
-            return Verdict.LEARNED
+            return Verdict.STEPPED
         self._groups = min(self._groups + 1, self.memory)
         self.set(self.variance + (residual - self.variance) / self._groups, level)
         return Verdict.LEARNED
@@ -216,14 +310,20 @@ def raised_subcarriers(ratios: Array, freedom: int) -> Array:
     >>> bool(np.all(raised_subcarriers(np.full(62, 100.0), 14) == 1))
     True
     """
-    limit = (1 - 1 / (9 * freedom) + _RAISED_STDS / (3 * freedom**0.5)) ** 3
-    limit = max(limit, _LEAST_RAISED)
+    limit = _raised_limit(freedom)
     if ratios.max() > limit:
         quarter = len(ratios) // 4
         quartile = max(1.0, np.partition(ratios, quarter)[quarter])
         if quartile <= _NARROW_BAND_QUARTILE:
             return np.where(ratios > limit * quartile**3, ratios, 1.0)
     return np.ones_like(ratios)
+
+
+def _raised_limit(freedom: int) -> float:
+    return max(
+        (1 - 1 / (9 * freedom) + _RAISED_STDS / (3 * freedom**0.5)) ** 3,
+        _LEAST_RAISED,
+    )
 
 
 def robust_noise(residuals: Array, freedom: int) -> Array:

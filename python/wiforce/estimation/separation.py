@@ -23,7 +23,7 @@ from .coherence import CoherentResidual
 from .group_tones import GroupTones, power_of
 from .groups import Array, Groups
 from .least_squares import ToneModel
-from .noise import STEP_GROUPS, NoiseEstimate
+from .noise import STEP_GROUPS, NoiseEstimate, Verdict
 from .tracked_tag import TagClock, TrackedTag
 
 # Ratio of a group's residual to the noise above which it raises the stated uncertainty. The ratio
@@ -159,8 +159,9 @@ class EndSeparator:
         clocks = self._tracking.track(groups) if update else self._tracking.predict(groups)
         groups = groups[: len(clocks)]
         ends, gain, fit = self._model.solve(groups, clocks.path)
-        factors, disturbed = self._coherence.update(fit, clocks.inverse_noise)
-        significant = np.where(clocks.ratio > _SIGNIFICANT_RESIDUAL, clocks.ratio, 1.0)
+        noise = clocks.noise
+        factors, disturbed = self._coherence.update(fit, noise.inverse)
+        significant = np.where(noise.ratio > _SIGNIFICANT_RESIDUAL, noise.ratio, 1.0)
         stated, disturbed_tags = gain.copy(), np.zeros((len(groups), len(self._model.tags)), bool)
         stated[:, fit.rows] *= np.maximum(factors, significant[:, None])
         disturbed_tags[:, fit.rows[::2] // 2] = disturbed[:, ::2] | disturbed[:, 1::2]
@@ -168,16 +169,16 @@ class EndSeparator:
             **self._clock_arrays(clocks),
             "ends": ends,
             "gain": stated,
-            "noise": clocks.variance * clocks.raised,
-            "raised": clocks.raised,
-            "snr_db": self._snr_db(ends, gain, clocks.variance),
+            "noise": noise.variance * noise.raised,
+            "raised": noise.raised,
+            "snr_db": self._snr_db(ends, gain, noise.variance),
             "disturbed": disturbed_tags,
         }
         if update:
             self._latest.extend((groups, row) for row in np.flatnonzero(groups.missing == 0))
-        if clocks.model_lost:
+        if noise.verdict is Verdict.MODEL_LOST:
             self._search_again()
-            arrays["noise"][-1] = self._noise.variance * clocks.raised[-1]
+            arrays["noise"][-1] = self._noise.variance * noise.raised[-1]
         return arrays
 
     def _without_ends(self, groups: GroupTones) -> dict[str, Array]:
