@@ -29,8 +29,9 @@ _LOST_S = 0.5
 # Longest gap over which a clock is predicted: drifting by 0.5 ppm/s it may then be wrong by
 # d t^2 / 2 = 0.1 cycles at 1 kHz.
 _BRIDGED_S = 20.0
-# An operating point is used for this many groups, as long as no clock is further from it than this
-# many radians.
+# An operating point is used for this long, at least this many groups, as long as no clock is further
+# from it than this many radians. The noise changes less in this time than in that it is averaged.
+_POINT_S = 0.5
 _POINT_GROUPS = 16
 _POINT_RAD = 0.003
 
@@ -126,6 +127,7 @@ class ClockTracking:
     def __init__(self, model: ToneModel, noise: NoiseEstimate, search: ClockSearch) -> None:
         self._model, self._noise, self._search = model, noise, search
         self._point: _OperatingPoint | None = None
+        self._point_groups = max(_POINT_GROUPS, int(_POINT_S / model.group_period_s))
 
     def predict(self, groups: GroupTones) -> TrackedClocks:
         """Clocks and noise in groups that they were acquired from."""
@@ -253,7 +255,8 @@ class ClockTracking:
             if max(map(abs, _ahead(trackers, phases, time_s)), default=0.0) <= _POINT_RAD:
                 return point
         before, noise = [copy(each) for each in trackers], self._noise
-        self._point = _OperatingPoint(group + _POINT_GROUPS, before, noise.inverse, noise.level)
+        stop = group + self._point_groups
+        self._point = _OperatingPoint(stop, before, noise.inverse, noise.level)
         return self._point
 
     def _expand(self, groups: GroupTones, assumed: ClockPath) -> tuple[PhaseExpansion, Array, int]:
