@@ -105,22 +105,24 @@ class DriftRate:
         self, time_s: float, phases_deg: Sequence[float], std_deg: Sequence[float]
     ) -> None:
         self._recent.append((time_s, phases_deg, std_deg))
+        keep, first, second = self._keep, phases_deg[0], phases_deg[1]
+        noise1, noise2 = std_deg[0] ** 2, std_deg[1] ** 2
         for lag, sums in self._sums.items():
             if len(self._recent) <= lag:
                 continue
             before_s, before, noise = self._recent[-1 - lag]
             if time_s - before_s > (lag + 0.5) * self._period_s:
                 continue  # groups are missing
-            changes = [
-                180.0 - (180.0 - (a - b)) % 360.0 for a, b in zip(phases_deg, before, strict=True)
-            ]
-            if max(map(abs, changes)) > _EVENT_DEG:
+            change1 = 180.0 - (180.0 - (first - before[0])) % 360.0
+            change2 = 180.0 - (180.0 - (second - before[1])) % 360.0
+            if abs(change1) > _EVENT_DEG or abs(change2) > _EVENT_DEG:
                 self.interrupt()
                 return
-            new = [1.0]
-            new += [change * change for change in changes]
-            new += [a * a + b * b for a, b in zip(std_deg, noise, strict=True)]
-            sums[:] = [self._keep * old + more for old, more in zip(sums, new, strict=True)]
+            sums[0] = keep * sums[0] + 1.0
+            sums[1] = keep * sums[1] + change1 * change1
+            sums[2] = keep * sums[2] + change2 * change2
+            sums[3] = keep * sums[3] + noise1 + noise[0] ** 2
+            sums[4] = keep * sums[4] + noise2 + noise[1] ** 2
         if self._before is not None and len(self._recent) == _ACROSS_GROUPS:
             self._compare_across(self._before, self._newest())
             self._before = None

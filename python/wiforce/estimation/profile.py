@@ -8,6 +8,8 @@ that comes over the air one that consists of a few delays.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ..signal.waveform import FFT_LENGTH, Waveform
@@ -96,13 +98,11 @@ class ProfileCheck:
         self._subcarriers = waveform.subcarriers
         self._reference: Array | None = None
         self._other: Array = np.empty(0)
-        self._mean = np.ones(ends)
-        self._groups = np.zeros(ends)
+        self._mean, self._groups = [1.0] * ends, [0] * ends
 
     def reset(self) -> None:
         """Forget the groups so far, for a new reference."""
-        self._mean[:] = 1
-        self._groups[:] = 0
+        self._mean, self._groups = [1.0] * len(self._mean), [0] * len(self._groups)
 
     def process(
         self,
@@ -175,15 +175,25 @@ class ProfileCheck:
             ratios = np.mean((along.real**2 + along.imag**2) / expected, axis=2)
         spread = basis.shape[2] ** -0.5
         factors = np.ones(ratios.shape)
-        for row, ratio in enumerate(ratios):
-            known = np.isfinite(ratio)
-            self._groups += known
-            count = np.minimum(np.maximum(self._groups, 1), _MEAN_GROUPS)
-            rise = np.where(known, np.minimum(ratio, 4 * np.maximum(self._mean, 1)), self._mean)
-            self._mean += (rise - self._mean) / count
-            lasting = self._mean > 1 + _MEAN_STDS * spread * count**-0.5
-            sudden = known & (ratio > 1 + _GROUP_STDS * spread)
-            factors[row] = np.maximum(np.where(lasting, self._mean, 1), np.where(sudden, ratio, 1))
+        for end, column in enumerate(ratios.T.tolist()):
+            factors[:, end] = self._end_factors(end, column, spread)
+        return factors
+
+    def _end_factors(self, end: int, ratios: list[float], spread: float) -> list[float]:
+        """Factors of one end in a batch: its ratios, where these are more than noise."""
+        mean, groups, factors = self._mean[end], self._groups[end], []
+        for ratio in ratios:
+            known = math.isfinite(ratio)
+            if known:
+                groups += 1
+                count = min(groups, _MEAN_GROUPS)
+                mean += (min(ratio, 4 * max(mean, 1.0)) - mean) / count
+            count = min(max(groups, 1), _MEAN_GROUPS)
+            factor = mean if mean > 1 + _MEAN_STDS * spread * count**-0.5 else 1.0
+            if known and ratio > 1 + _GROUP_STDS * spread:
+                factor = max(factor, ratio)
+            factors.append(factor)
+        self._mean[end], self._groups[end] = mean, groups
         return factors
 
     def _other_profiles(self, reference: Array) -> Array:

@@ -52,8 +52,10 @@ class SlowTare:
 
     def __init__(self, group_period_s: float) -> None:
         length = max(_DRIFT_GROUPS, round(_MEMORY_S / group_period_s))
-        # Columns time, both phases, weight; a ring, as no sum below depends on the order.
+        # Columns 1, time from an origin and both phases, times the root of the weight; a ring, as no
+        # sum below depends on the order.
         self._untouched = np.zeros((4, length))
+        self._origin_s = 0.0
         self._count = self._next = 0
         self._recent: deque[_Group] = deque()
         self._outliers: list[_Group] = []
@@ -88,14 +90,12 @@ class SlowTare:
         phases_deg, std_deg : pair of float
             arg R of both ends and its standard deviation, in degrees.
         """
-        change = [
-            180.0 - (180.0 - (phase - drift)) % 360.0
-            for phase, drift in zip(phases_deg, self.drift_deg, strict=True)
-        ]
+        first, second = self.drift_deg
+        change1 = 180.0 - (180.0 - (phases_deg[0] - first)) % 360.0
+        change2 = 180.0 - (180.0 - (phases_deg[1] - second)) % 360.0
         variance = max(std_deg[0] ** 2 + std_deg[1] ** 2, 1e-12)
-        first, second = (d + c for d, c in zip(self.drift_deg, change, strict=True))
-        group = (time_s, first, second, 1 / variance)
-        if abs(change[0] - change[1]) > max(_OUTLIER_STDS * math.hypot(*std_deg), _OUTLIER_DEG):
+        group = (time_s, first + change1, second + change2, variance**-0.5)
+        if abs(change1 - change2) > max(_OUTLIER_STDS * math.hypot(*std_deg), _OUTLIER_DEG):
             self._outliers.append(group)
             if len(self._outliers) < _OUTLIERS:
                 return
@@ -105,27 +105,38 @@ class SlowTare:
             self._recent.append(group)
         self._outliers.clear()
         while len(self._recent) > _DELAY_GROUPS:
-            self._untouched[:, self._next] = self._recent.popleft()
+            self._keep(*self._recent.popleft())
             self._next = (self._next + 1) % self._untouched.shape[1]
             self._count = min(self._count + 1, self._untouched.shape[1])
         if self._count:
             self.drift_deg = self._extrapolate(time_s)
 
+    def _keep(self, time_s: float, first: float, second: float, root: float) -> None:
+        """Put a group into the ring, in place of the oldest."""
+        rows = self._untouched
+        if time_s - self._origin_s > _MEMORY_S:
+            # Times remain small, so that their squares can be summed.
+            rows[1] += (self._origin_s - time_s) * rows[0]
+            self._origin_s = time_s
+        rows[:, self._next] = root, root * (time_s - self._origin_s), root * first, root * second
+
     def _extrapolate(self, time_s: float) -> tuple[float, float]:
         """Phases of both ends now: their mean, extrapolated along a significant common drift."""
         groups = self._untouched[:, : self._count]
-        weights = groups[3] / groups[3].sum()
-        center, first, second = (groups[:3] @ weights).tolist()
+        sums = (groups @ groups.T).tolist()
+        weight, times, firsts, seconds = sums[0]
+        center, first, second = times / weight, firsts / weight, seconds / weight
         if self._count < _DRIFT_GROUPS:
             return first, second
-        elapsed = groups[0] - center
-        weighted = weights * elapsed
-        moments = float(weighted @ elapsed)
-        common = (groups[1] + groups[2]) / 2 - (first + second) / 2
-        slope = float(weighted @ common) / moments
-        residual = common - elapsed * slope
-        error = math.sqrt(float(weights @ (residual * residual)) / (self._count - 2) / moments)
+        mean = (first + second) / 2
+        # Central second moments of time, of the phases' mean, and of both.
+        moment = sums[1][1] / weight - center**2
+        joint = (sums[1][2] + sums[1][3]) / (2 * weight) - center * mean
+        square = (sums[2][2] + 2 * sums[2][3] + sums[3][3]) / (4 * weight) - mean**2
+        slope = joint / moment
+        residual = max(square - slope * joint, 0.0)
+        error = math.sqrt(residual / (self._count - 2) / moment)
         if abs(slope) > _SIGNIFICANT_DRIFT * error:
-            drift = slope * (time_s - center)
+            drift = slope * (time_s - self._origin_s - center)
             return first + drift, second + drift
         return first, second

@@ -206,9 +206,8 @@ class TouchDetector:
         if not (math.isfinite(std_deg[0]) and math.isfinite(std_deg[1])):
             return TouchDecision(None, False, tare.drift_deg, self.doubt != "")
         self._note_silence(time_s, in_reference)
-        first, second = (
-            wrapped(phase - drift) for phase, drift in zip(phases_deg, tare.drift_deg, strict=True)
-        )
+        drift = tare.drift_deg
+        first, second = wrapped(phases_deg[0] - drift[0]), wrapped(phases_deg[1] - drift[1])
         spreads = [math.hypot(std, _STATE_SPREAD_DEG) for std in std_deg]
         untouched = (first / spreads[0]) ** 2 + (second / spreads[1]) ** 2
         # Squared standard deviations by which the changes of the ends differ.
@@ -331,11 +330,9 @@ class TouchDetector:
 
     def _is_within(self, limit: float, change: tuple[float, float], spreads: list[float]) -> bool:
         """Whether a touch of the model lies within ``limit`` squared standard deviations."""
-        distance = sum(
-            (wrapped(point - value) / spread) ** 2
-            for point, value, spread in zip(self._nearest, change, spreads, strict=True)
-        )
-        if distance <= limit:  # usually the nearest point of the previous group suffices
+        first = wrapped(self._nearest[0] - change[0]) / spreads[0]
+        second = wrapped(self._nearest[1] - change[1]) / spreads[1]
+        if first**2 + second**2 <= limit:  # usually the nearest point of the previous group suffices
             return True
         return self._distance(change, spreads) <= limit
 
