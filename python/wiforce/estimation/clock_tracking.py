@@ -29,11 +29,13 @@ _LOST_S = 0.5
 # Longest gap over which a clock is predicted: drifting by 0.5 ppm/s it may then be wrong by
 # d t^2 / 2 = 0.1 cycles at 1 kHz.
 _BRIDGED_S = 20.0
-# An operating point is used for this long, at least this many groups, as long as no clock is further
-# from it than this many radians. The noise changes less in this time than in that it is averaged.
-_POINT_S = 0.5
+# An operating point is used for this long, at least this many groups, as long as no clock is
+# further from it than this many radians. Noise, a mean over two seconds, changes little meanwhile.
+# At least the last number of groups is expanded at once.
+_POINT_S = 1.0
 _POINT_GROUPS = 16
 _POINT_RAD = 0.003
+_LEAST_REACH = 4
 
 
 @dataclass(frozen=True)
@@ -128,6 +130,8 @@ class ClockTracking:
         self._model, self._noise, self._search = model, noise, search
         self._point: _OperatingPoint | None = None
         self._point_groups = max(_POINT_GROUPS, int(_POINT_S / model.group_period_s))
+        # Groups that are expanded at once: about as many as a point has served lately.
+        self._reach = _POINT_GROUPS
 
     def predict(self, groups: GroupTones) -> TrackedClocks:
         """Clocks and noise in groups that they were acquired from."""
@@ -181,7 +185,8 @@ class ClockTracking:
     def _follow(self, groups: GroupTones) -> TrackedClocks:
         locked, trackers = self._model.locked, self._model.trackers
         point = self._point_for(groups, trackers)
-        groups = groups[: int(np.searchsorted(groups.group, point.stop))]
+        served = int(np.searchsorted(groups.group, point.stop))
+        groups = groups[: min(served, self._reach)]
         assumed = predict_clocks(point.trackers, groups.center_s)
         expansion, terms, freedom = self._expand(groups, assumed)
         measured = _Measurement(
@@ -193,6 +198,10 @@ class ClockTracking:
         before = [copy(tracker) for tracker in trackers], [tag.last_seen_s for tag in locked]
         path, received = self._filter(groups.center_s, measured)
         count = len(received)
+        if count < len(groups):
+            self._reach = max(count, _LEAST_REACH)
+        elif count == self._reach:
+            self._reach = min(2 * count, self._point_groups)
         shifts = np.remainder(path.phase - assumed.phase[:count] + np.pi, 2 * np.pi) - np.pi
         # Of clocks that wander, contained in the wander that was removed.
         shifts[:, [tag.clock.wanders for tag in locked]] = 0.0

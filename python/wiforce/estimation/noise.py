@@ -208,7 +208,7 @@ class NoiseEstimate:
         >>> noise.set(np.ones(62), level=1.0, groups=12)
         >>> history = noise.follow(np.full((20, 62), 2.0), 14, np.ones(20), np.ones(20, bool))
         >>> len(history), history.verdict.name, history.ratio[0], round(noise.level, 1)
-        (8, 'STEPPED', 2.0, 2.0)
+        (8, 'STEPPED', 2.0, 2.3)
         """
         limit = _raised_limit(freedom)
         ratio, raised = np.empty(len(residuals)), np.ones(residuals.shape)

@@ -52,7 +52,7 @@ class SlowTare:
 
     def __init__(self, group_period_s: float) -> None:
         length = max(_DRIFT_GROUPS, round(_MEMORY_S / group_period_s))
-        # Columns 1, time from an origin and both phases, times the root of the weight; a ring, as no
+        # Rows 1, time from an origin and both phases, times the root of the weight; a ring, as no
         # sum below depends on the order.
         self._untouched = np.zeros((4, length))
         self._origin_s = 0.0

@@ -332,7 +332,9 @@ class TouchDetector:
         """Whether a touch of the model lies within ``limit`` squared standard deviations."""
         first = wrapped(self._nearest[0] - change[0]) / spreads[0]
         second = wrapped(self._nearest[1] - change[1]) / spreads[1]
-        if first**2 + second**2 <= limit:  # usually the nearest point of the previous group suffices
+        if (
+            first**2 + second**2 <= limit
+        ):  # usually the nearest point of the previous group suffices
             return True
         return self._distance(change, spreads) <= limit
 
