@@ -10,6 +10,7 @@ from gnuradio.wiforce.signal.clutter import clutter_basis
 from gnuradio.wiforce.signal.lines import tag_lines
 from gnuradio.wiforce.signal.weights import design_weights
 from plain import WAVEFORM, T
+from scipy.signal.windows import dpss
 
 # Weights are rounded to single precision (24 bits): relative error of a sum about 1e-7.
 SINGLE = 3e-7
@@ -75,6 +76,15 @@ def test_weights_clutter_band_costs_line_1_stated_noise(length, cost_db):
     lines = [tone.owners[0][1] for tone in table.tones]
     assert 10 * np.log10(gain[lines.index(1)]) == pytest.approx(cost_db, abs=0.02)
     assert 10 * np.log10(gain[lines.index(4)]) < 0.1
+
+
+@pytest.mark.parametrize("length, hertz", [(625, 30.0), (63, 5.0), (40, 0.01)])
+def test_clutter_basis_holds_sequences_of_scipy(length, hertz):
+    basis = clutter_basis(length, T, hertz)
+    half_bandwidth = max(hertz * length * T, 0.1)
+    expected = dpss(length, half_bandwidth, basis.shape[1]).T
+    signs = np.sign(np.sum(basis * expected, axis=0))
+    assert np.allclose(basis * signs, expected, atol=1e-9)
 
 
 def test_clutter_basis_is_orthonormal_and_spans_band():
