@@ -141,7 +141,9 @@ class EndSeparator:
             part = self._separate_run(run, update) if usable[0] else self._without_ends(run)
             parts.append(part)
             tones, usable = tones[len(part["gain"]) :], usable[len(part["gain"]) :]
-        arrays = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        arrays = parts[0]
+        if len(parts) > 1:
+            arrays = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
         # Tags found by a survey are solved for, but not given.
         for name in arrays.keys() - {"noise", "raised"}:
             each = 2 if name in ("ends", "gain", "snr_db") else 1
