@@ -6,6 +6,7 @@ import pytest
 from gnuradio import wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.groups import Groups
+from gnuradio.wiforce.estimation.noise import NoiseEstimate, Verdict
 from gnuradio.wiforce.io.readings import NUMBERS
 from gnuradio.wiforce.receiver import Receiver
 from plain import make_air
@@ -144,6 +145,32 @@ def test_receiver_batches_of_other_estimators_give_equal_readings(estimator):
     groups, tare_at = faulty_groups(plan)
     expected = readings_of(plan, groups, 1, tare_at)
     assert_equal(readings_of(plan, groups, None, tare_at), expected)
+
+
+@pytest.mark.parametrize("sensors, snapshots, share", [(1, 625, 0.08), (2, 125, 0.03)])
+def test_receiver_noise_that_changes_in_a_batch_does_not_depend_on_the_batches(
+    sensors, snapshots, share, monkeypatch
+):
+    """The clocks are tracked by the new noise from the same group on."""
+    plan = make_plan(sensors, snapshots)
+    groups = recorded_groups(plan, 0, 130)
+    rng = np.random.default_rng(4)
+    noise = rng.standard_normal((*groups.tones.shape, 2)) @ (1, 1j)
+    level = np.std(groups.tones[1:] - groups.tones[:-1], axis=(0, 2))[:, None]
+    groups.tones[60:] += share * level * noise[60:]
+    groups.tones[100:] += 2 * level * noise[100:]
+    seen, follow = set(), NoiseEstimate.follow
+
+    def note(*arguments):
+        history = follow(*arguments)
+        seen.add((history.verdict, len(history) < len(arguments[1])))
+        return history
+
+    monkeypatch.setattr(NoiseEstimate, "follow", note)
+    expected = readings_of(plan, groups, 1)
+    for size in (7, None):
+        assert_equal(readings_of(plan, groups, size), expected)
+    assert {(Verdict.STEPPED, True), (Verdict.MODEL_LOST, True)} <= seen
 
 
 @pytest.mark.parametrize("tare_at", [4, 12])
