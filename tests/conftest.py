@@ -15,6 +15,10 @@ ROOT = Path(__file__).parent
 TIMEOUT_S = 120
 # Threads slow down matrices as small as ours. Must be set before NumPy is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Workers and hundreds of processes import the same files: without their bytecode each compiles them
+# again, pytest with rewritten assertions in several seconds.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 
 # A shell starts what runs in the background with SIGINT ignored, and its children would be as deaf.

@@ -2,12 +2,12 @@
 """The accuracy benchmark: its rows, its arithmetic, its interface."""
 
 import json
-import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from command_runs import run_command
 from wiforce_app.bench.cases import Case, cases
 from wiforce_app.bench.montecarlo import RunResult, run_case, summarise
 from wiforce_app.bench.picture import plot_losses
@@ -103,10 +103,7 @@ def test_room_row_states_what_survey_added_and_skipped(room):
 
 
 def test_json_rows_have_the_documented_keys():
-    done = subprocess.run(
-        ["gr-wiforce", "bench", "accuracy", "--json", "--case", "N_g 63", "--jobs", "1"],
-        capture_output=True, text=True, timeout=110,
-    )  # fmt: skip
+    done = run_command("bench", "accuracy", "--json", "--case", "N_g 63", "--jobs", 1)
     assert done.returncode == 0, done.stderr
     rows = json.loads(done.stdout)["rows"]
     assert [row["estimator"] for row in rows] == [
@@ -128,8 +125,5 @@ def test_the_picture_of_a_long_run_is_drawn_at_its_end(tmp_path):
 
 
 def test_a_case_that_is_not_there_is_named():
-    done = subprocess.run(
-        ["gr-wiforce", "bench", "accuracy", "--case", "nonsense"],
-        capture_output=True, text=True, timeout=60,
-    )  # fmt: skip
+    done = run_command("bench", "accuracy", "--case", "nonsense")
     assert done.returncode == 2 and "no case has a name that contains 'nonsense'" in done.stderr
