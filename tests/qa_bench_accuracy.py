@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import yaml
 from command_runs import run_command
+from wiforce_app.bench import accuracy
 from wiforce_app.bench.cases import Case, cases
 from wiforce_app.bench.montecarlo import RunResult, run_case, summarise
 from wiforce_app.bench.picture import plot_losses
@@ -102,7 +103,9 @@ def test_room_row_states_what_survey_added_and_skipped(room):
     assert "added: adds the tag" in text and f"skipped: {NOISE_WEIGHTS}" in text
 
 
-def test_json_rows_have_the_documented_keys():
+def test_json_rows_have_the_documented_keys(monkeypatch, long_run):
+    runs = 10 if long_run else 2
+    monkeypatch.setattr(accuracy, "_QUICK_RUNS", runs)
     done = run_command("bench", "accuracy", "--json", "--case", "N_g 63", "--jobs", 1)
     assert done.returncode == 0, done.stderr
     rows = json.loads(done.stdout)["rows"]
@@ -111,7 +114,7 @@ def test_json_rows_have_the_documented_keys():
     ]  # fmt: skip
     keys = {"case", "estimator", "rms_deg", "bias_deg", "bound_deg", "loss_db"}
     keys |= {"loss_interval_db", "seconds_per_second", "n"}
-    assert all(keys <= set(row) and row["n"] == 1000 for row in rows)
+    assert all(keys <= set(row) and row["n"] == 100 * runs for row in rows)
     assert max(rows[0]["loss_db"]) < 1.5 < min(rows[2]["loss_db"])
 
 
