@@ -15,6 +15,10 @@ ROOT = Path(__file__).parent
 TIMEOUT_S = 120
 # Threads slow down matrices as small as ours. Must be set before NumPy is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Workers and hundreds of processes import the same files: without their bytecode each compiles them
+# again, pytest with rewritten assertions in several seconds.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 
 # A shell starts what runs in the background with SIGINT ignored, and its children would be as deaf.
@@ -59,12 +63,18 @@ def pytest_collection_modifyitems(items):
 
 
 @pytest.fixture(autouse=True, scope="session")
-def own_home(tmp_path_factory):
-    """A home folder for the tests, since GNU Radio and grcc write to it."""
+def own_home(tmp_path_factory, pytestconfig):
+    """A home folder for the tests, since GNU Radio and grcc write to it.
+
+    Caches are kept from run to run: Matplotlib's of fonts and grcc's of block descriptions take
+    seconds to fill.
+    """
     home = tmp_path_factory.mktemp("home")
+    caches = pytestconfig.cache.mkdir("home")
+    (home / ".cache").symlink_to(caches)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("HOME", str(home))
-        patch.setenv("XDG_CACHE_HOME", str(home / "cache"))
+        patch.setenv("XDG_CACHE_HOME", str(caches))
         patch.setenv("XDG_CONFIG_HOME", str(home / "config"))
         patch.setenv("MPLBACKEND", "Agg")
         yield home

@@ -3,10 +3,10 @@
 
 import os
 import shutil
-import subprocess
 
 import numpy as np
 import pytest
+from command_runs import run_command
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.antennas import channel_ratio
@@ -157,9 +157,7 @@ def test_shorter_file_of_one_antenna_is_reported(captures, tmp_path):
             shutil.copy(f"{name}{suffix}", f"{copy}{suffix}")
     path = second_antenna(copied) + ".sigmf-data"
     os.truncate(path, os.path.getsize(path) - 4 * 125_000)
-    done = subprocess.run(
-        ["gr-wiforce", "read", str(copied)], capture_output=True, text=True, timeout=60
-    )
+    done = run_command("read", copied)
     assert done.returncode == 0, done.stderr
     assert f"{path}: ends 125000 samples" in done.stderr and "before" in done.stderr
     assert "groups that lack one antenna cannot be read" in done.stderr

@@ -2,12 +2,13 @@
 """The accuracy benchmark: its rows, its arithmetic, its interface."""
 
 import json
-import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from command_runs import run_command
+from wiforce_app.bench import accuracy
 from wiforce_app.bench.cases import Case, cases
 from wiforce_app.bench.montecarlo import RunResult, run_case, summarise
 from wiforce_app.bench.picture import plot_losses
@@ -102,11 +103,10 @@ def test_room_row_states_what_survey_added_and_skipped(room):
     assert "added: adds the tag" in text and f"skipped: {NOISE_WEIGHTS}" in text
 
 
-def test_json_rows_have_the_documented_keys():
-    done = subprocess.run(
-        ["gr-wiforce", "bench", "accuracy", "--json", "--case", "N_g 63", "--jobs", "1"],
-        capture_output=True, text=True, timeout=110,
-    )  # fmt: skip
+def test_json_rows_have_the_documented_keys(monkeypatch, long_run):
+    runs = 10 if long_run else 2
+    monkeypatch.setattr(accuracy, "_QUICK_RUNS", runs)
+    done = run_command("bench", "accuracy", "--json", "--case", "N_g 63", "--jobs", 1)
     assert done.returncode == 0, done.stderr
     rows = json.loads(done.stdout)["rows"]
     assert [row["estimator"] for row in rows] == [
@@ -114,7 +114,7 @@ def test_json_rows_have_the_documented_keys():
     ]  # fmt: skip
     keys = {"case", "estimator", "rms_deg", "bias_deg", "bound_deg", "loss_db"}
     keys |= {"loss_interval_db", "seconds_per_second", "n"}
-    assert all(keys <= set(row) and row["n"] == 1000 for row in rows)
+    assert all(keys <= set(row) and row["n"] == 100 * runs for row in rows)
     assert max(rows[0]["loss_db"]) < 1.5 < min(rows[2]["loss_db"])
 
 
@@ -128,8 +128,5 @@ def test_the_picture_of_a_long_run_is_drawn_at_its_end(tmp_path):
 
 
 def test_a_case_that_is_not_there_is_named():
-    done = subprocess.run(
-        ["gr-wiforce", "bench", "accuracy", "--case", "nonsense"],
-        capture_output=True, text=True, timeout=60,
-    )  # fmt: skip
+    done = run_command("bench", "accuracy", "--case", "nonsense")
     assert done.returncode == 2 and "no case has a name that contains 'nonsense'" in done.stderr

@@ -2,12 +2,16 @@
 """The inversion benchmark: what it prints. No speed is asserted here."""
 
 import json
-import subprocess
+
+from command_runs import run_command
+from wiforce_app.bench import inversion
 
 
-def test_bench_inversion_of_one_sensor_gives_a_row_per_noise():
-    command = "gr-wiforce bench inversion --json --sensor wiforce-900mhz"
-    done = subprocess.run(command.split(), capture_output=True, text=True, timeout=100)
+def test_bench_inversion_of_one_sensor_gives_a_row_per_noise(monkeypatch, long_run):
+    if not long_run:
+        for name, value in {"_BATCH": 4000, "_SINGLE": 100, "_CHECKED": 6, "_RUNS": 2}.items():
+            monkeypatch.setattr(inversion, name, value)
+    done = run_command("bench", "inversion", "--json", "--sensor", "wiforce-900mhz")
     assert (done.returncode, done.stderr) == (0, "")
     rows = json.loads(done.stdout)["rows"]
     assert [row["noise_deg"] for row in rows] == [0.2, 1.0]

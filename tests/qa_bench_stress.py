@@ -5,10 +5,10 @@ Limits are those of the project; `gr-wiforce bench stress` covers every path.
 """
 
 import json
-import subprocess
 
 import numpy as np
 import pytest
+from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
 from wiforce_app.bench import stress
 from wiforce_app.bench.cases import Case
@@ -116,10 +116,7 @@ def test_inversion_unflagged_readings_are_within_limit():
 
 def test_stress_json_and_page_hold_the_same_rows(tmp_path):
     page = tmp_path / "stress.md"
-    done = subprocess.run(
-        ["gr-wiforce", "bench", "stress", "--json", "--only", "clutter +60", "--page", page],
-        capture_output=True, text=True, timeout=110,
-    )  # fmt: skip
+    done = run_command("bench", "stress", "--json", "--only", "clutter +60", "--page", page)
     assert (done.returncode, done.stderr) == (0, "")
     rows = json.loads(done.stdout)["rows"]
     assert [row["path"] for row in rows] == ["double", *stress._BLOCKS]

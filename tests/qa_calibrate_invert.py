@@ -2,17 +2,11 @@
 """`gr-wiforce calibrate` and `invert` as a researcher runs them."""
 
 import csv
-import subprocess
 
 import numpy as np
 import pytest
+from command_runs import run_command
 from gnuradio.wiforce.sensor import load_sensor, measure_vna, write_vna_csv
-
-
-def run(*arguments):
-    return subprocess.run(
-        ["gr-wiforce", *map(str, arguments)], capture_output=True, text=True, timeout=100
-    )
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +20,9 @@ def folder(line, tmp_path_factory):
     folder = tmp_path_factory.mktemp("calibration")
     table = measure_vna(line, (20, 30, 40, 50, 60), np.arange(1, 8.1, 0.5), 0.1, seed=2)
     write_vna_csv(table, folder / "vna.csv")
-    done = run("calibrate", folder / "vna.csv", "-o", folder / "s.yaml", "--plot", folder / "s.png")
+    done = run_command(
+        "calibrate", folder / "vna.csv", "-o", folder / "s.yaml", "--plot", folder / "s.png"
+    )
     assert done.returncode == 0, done.stderr
     (folder / "report.txt").write_text(done.stdout)
     return folder
@@ -49,7 +45,9 @@ def test_phases_become_force_and_location_between_the_calibrated_ones(folder, li
             # As input an angle counts modulo 360; a known location is taken as known.
             rows.writerow([i, "arm", phases[i, 0] + 360 * i, phases[i, 1], places[i] if i else ""])
         rows.writerow([3, "arm", *line.untouched_deg(), ""])
-    done = run("invert", folder / "phases.csv", "--sensor", folder / "s.yaml", "--std-deg", 0.1)
+    done = run_command(
+        "invert", folder / "phases.csv", "--sensor", folder / "s.yaml", "--std-deg", 0.1
+    )
     assert done.returncode == 0, done.stderr
     readings = list(csv.DictReader(done.stdout.splitlines()))
     for i in range(3):
@@ -77,7 +75,7 @@ def test_phases_become_force_and_location_between_the_calibrated_ones(folder, li
 )
 def test_phases_that_cannot_be_are_refused_by_row(folder, tmp_path, content, told):
     (tmp_path / "p.csv").write_text(content)
-    done = run(
+    done = run_command(
         "invert", tmp_path / "p.csv", "--sensor", folder / "s.yaml", "-o", tmp_path / "o.csv"
     )
     assert done.returncode == 2 and told in done.stderr, done.stderr
@@ -95,7 +93,7 @@ def test_phases_that_cannot_be_are_refused_by_row(folder, tmp_path, content, tol
 def test_a_table_that_cannot_be_is_refused_and_no_sensor_is_written(folder, tmp_path, change, told):
     text = (folder / "vna.csv").read_text().replace("900.0,", "900,").replace(*change)
     (tmp_path / "vna.csv").write_text(text)
-    done = run("calibrate", tmp_path / "vna.csv", "-o", tmp_path / "s.yaml")
+    done = run_command("calibrate", tmp_path / "vna.csv", "-o", tmp_path / "s.yaml")
     assert done.returncode == 2 and told in done.stderr, done.stderr
     assert len(done.stderr.splitlines()) == 1 and not (tmp_path / "s.yaml").exists()
 
@@ -108,7 +106,7 @@ def test_readings_are_inverted_again_without_taking_their_location_as_known(fold
         f"1,arm,1,3.0,0.2,33.0,0,{phases[0]},{phases[1]}\n"
         f"2,arm,1,3.0,0.2,33.0,,{phases[0]},{phases[1]}\n"
     )
-    done = run("invert", tmp_path / "r.csv", "--sensor", folder / "s.yaml")
+    done = run_command("invert", tmp_path / "r.csv", "--sensor", folder / "s.yaml")
     assert done.returncode == 0, done.stderr
     rows = list(csv.DictReader(done.stdout.splitlines()))
     assert float(rows[0]["location_mm"]) == pytest.approx(33.0, abs=0.5)
@@ -118,22 +116,22 @@ def test_readings_are_inverted_again_without_taking_their_location_as_known(fold
 
 def test_a_table_of_another_kind_is_told_how_to_be_read(folder, tmp_path):
     (tmp_path / "t.csv").write_text("phase1_deg,phase2_deg,force_n,location_mm\n1,2,3,40\n")
-    done = run("calibrate", tmp_path / "t.csv", "-o", tmp_path / "s.yaml")
+    done = run_command("calibrate", tmp_path / "t.csv", "-o", tmp_path / "s.yaml")
     assert done.returncode == 2 and "must be given for a table of taps" in done.stderr
-    done = run("calibrate", tmp_path / "t.csv", "-o", tmp_path / "s.yaml", "--kind", "vna")
+    done = run_command("calibrate", tmp_path / "t.csv", "-o", tmp_path / "s.yaml", "--kind", "vna")
     assert done.returncode == 2 and "--kind taps" in done.stderr
 
 
 def test_a_sensor_named_by_no_text_is_refused_and_not_written(tmp_path):
     sensor = tmp_path / "s.yaml"
     transfer = ("transfer", "wiforce-900mhz", "--frequency-hz", "915e6", "-o", sensor)
-    done = run(*transfer, "--name", "bell\a")
+    done = run_command(*transfer, "--name", "bell\a")
     assert done.returncode == 2 and "s.yaml: name: must be printable text" in done.stderr
     assert done.stdout == "" and not sensor.exists()
 
 
 def test_outputs_are_checked_before_any_work(folder, tmp_path):
     for options in (["-o", tmp_path / "s.txt"], ["-o", tmp_path / "no" / "s.yaml"]):
-        assert run("calibrate", folder / "vna.csv", *options).returncode == 2
-    done = run("calibrate", folder / "vna.csv", "-o", tmp_path / "s.yaml", "--kind", "taps")
+        assert run_command("calibrate", folder / "vna.csv", *options).returncode == 2
+    done = run_command("calibrate", folder / "vna.csv", "-o", tmp_path / "s.yaml", "--kind", "taps")
     assert done.returncode == 2 and "--frequency-hz: must be given" in done.stderr

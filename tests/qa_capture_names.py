@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from command_runs import run_command
 from gnuradio import wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.scene import load_scene, simulation_warnings
@@ -16,12 +17,6 @@ from gnuradio.wiforce.scene import load_scene, simulation_warnings
 SENSOR = {"name": "arm", "model": "line-900mhz-calibrated"}
 SHORT = {"sensors": [SENSOR], "simulation": {"truth_model": "line-900mhz", "duration_s": 0.04}}
 SUFFIXES = (".sigmf-data", ".sigmf-meta", ".truth.csv")
-
-
-def run(*arguments, **options):
-    return subprocess.run(
-        ["gr-wiforce", *map(str, arguments)], capture_output=True, text=True, timeout=60, **options
-    )
 
 
 @pytest.fixture
@@ -40,12 +35,12 @@ def test_simulate_existing_file_is_replaced_with_force_only(scene, tmp_path, suf
     """A measured capture of the same name would be lost."""
     precious = tmp_path / f"press{suffix}"
     precious.write_text("precious")
-    done = run("simulate", scene, tmp_path / "press")
+    done = run_command("simulate", scene, tmp_path / "press")
     assert done.returncode == 2
     assert f"press{suffix}: exists already; --force replaces it" in done.stderr
     assert precious.read_text() == "precious"
     assert names_in(tmp_path) == [precious.name, "scene.yaml"]
-    assert run("simulate", scene, tmp_path / "press", "--force").returncode == 0
+    assert run_command("simulate", scene, tmp_path / "press", "--force").returncode == 0
     assert names_in(tmp_path) == [*(f"press{each}" for each in SUFFIXES), "scene.yaml"]
 
 
@@ -91,7 +86,7 @@ def test_simulate_without_sigmf_is_refused_before_simulating(tmp_path):
 
 
 def test_simulate_name_with_suffix_is_that_of_the_capture(scene, tmp_path):
-    assert run("simulate", scene, "press.sigmf-meta", cwd=tmp_path).returncode == 0
+    assert run_command("simulate", scene, "press.sigmf-meta", cwd=tmp_path).returncode == 0
     assert names_in(tmp_path) == [*(f"press{each}" for each in SUFFIXES), "scene.yaml"]
 
 
@@ -103,7 +98,7 @@ def test_capture_name_that_no_file_can_have_is_refused(scene, tmp_path, name):
         ["simulate", scene, name],
         ["live", "--scene", scene, "--args", "addr=127.0.0.1", "--record", name],
     ):
-        done = run(*command, cwd=tmp_path)
+        done = run_command(*command, cwd=tmp_path)
         assert done.returncode == 2 and "must be the name of a capture" in done.stderr, done.stderr
         assert len(done.stderr.splitlines()) == 1
     with pytest.raises(InputError, match="must be the name of a capture"):
@@ -126,5 +121,5 @@ def test_simulation_warnings_name_sensors_read_by_the_model_that_is_pressed(scen
     (found,) = simulation_warnings(load_scene(same))
     assert found.startswith("sensor 'arm': the model that is pressed and the one that reads it")
     scene.write_text(yaml.safe_dump(same))
-    done = run("simulate", scene, tmp_path / "press")
+    done = run_command("simulate", scene, tmp_path / "press")
     assert done.returncode == 0 and f"warning: {found}" in done.stderr

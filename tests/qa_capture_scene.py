@@ -10,6 +10,7 @@ import warnings
 import numpy as np
 import pytest
 import yaml
+from command_runs import run_command
 from gnuradio import wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture import Capture, Segment, open_capture
@@ -43,7 +44,7 @@ def press(tmp_path_factory):
 
 
 def run(*arguments):
-    return subprocess.run([*READ, *map(str, arguments)], capture_output=True, text=True, timeout=60)
+    return run_command("read", *arguments)
 
 
 def refusal(done, output=None):

@@ -3,9 +3,9 @@
 
 import json
 import os
-import subprocess
 
 import pytest
+from command_runs import run_command
 from gnuradio import wiforce
 
 SCENE = {
@@ -18,8 +18,7 @@ SCENE = {
 
 
 def check(*arguments):
-    command = ["gr-wiforce", "check", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=60)
+    return run_command("check", *arguments)
 
 
 @pytest.fixture

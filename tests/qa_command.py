@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The command: subcommands, one line per failure, exit status."""
 
+import json
 import os
 import pty
 import subprocess
@@ -9,11 +10,12 @@ import warnings
 
 import click
 import pytest
+from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
 from wiforce_app import main as app
 
 
-def run(*arguments, **options):
+def run_process(*arguments, **options):
     return subprocess.run(
         ["gr-wiforce", *map(str, arguments)], capture_output=True, text=True, timeout=60, **options
     )
@@ -34,7 +36,7 @@ def raising(monkeypatch):
 
 
 def test_help_lists_the_subcommands():
-    done = run("--help")
+    done = run_process("--help")
     assert done.returncode == 0 and "simulate" in done.stdout and done.stderr == ""
 
 
@@ -42,20 +44,20 @@ def test_list_shows_shipped_names_with_a_description():
     from gnuradio.wiforce.scene import shipped_scenes
     from gnuradio.wiforce.sensor import shipped_sensors
 
-    lines = run("list").stdout.splitlines()
+    lines = run_command("list").stdout.splitlines()
     shown = dict(line.split(maxsplit=1) for line in lines if line.startswith("  "))
     assert list(shown) == [*shipped_scenes(), *shipped_sensors()]
     assert (
         shown["walker"].startswith("A person walks")
         and "simulated" in shown["line-900mhz-calibrated"]
     )
-    assert run("list", "sensors").stdout.splitlines() == lines[lines.index("sensors") :]
+    assert run_command("list", "sensors").stdout.splitlines() == lines[lines.index("sensors") :]
 
 
 def test_version_option_prints_version_of_build():
     from gnuradio.wiforce._config import VERSION
 
-    assert run("--version").stdout == f"gr-wiforce {VERSION}\n"
+    assert run_process("--version").stdout == f"gr-wiforce {VERSION}\n"
 
 
 @pytest.mark.parametrize(
@@ -78,7 +80,7 @@ def test_version_option_prints_version_of_build():
     ],
 )
 def test_command_bad_usage_gives_one_line_and_status_2(arguments, message):
-    done = run(*arguments)
+    done = run_command(*arguments)
     assert done.returncode == 2 and done.stdout == ""
     assert done.stderr.startswith("gr-wiforce: ") and message in done.stderr
     assert done.stderr.count("\n") == 1
@@ -117,7 +119,7 @@ def test_command_closed_pipe_shows_no_traceback():
 
 def test_command_closed_standard_output_is_an_error():
     """Otherwise the next opened file would get its descriptor, and the output."""
-    done = run("list", preexec_fn=lambda: os.close(1))
+    done = run_process("list", preexec_fn=lambda: os.close(1))
     assert (done.returncode, done.stderr) == (1, "gr-wiforce: Bad file descriptor\n")
 
 
@@ -160,3 +162,27 @@ def test_plot_of_readings_without_values_gives_no_warning(tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         plot_readings([Reading(0.1, "arm"), Reading(0.2, "arm")], tmp_path / "out.png")
+
+
+@pytest.mark.parametrize(
+    "arguments, status",
+    [
+        (("list", "sensors"), 0),
+        (("simulate", "same.yaml", "x"), 0),
+        (("plan", "bad.yaml"), 2),
+        (("--nonsense",), 2),
+    ],
+)
+def test_command_in_a_test_does_what_its_process_does(tmp_path, arguments, status):
+    """Most tests of the command start no process; they must find what a user's shell would."""
+    same = {"sensors": [{"name": "arm", "model": "line-900mhz"}], "simulation": {"duration_s": 0.1}}
+    found = []
+    for run in (run_process, run_command):
+        folder = tmp_path / run.__name__
+        folder.mkdir()
+        (folder / "bad.yaml").write_text("sensors: []\n")
+        (folder / "same.yaml").write_text(json.dumps(same))
+        done = run(*arguments, cwd=folder)
+        files = sorted(path.name for path in folder.iterdir())
+        found.append((done.returncode, done.stdout, done.stderr, files))
+    assert found[0] == found[1] and found[0][0] == status

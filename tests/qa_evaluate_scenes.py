@@ -2,12 +2,12 @@
 """`gr-wiforce evaluate SCENE...`: a scene scored, kept, reported, and not done twice."""
 
 import json
-import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from command_runs import run_command
 from gnuradio.wiforce._config import DATA_DIR
 from gnuradio.wiforce.scene import load_scene, shipped_scenes
 from wiforce_app.evaluation.causes import (
@@ -39,13 +39,7 @@ SCENE = {
 
 
 def evaluate(folder, *arguments):
-    return subprocess.run(
-        ["gr-wiforce", "evaluate", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=100,
-        cwd=folder,
-    )
+    return run_command("evaluate", *arguments, cwd=folder)
 
 
 @pytest.fixture(scope="module")

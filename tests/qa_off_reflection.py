@@ -2,22 +2,16 @@
 """The command that finds the switches' off state from a capture with presses."""
 
 import re
-import subprocess
 
 import pytest
 import yaml
+from command_runs import run_command
 
 OFF = [[0.2, -0.1], [-0.05, 0.15]]
 PRESSES = [
     {"start_s": 0.4, "rise_s": 0.05, "hold_s": 0.3, "force_n": 2.0, "end_force_n": 6.0},
     {"start_s": 0.9, "rise_s": 0.05, "hold_s": 0.3, "force_n": 2.0, "end_force_n": 6.0},
 ]
-
-
-def run(*arguments):
-    return subprocess.run(
-        ["gr-wiforce", *map(str, arguments)], capture_output=True, text=True, timeout=100
-    )
 
 
 def write_scene(path, off, presses):
@@ -42,8 +36,8 @@ def test_the_off_state_is_found_from_presses_or_refused_without(tmp_path, presse
     presses = [p | {"location_mm": mm} for p, mm in zip(PRESSES, (25.0, 60.0), strict=True)]
     write_scene(tmp_path / "true.yaml", OFF, presses if pressed else [])
     write_scene(tmp_path / "known.yaml", [0.0, 0.0], [])
-    assert run("simulate", tmp_path / "true.yaml", tmp_path / "air").returncode == 0
-    done = run("off-reflection", tmp_path / "air", "--scene", tmp_path / "known.yaml")
+    assert run_command("simulate", tmp_path / "true.yaml", tmp_path / "air").returncode == 0
+    done = run_command("off-reflection", tmp_path / "air", "--scene", tmp_path / "known.yaml")
     if not pressed:
         assert done.returncode == 2 and done.stdout == "" and done.stderr.count("\n") == 1
         assert "sensor 'arm', end 1" in done.stderr and "needs presses" in done.stderr

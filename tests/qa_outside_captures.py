@@ -2,10 +2,10 @@
 """Captures and calibrations made by somebody else, through `calibrate` and `read`."""
 
 import csv
-import subprocess
 
 import numpy as np
 import pytest
+from command_runs import run_command
 from second_simulator import write_case
 
 # Phase rms in degrees, median force error in newtons, median location error in millimetres.
@@ -18,9 +18,7 @@ LIMITS = {
 
 
 def command(*arguments):
-    done = subprocess.run(
-        ["gr-wiforce", *map(str, arguments)], capture_output=True, text=True, timeout=100
-    )
+    done = run_command(*arguments)
     assert done.returncode == 0, done.stderr
     return done
 

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A sensor of one's own: calibrated from its VNA table, then simulated and read elsewhere on it."""
 
-import subprocess
-
 import numpy as np
 import pytest
 import yaml
+from command_runs import run_command
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.score import read_truth, score
@@ -46,9 +45,7 @@ def result(tmp_path_factory):
         ["calibrate", "vna.csv", "-o", "own.yaml"],
         ["simulate", "scene.yaml", "capture"],
     ):
-        subprocess.run(
-            ["gr-wiforce", *command], cwd=folder, check=True, capture_output=True, timeout=100
-        )
+        run_command(*command, cwd=folder).check_returncode()
     readings = []
     read_capture(
         open_capture(folder / "capture"), load_scene(folder / "scene.yaml"), readings.append

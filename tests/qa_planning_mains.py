@@ -2,11 +2,11 @@
 """Clocks away from the lines of lamps, and carriers inside the permitted band."""
 
 import json
-import subprocess
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.planning.advice import improve, warnings
 from gnuradio.wiforce.planning.bands import licence_note, outside_band
@@ -199,8 +199,8 @@ def test_command_plan_prints_band_warning_and_note(tmp_path):
     (tmp_path / "stated.yaml").write_text(text + "environment: {band: us-902-928}\n")
 
     def run(name):
-        command = ["gr-wiforce", "plan", str(tmp_path / name), "--json"]
-        return json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
+        done = run_command("plan", tmp_path / name, "--json")
+        return json.loads(done.stdout)
 
     free, stated = run("free.yaml"), run("stated.yaml")
     assert free["warnings"] == [] and len(free["notes"]) == 1

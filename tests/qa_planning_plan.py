@@ -3,10 +3,10 @@
 
 import dataclasses
 import json
-import subprocess
 
 import numpy as np
 import pytest
+from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.tracked_tag import TagClock
 from gnuradio.wiforce.planning.advice import improve, warnings
@@ -229,9 +229,7 @@ def test_improve_proposals_have_stated_effect():
 
 
 def command(*arguments):
-    return subprocess.run(
-        ["gr-wiforce", "plan", *map(str, arguments)], capture_output=True, text=True, timeout=100
-    )
+    return run_command("plan", *arguments)
 
 
 def test_command_prints_steps_errors_and_warnings():

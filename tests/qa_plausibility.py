@@ -3,12 +3,12 @@
 
 import csv
 import re
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.textfile import read_csv
 from gnuradio.wiforce.sensor import (
@@ -25,12 +25,6 @@ from scipy.optimize import brentq
 PLACES = (20.0, 30.0, 40.0, 50.0, 60.0)
 FORCES = np.arange(1.0, 8.1, 0.5)
 MODELS = ("line-900mhz", "line-2400mhz", "fingertip-900mhz", "wiforce-900mhz")
-
-
-def run(*arguments):
-    return subprocess.run(
-        ["gr-wiforce", *map(str, arguments)], capture_output=True, text=True, timeout=100
-    )
 
 
 def table_of(model, places=PLACES):
@@ -94,11 +88,11 @@ def test_line_of_another_length_or_permittivity_is_noticed():
 
 def test_calibrate_prints_the_assumed_line_and_its_suspicions(table, tmp_path):
     write_vna_csv(replace(table, port=3 - table.port), tmp_path / "vna.csv")
-    done = run("calibrate", tmp_path / "vna.csv", "-o", tmp_path / "s.yaml")
+    done = run_command("calibrate", tmp_path / "vna.csv", "-o", tmp_path / "s.yaml")
     said = done.stdout + done.stderr
     assert "are the ports swapped, or is location measured from port 2?" in said
     write_vna_csv(table, tmp_path / "vna.csv")
-    done = run("calibrate", tmp_path / "vna.csv", "-o", tmp_path / "s.yaml")
+    done = run_command("calibrate", tmp_path / "vna.csv", "-o", tmp_path / "s.yaml")
     assert done.returncode == 0, done.stderr
     assert "line: 80 mm and effective permittivity 1 are assumed" in done.stdout
     assert re.search(r"900 MHz: the data suggest roughly (79|80|81) mm", done.stdout)
@@ -108,7 +102,7 @@ def test_calibrate_refusal_names_the_likely_cause(table, tmp_path):
     """A table in grams was refused, if at all, for something else."""
     few = table.take(table.untouched | (table.force_n == FORCES[0]))
     write_vna_csv(replace(few, force_n=few.force_n * 102), tmp_path / "vna.csv")
-    done = run("calibrate", tmp_path / "vna.csv", "-o", tmp_path / "s.yaml")
+    done = run_command("calibrate", tmp_path / "vna.csv", "-o", tmp_path / "s.yaml")
     assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
     assert "must have at least 5 forces" in done.stderr and "in grams" in done.stderr
 
@@ -140,7 +134,7 @@ def test_touch_of_says_when_it_cannot_be_told(name):
 def inverted(folder, rows, *options):
     with open(folder / "p.csv", "w", newline="") as stream:
         csv.writer(stream).writerows([("phase1_deg", "phase2_deg"), *rows])
-    done = run("invert", folder / "p.csv", "--sensor", "line-900mhz", *options)
+    done = run_command("invert", folder / "p.csv", "--sensor", "line-900mhz", *options)
     assert done.returncode == 0, done.stderr
     return list(csv.DictReader(done.stdout.splitlines())), done.stderr
 

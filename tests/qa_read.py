@@ -11,21 +11,16 @@ import time
 import numpy as np
 import pytest
 import yaml
+from command_runs import run_command
 from gnuradio import wiforce
 from gnuradio.wiforce.errors import InputError
-
-
-def run(*arguments, cwd=None):
-    return subprocess.run(
-        ["gr-wiforce", *map(str, arguments)], capture_output=True, text=True, timeout=100, cwd=cwd
-    )
 
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):
     """The folder of the demo, and the finished process."""
     folder = tmp_path_factory.mktemp("demo")
-    return folder, run("demo", "--folder", folder)
+    return folder, run_command("demo", "--folder", folder)
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +32,7 @@ def read_args(demo):
 @pytest.fixture(scope="module")
 def printed(read_args):
     """The demo's capture, read to standard output."""
-    return run(*read_args)
+    return run_command(*read_args)
 
 
 def test_demo_reaches_its_limits_and_draws_a_picture(demo):
@@ -49,7 +44,7 @@ def test_demo_reaches_its_limits_and_draws_a_picture(demo):
 
 def test_read_csv_on_stdout_and_json_lines_in_file_agree(printed, read_args, tmp_path):
     output = tmp_path / "out.jsonl"
-    assert run(*read_args, "-o", output, "--plot", tmp_path / "p.png").returncode == 0
+    assert run_command(*read_args, "-o", output, "--plot", tmp_path / "p.png").returncode == 0
     rows = list(csv.DictReader(printed.stdout.splitlines()))
     lines = [json.loads(line) for line in output.read_text().splitlines()]
     assert printed.stderr.startswith("gr-wiforce: read 83 groups: ")
@@ -74,7 +69,7 @@ def cut(demo, tmp_path, size):
 
 def test_read_capture_truncated_in_frame_reads_whole_groups(demo, printed, read_args, tmp_path):
     capture = cut(demo, tmp_path, 4 * (20 * 450_000 + 1234))
-    done = run("read", capture, *read_args[2:])
+    done = run_command("read", capture, *read_args[2:])
     assert done.returncode == 0
     warning, summary = done.stderr.splitlines()
     assert "ends inside a frame" in warning and "read 20 groups" in summary
@@ -111,7 +106,9 @@ def test_read_unreported_sample_loss_warns_of_shifted_timing(demo, read_args, tm
     "size, message", [(0, "is empty"), (4 * 450_000 * 3, "must hold 14 phase groups")]
 )
 def test_read_capture_too_short_is_refused(demo, read_args, tmp_path, size, message):
-    done = run("read", cut(demo, tmp_path, size), *read_args[2:], "-o", tmp_path / "out.csv")
+    done = run_command(
+        "read", cut(demo, tmp_path, size), *read_args[2:], "-o", tmp_path / "out.csv"
+    )
     assert done.returncode == 2 and message in done.stderr
     assert len(done.stderr.splitlines()) == 1 and not (tmp_path / "out.csv").exists()
 
@@ -139,7 +136,7 @@ def test_read_invalid_scene_is_refused_in_one_line(demo, tmp_path, section, chan
         scene[section] = change
     scene["sensors"][0]["model"] = str(folder / "sensor.yaml")
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump(scene))
-    done = run("read", folder / "demo", "--scene", tmp_path / "scene.yaml")
+    done = run_command("read", folder / "demo", "--scene", tmp_path / "scene.yaml")
     assert done.returncode == 2 and message in done.stderr, done.stderr
     assert len(done.stderr.splitlines()) == 1 and done.stdout == ""
 
@@ -152,7 +149,7 @@ def test_read_second_antenna_missing_keeps_earlier_output(demo, tmp_path):
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump(scene))
     output = tmp_path / "out.csv"
     output.write_text("precious")
-    done = run("read", folder / "demo", "--scene", tmp_path / "scene.yaml", "-o", output)
+    done = run_command("read", folder / "demo", "--scene", tmp_path / "scene.yaml", "-o", output)
     assert done.returncode == 2 and "demo.antenna2.sigmf-meta: no such file" in done.stderr
     assert output.read_text() == "precious"
 
@@ -168,7 +165,7 @@ def test_read_second_antenna_missing_keeps_earlier_output(demo, tmp_path):
     ],
 )
 def test_read_invalid_option_is_refused_before_reading(read_args, tmp_path, options, message):
-    done = run(*read_args, *options, cwd=tmp_path)
+    done = run_command(*read_args, *options, cwd=tmp_path)
     assert done.returncode == 2 and message in done.stderr
     assert len(done.stderr.splitlines()) == 1 and list(tmp_path.iterdir()) == []
 
@@ -188,7 +185,7 @@ def test_read_function_capture_without_finite_samples_is_refused(tmp_path):
 
 
 def test_read_raw_samples_with_datatype_equals_sigmf(demo, printed, read_args):
-    raw = run("read", demo[0] / "demo.sigmf-data", *read_args[2:], "--datatype", "ci16_le")
+    raw = run_command("read", demo[0] / "demo.sigmf-data", *read_args[2:], "--datatype", "ci16_le")
     assert raw.returncode == 0
     assert raw.stdout == printed.stdout
 
@@ -196,7 +193,7 @@ def test_read_raw_samples_with_datatype_equals_sigmf(demo, printed, read_args):
 def test_read_capture_starting_in_frame_is_aligned(demo, read_args, tmp_path):
     whole = (demo[0] / "demo.sigmf-data").read_bytes()
     (tmp_path / "late.bin").write_bytes(whole[4 * 500 : 4 * 450_000 * 30])
-    done = run("read", tmp_path / "late.bin", *read_args[2:], "--datatype", "ci16_le")
+    done = run_command("read", tmp_path / "late.bin", *read_args[2:], "--datatype", "ci16_le")
     assert done.returncode == 0 and "the first frame begins at sample" in done.stderr
     rows = list(csv.DictReader(done.stdout.splitlines()))
     touched = [row for row in rows if row["touch"] == "1" and not row["flags"]]

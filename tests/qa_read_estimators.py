@@ -2,16 +2,14 @@
 """Captures read with another estimator, and captures that no estimator can read."""
 
 import csv
-import subprocess
 
 import pytest
 import yaml
+from command_runs import run_command
 
 
 def run(*arguments):
-    done = subprocess.run(
-        ["gr-wiforce", *map(str, arguments)], capture_output=True, text=True, timeout=100
-    )
+    done = run_command(*arguments)
     assert done.returncode == 0, done.stderr
     return done
 

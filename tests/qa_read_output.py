@@ -12,6 +12,7 @@ import time
 import numpy as np
 import pytest
 import yaml
+from command_runs import run_command
 from gnuradio import wiforce
 from gnuradio.wiforce.sensor import load_sensor, write_sensor
 
@@ -33,12 +34,6 @@ SCENE = {
 }
 
 
-def run(*arguments, **options):
-    return subprocess.run(
-        ["gr-wiforce", *map(str, arguments)], capture_output=True, text=True, timeout=100, **options
-    )
-
-
 def rows_of(path):
     with open(path, newline="") as stream:
         return list(csv.DictReader(stream))
@@ -55,7 +50,7 @@ def capture(tmp_path_factory):
 
 def test_read_rows_join_with_the_truth_by_time_and_by_group(capture, tmp_path):
     """Otherwise a user compares readings with the wrong row of the truth, or with none."""
-    done = run("read", capture, "-o", tmp_path / "out.csv")
+    done = run_command("read", capture, "-o", tmp_path / "out.csv")
     assert done.returncode == 0, done.stderr
     read, truth = rows_of(tmp_path / "out.csv"), rows_of(f"{capture}.truth.csv")
     assert [row["time_s"] for row in read] == [row["time_s"] for row in truth]
@@ -84,7 +79,7 @@ def test_read_output_that_is_the_capture_is_refused(capture, tmp_path, suffix):
     before = target.read_bytes()
     for option, ending in (("-o", ".csv"), ("--plot", ".png")):
         for link in links_of(target, tmp_path, ending):
-            done = run("read", capture, option, link)
+            done = run_command("read", capture, option, link)
             assert done.returncode == 2 and "is the same file as the input" in done.stderr
             assert len(done.stderr.splitlines()) == 1
     assert target.read_bytes() == before
@@ -93,12 +88,12 @@ def test_read_output_that_is_the_capture_is_refused(capture, tmp_path, suffix):
 def test_read_output_that_is_the_scene_or_a_raw_capture_is_refused(capture, tmp_path):
     scene = tmp_path / "scene.csv"
     scene.write_text(yaml.safe_dump(SCENE))
-    done = run("read", capture, "--scene", scene, "-o", scene)
+    done = run_command("read", capture, "--scene", scene, "-o", scene)
     assert done.returncode == 2 and f"{scene}: cannot be written (is an input)" in done.stderr
     raw = tmp_path / "raw.csv"
     raw.symlink_to(f"{capture}.sigmf-data")
     options = ["--datatype", "ci16_le", "--scene", scene, "-o", raw]
-    assert run("read", raw, *options).returncode == 2
+    assert run_command("read", raw, *options).returncode == 2
     assert wiforce.load_scene(scene).sensor_names == ("arm",)
 
 
@@ -121,7 +116,7 @@ def test_command_output_that_is_an_input_is_refused(capture, tmp_path, arguments
         shutil.copy(f"{capture}{suffix}", tmp_path / f"press{suffix}")
     before = (tmp_path / target).read_bytes()
     for link in links_of(tmp_path / target, tmp_path, ending):
-        done = run(*arguments, link.name, cwd=tmp_path)
+        done = run_command(*arguments, link.name, cwd=tmp_path)
         assert done.returncode == 2 and "is the same file as the input" in done.stderr, done.stderr
     assert (tmp_path / target).read_bytes() == before
 
@@ -129,7 +124,7 @@ def test_command_output_that_is_an_input_is_refused(capture, tmp_path, arguments
 def test_simulate_output_that_is_its_scene_is_refused(tmp_path):
     scene = tmp_path / "press.truth.csv"
     scene.write_text(yaml.safe_dump(SCENE))
-    done = run("simulate", scene, tmp_path / "press", "--force")
+    done = run_command("simulate", scene, tmp_path / "press", "--force")
     assert done.returncode == 2 and "is an input" in done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["press.truth.csv"]
 

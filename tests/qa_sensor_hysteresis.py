@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Loading and unloading: distinguished in a table, reported by calibrate, covered by readings."""
 
-import subprocess
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from command_runs import run_command
 from gnuradio.wiforce.scene.effects import Beam
 from gnuradio.wiforce.scene.simulated import Press
 from gnuradio.wiforce.sensor import calibrate, load_sensor, measure_vna, write_vna_csv
@@ -125,10 +125,7 @@ def test_an_elastic_beam_shows_no_difference():
 
 def test_calibrate_command_reports_and_stores_the_difference(tmp_path):
     write_vna_csv(table(Beam(hysteresis=0.06, creep=0.0)), tmp_path / "bench.csv")
-    done = subprocess.run(
-        ["gr-wiforce", "calibrate", "bench.csv", "-o", "soft.yaml"],
-        capture_output=True, text=True, cwd=tmp_path, timeout=60,
-    )  # fmt: skip
+    done = run_command("calibrate", "bench.csv", "-o", "soft.yaml", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     stored = load_sensor(tmp_path / "soft.yaml").carriers[0].hysteresis_n
     assert f"differ by up to {2 * stored:.2f} N" in done.stdout and stored > 0.2

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Sensor models at another carrier than that of their calibration."""
 
-import subprocess
 from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas
 import pytest
+from command_runs import run_command
 from gnuradio import wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.planning.advice import warnings
@@ -156,7 +156,7 @@ def test_taps_at_new_carrier_replace_transfer_uncertainty(tmp_path):
     path = tmp_path / "taps.csv"
     header = "phase1_deg,phase2_deg,force_n,location_mm"
     np.savetxt(path, rows, delimiter=",", header=header, comments="")
-    done = run(
+    done = run_command(
         *("calibrate", path, "--refine", sensor_file(bench, tmp_path), "--frequency-hz", "915e6"),
         *("-o", tmp_path / "refined.yaml"),
     )
@@ -212,14 +212,10 @@ def test_scene_at_915_mhz_is_read_with_calibration_of_900_mhz(tmp_path):
     assert np.median(np.abs(both["location_mm"] - both["location_mm_true"])) < 0.1
 
 
-def run(*arguments):
-    return subprocess.run(["gr-wiforce", *map(str, arguments)], capture_output=True, text=True)
-
-
 def test_command_transfer_writes_sensor_that_scenes_load(tmp_path):
     """Users without a VNA at their carrier start from this file."""
     path = tmp_path / "arm.yaml"
-    done = run("transfer", "wiforce-2400mhz", "--frequency-hz", "2440e6", "-o", path)
+    done = run_command("transfer", "wiforce-2400mhz", "--frequency-hz", "2440e6", "-o", path)
     assert done.returncode == 0, done.stderr
     assert "calibrated at 2400 MHz, 1.5 deg added" in done.stdout
     made, shipped = load_sensor(path), load_sensor("wiforce-2440mhz")
@@ -240,5 +236,5 @@ def test_command_transfer_writes_sensor_that_scenes_load(tmp_path):
 )
 def test_command_transfer_bad_input_fails_with_one_line(arguments, message):
     """Every message must say what to change."""
-    done = run("transfer", *arguments)
+    done = run_command("transfer", *arguments)
     assert done.returncode == 2 and message in done.stderr and len(done.stderr.splitlines()) == 1

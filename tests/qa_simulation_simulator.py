@@ -4,13 +4,13 @@
 import csv
 import errno
 import json
-import subprocess
 
 import numpy as np
 import pytest
 import second_simulator
 import sigmf
 import yaml
+from command_runs import run_command
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.scene import load_scene, shipped_scenes
 from gnuradio.wiforce.sensor import load_sensor, measure_vna
@@ -187,8 +187,7 @@ def test_load_scene_carrier_not_in_model_raises():
 
 def test_command_simulate_writes_capture_and_truth(tmp_path):
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump(SHORT))
-    command = ["gr-wiforce", "simulate", "scene.yaml", "x", "--seed", "5"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    done = run_command("simulate", "scene.yaml", "x", "--seed", 5, cwd=tmp_path)
     assert done.returncode == 0
     assert done.stderr == "gr-wiforce: 0.05 s, phase groups: 6, presses: 1, moves: 0, seed: 5\n"
     assert done.stdout.split() == ["x.sigmf-data", "x.truth.csv", "x.sigmf-meta"]

@@ -2,11 +2,11 @@
 """What a survey has found, as the commands show it."""
 
 import json
-import subprocess
 
 import numpy as np
 import pytest
 import yaml
+from command_runs import run_command
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
@@ -31,12 +31,6 @@ ROOM = {
 }
 
 
-def run(*arguments):
-    return subprocess.run(
-        ["gr-wiforce", *map(str, arguments)], capture_output=True, text=True, timeout=60
-    )
-
-
 @pytest.fixture(scope="module")
 def captures(tmp_path_factory):
     """A quiet room, and one with a tag that is not listed and lamps."""
@@ -50,7 +44,7 @@ def captures(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def busy(captures):
-    done = run("survey", captures / "busy", "--json", "--plot", captures / "busy.png")
+    done = run_command("survey", captures / "busy", "--json", "--plot", captures / "busy.png")
     assert (done.returncode, done.stderr) == (0, "")
     return json.loads(done.stdout)
 
@@ -92,7 +86,7 @@ def test_survey_plot_is_written(captures, busy):
 
 
 def test_survey_text_names_findings_and_their_handling(captures, busy):
-    done = run("survey", captures / "busy")
+    done = run_command("survey", captures / "busy")
     assert done.returncode == 0
     for finding in busy["findings"]:
         assert finding["name"] in done.stdout and finding["handling"] in done.stdout
@@ -101,10 +95,10 @@ def test_survey_text_names_findings_and_their_handling(captures, busy):
 
 
 def test_survey_of_quiet_room_finds_nothing(captures):
-    done = run("survey", captures / "quiet")
+    done = run_command("survey", captures / "quiet")
     assert done.returncode == 0 and "found nothing besides the tags of the scene" in done.stdout
     assert done.stdout.count("skipped: ") == 3 and "needed: " not in done.stdout
-    found = json.loads(run("survey", captures / "quiet", "--json").stdout)
+    found = json.loads(run_command("survey", captures / "quiet", "--json").stdout)
     assert found["findings"] == [] and found["changes"] == []
     assert found["sensors"][0]["snr_db"] == pytest.approx([10, 10], abs=1)
 
@@ -112,7 +106,7 @@ def test_survey_of_quiet_room_finds_nothing(captures):
 @pytest.mark.parametrize("room, lines", [("quiet", 0), ("busy", 2)])
 def test_read_reports_only_findings_that_matter(captures, room, lines):
     """Whoever reads must learn of a room that changes the plan, and of nothing else."""
-    done = run("read", captures / room, "-o", captures / f"{room}.csv")
+    done = run_command("read", captures / room, "-o", captures / f"{room}.csv")
     assert done.returncode == 0
     said = [line for line in done.stderr.splitlines() if "room: " in line]
     assert len(said) == lines, done.stderr
@@ -120,12 +114,12 @@ def test_read_reports_only_findings_that_matter(captures, room, lines):
 
 
 def test_plan_of_capture_states_what_its_room_adds(captures, busy):
-    done = run("plan", captures / "busy.yaml", "--capture", captures / "busy", "--json")
+    done = run_command("plan", captures / "busy.yaml", "--capture", captures / "busy", "--json")
     found = json.loads(done.stdout)["room"]
     assert found["findings"] == busy["findings"] and found["changes"] == busy["changes"]
     assert found["settings"]["tones"] > json.loads(done.stdout)["settings"]["tones"]
     assert any("adds the tag of 1729.9" in change for change in found["changes"])
-    text = run("plan", captures / "quiet.yaml", "--capture", captures / "quiet").stdout
+    text = run_command("plan", captures / "quiet.yaml", "--capture", captures / "quiet").stdout
     assert "room of the capture" in text and "skipped: separation of tags" in text
 
 
@@ -143,6 +137,6 @@ def test_survey_bad_input_gives_one_line_and_status_2(captures, monkeypatch, arg
     if arguments == ["short"]:
         scene = {**SCENE, "reference_s": 0.08}
         simulate(load_scene(scene), captures / "short")
-    done = run("survey", *arguments)
+    done = run_command("survey", *arguments)
     assert (done.returncode, done.stdout) == (2, "")
     assert message in done.stderr and done.stderr.count("\n") == 1

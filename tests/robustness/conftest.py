@@ -5,6 +5,7 @@ import subprocess
 
 import pytest
 import yaml
+from command_runs import run_command
 
 SCENE = {
     "sensors": [{"name": "arm", "model": "line-900mhz"}],
@@ -37,7 +38,9 @@ class Sandbox:
         (folder / "scene.yaml").write_text(yaml.safe_dump(SCENE))
 
     def run(self, *arguments, before=None):
-        """The command as a process of its own, ``before`` called in it first."""
+        """The command; with ``before`` as a process of its own, which calls that first."""
+        if before is None:
+            return run_command(*arguments, cwd=self.folder)
         return subprocess.run(
             ["gr-wiforce", *map(str, arguments)],
             capture_output=True,

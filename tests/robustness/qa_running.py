@@ -134,7 +134,7 @@ def test_a_killed_reader_leaves_whole_rows_and_no_hindrance(sandbox, readings, l
         shutil.copy(sandbox.folder / f"press{suffix}", sandbox.folder / f"killed{suffix}")
     output = sandbox.folder / "killed.csv"
     began = time.monotonic()
-    sandbox.run("read", "killed", *READ, "-o", output)
+    sandbox.run("read", "killed", *READ, "-o", output, before=os.getpid)  # in a process
     usual_s = time.monotonic() - began
     for _ in range(LONG_KILLS if long_run else KILLS):
         output.unlink(missing_ok=True)

@@ -31,15 +31,15 @@ from pathlib import Path
 
 sys.path[0] = str(Path(__file__).resolve().parent.parent)
 
+from command_runs import run_command  # noqa: E402
+
 from rooms.judge import Tally, failures, judge  # noqa: E402
 from rooms.rooms import ROOMS, room_named, write_room  # noqa: E402
 
 
 def command(*arguments):
     """Run the product; returns exit status and message."""
-    done = subprocess.run(
-        ["gr-wiforce", *map(str, arguments)], capture_output=True, text=True, timeout=300
-    )
+    done = run_command(*arguments)
     return done.returncode, done.stderr.strip()
 
 
@@ -81,10 +81,10 @@ def read_recording(capture, scene, output):
     return command("read", capture, "--scene", scene, "-o", output)
 
 
-def score_capture(name, seed, folder, cache, keep, read=read_recording):
-    """Write, calibrate, read and judge one capture."""
+def score_capture(name, seed, folder, cache, keep, read=read_recording, room=None):
+    """Write, calibrate, read and judge one capture; of another room than its name's if given."""
     began = time.monotonic()
-    room = room_named(name)
+    room = room or room_named(name)
     folder.mkdir(parents=True, exist_ok=True)
     write_room(room, seed, folder)
     calibrated(folder / "finger.csv", cache)
