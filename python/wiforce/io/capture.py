@@ -197,6 +197,8 @@ def open_capture(path: str | Path, datatype: str | None = None) -> Capture:
     >>> capture.samples, capture.read(2)
     (1000, array([1.+0.j, 1.+0.j], dtype=complex64))
     """
+    if not isinstance(path, str | Path):
+        raise InputError("capture", "must be the path of a capture", path)
     path = Path(path)
     if not path.name:
         raise InputError(repr(str(path)), "is not the name of a capture")
