@@ -151,7 +151,7 @@ def _scene_path(scene: str | Path) -> Path:
     if path.is_file() or path.suffix:
         return path
     if str(scene) not in shipped_scenes():
-        if path.exists():
+        if path.name and path.exists():
             return path
         raise InputError("scene", name_rule("scene", shipped_scenes(), str(scene)), str(scene))
     return _shipped_folder() / f"{scene}.yaml"
