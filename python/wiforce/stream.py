@@ -17,7 +17,7 @@ from .io.readings import GroupCounts, Reading
 from .planning.findings import Finding, findings
 from .planning.plan import Plan, PlanOrScene, as_plan
 from .planning.reference_survey import survey_reference, surveyed_snapshots
-from .planning.room import adapted, expecting_snr, is_same_room, readapted
+from .planning.room import adapted, expecting_snr, readapted
 from .receiver import Receiver
 
 
@@ -249,13 +249,13 @@ class StreamReader:
 
     def _better(self, survey: Survey) -> Plan:
         """The plan in use, or another one where that suits the room as it is."""
-        if is_same_room(self.plan, self._adapted_to, survey):
-            return self.plan
-        self._adapted_to = survey
         try:
-            return readapted(self.plan, self._scene_plan, survey)
+            better, self._adapted_to = readapted(
+                self.plan, self._adapted_to, self._scene_plan, survey
+            )
         except InputError:  # a second tag that could be meant has appeared: ours is tracked
             return self.plan
+        return better
 
     def _use(self, plan: Plan, first_group: int = 0) -> None:
         """Read with a plan, and give the readings from a group on."""
