@@ -171,7 +171,7 @@ def test_undo_removes_measurements_one_by_one(tmp_path):
 @pytest.mark.parametrize("force_n", [-2.0, 0.0, 0.4, 10.1, 204.0])
 def test_force_out_of_range_is_refused(tmp_path, force_n):
     with CalibrationSession(PLAN, tmp_path / "arm.taps.csv") as session:
-        with pytest.raises(InputError, match="force: must be 0.5 to 10 N"):
+        with pytest.raises(InputError, match="force_n: must be 0.5 to 10 N"):
             session.add(dataclasses.replace(press(2.0, 20.0), force_n=force_n))
         assert not session.measurements
 
@@ -304,12 +304,12 @@ def test_force_far_from_the_asked_one_is_doubted(tmp_path):
 @pytest.mark.parametrize(
     ("change", "rule"),
     [
-        ({"location_mm": (20.0,)}, "locations: must be two or more"),
-        ({"location_mm": (20.0, 20.0)}, "locations: must be two or more different"),
-        ({"location_mm": (20.0, 90.0)}, "locations: must lie within the line, 0 to 80 mm"),
-        ({"force_n": (1.0, 2.0)}, "forces: must be at least 5, rising"),
-        ({"force_n": (1.0, 2.0, 2.0, 3.0, 4.0)}, "forces: must be at least 5, rising"),
-        ({"force_n": (-1.0, 2.0, 3.0, 4.0, 5.0)}, "forces: must lie within 0 to"),
+        ({"location_mm": (20.0,)}, "location_mm: must be two or more"),
+        ({"location_mm": (20.0, 20.0)}, "location_mm: must be two or more different"),
+        ({"location_mm": (20.0, 90.0)}, "location_mm: must lie within the line, 0 to 80 mm"),
+        ({"force_n": (1.0, 2.0)}, "force_n: must be at least 5 forces, rising"),
+        ({"force_n": (1.0, 2.0, 2.0, 3.0, 4.0)}, "force_n: must be at least 5 forces, rising"),
+        ({"force_n": (-1.0, 2.0, 3.0, 4.0, 5.0)}, "force_n: must lie within 0 to"),
     ],
 )
 def test_plan_that_gives_no_sensor_is_refused(change, rule):

@@ -131,10 +131,10 @@ def test_open_capture_missing_metadata_key_is_named(tmp_path):
         open_capture(stem)
 
 
-def test_open_capture_samples_without_metadata_name_the_commands_that_read_them(tmp_path):
+def test_open_capture_samples_without_metadata_asks_for_their_type(tmp_path):
     raw = tmp_path / "raw.dat"
     raw.write_bytes(bytes(8000))
-    rule = r"no raw\.dat\.sigmf-meta; raw samples .* --datatype .read, off-reflection"
+    rule = r"no raw\.dat\.sigmf-meta; for raw samples, give their type .--datatype ci16_le or"
     with pytest.raises(InputError, match=rule):
         open_capture(raw)
     with pytest.raises(InputError, match=r"raw\.dat: has no scene .* or is read without them"):

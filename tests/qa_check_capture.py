@@ -5,6 +5,7 @@ import json
 import os
 
 import pytest
+import yaml
 from command_runs import run_command
 from gnuradio import wiforce
 
@@ -64,7 +65,19 @@ def test_check_capture_without_checksum_or_with_gaps_says_so(capture):
     done = check(capture)
     assert done.returncode == 0, done.stderr
     assert "50000 samples lost in 1 gaps" in done.stdout and "checksum   none" in done.stdout
-    assert "metadata state no checksum" in done.stdout
+    assert "no checksum is known" in done.stdout
+
+
+def test_check_raw_samples_gives_what_the_scene_and_the_file_state(capture, tmp_path):
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(SCENE))
+    raw = capture.with_suffix(".sigmf-data").rename(tmp_path / "press.bin")
+    options = "--scene", tmp_path / "scene.yaml", "--datatype", "ci16_le"
+    done = check(raw, *options, "--json")
+    assert done.returncode == 0, done.stderr
+    (file,) = json.loads(done.stdout)["files"]
+    assert file["seconds"] == pytest.approx(0.4) and file["checksum"] == "none"
+    assert "unknown carrier" in check(raw, *options).stdout
+    assert "give a CAPTURE" in check("--datatype", "ci16_le").stderr
 
 
 def test_check_needs_a_capture_or_a_device(capture):

@@ -3,6 +3,7 @@
 
 import csv
 import importlib.util
+import shutil
 import subprocess
 import sys
 import threading
@@ -288,6 +289,15 @@ def test_headless_read_recording_writes_readings(capture, tmp_path):
     name, truth = capture
     headless("read_recording.py", name, "tabletop", tmp_path / "out.csv")
     assert_true(tmp_path / "out.csv", truth)
+
+
+def test_headless_read_recording_refuses_to_replace_the_scene(capture, tmp_path):
+    scene = tmp_path / "scene.csv"
+    shutil.copy(wiforce.load_scene("tabletop").path, scene)
+    command = [sys.executable, HEADLESS / "read_recording.py", capture[0], scene, scene]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.returncode and "scene.csv: cannot be written (is an input)" in done.stderr
+    assert "sensors:" in scene.read_text()
 
 
 def test_headless_channel_and_doppler_prints_clock_offset():

@@ -84,7 +84,7 @@ def test_careful_person_is_led_to_a_complete_session(sensor, path):
         ("", "must be typed"),
         ("two", "must be a number such as 2.5"),
         ("1 mm", "must be one of N, mN, g, kg, lb, oz"),
-        ("204", "204 g would be 2 N: type the unit"),
+        ("204", "force: must be 0.5 to 10 N (is it in g? 204 g are 2 N)"),
         ("-1", "a gauge that shows less than nothing is inverted"),
         ("0.1", "must be 0.5 to 10 N"),
         ("nan", "must be a number such as 2.5"),

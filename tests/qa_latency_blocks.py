@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The blocks that latency is measured with: packets in full, times in order and never early."""
+"""What latency is measured with: packets in full, times in order and never early."""
 
 import time
 
 import pytest
 from gnuradio import blocks, gr
-from gnuradio.wiforce.wiforce_bench import arrival_sink, paced_source
+from gnuradio.wiforce.wiforce_bench import paced_source
+from wiforce_app.bench.throughput.recording import GROUP_SAMPLES, tone_weights
+from wiforce_app.bench.throughput.stream import ToneSink, collected_groups
 
 
 @pytest.mark.parametrize("packet", [1, 364, 5000])
@@ -26,20 +28,15 @@ def test_marked_samples_go_out_in_order_and_not_before_their_time(packet):
         assert mark - before >= (n + 1) * every / rate
 
 
-def test_every_item_has_its_time_of_arrival_after_it_went_out():
-    source, sink = paced_source(250, 1e5, 250, 5000), arrival_sink(8 * 250)
-    flowgraph = gr.top_block()
-    flowgraph.connect(source, blocks.stream_to_vector(8, 250), sink)
+def test_tones_of_every_group_have_a_time_after_their_last_sample():
+    source = paced_source(364, 12.5e6, GROUP_SAMPLES, 8 * GROUP_SAMPLES)
+    flowgraph, sink = gr.top_block(), ToneSink(tone_weights(4))
+    flowgraph.connect(source, collected_groups("fc32"), sink)
     flowgraph.run()
-    sent, came = source.mark_times(), sink.times()
-    assert len(came) == len(sent) == 20
+    sent, came = source.mark_times(), sink.times
+    assert sink.failure is None and len(came) == len(sent) == 8
     assert came == sorted(came)
     assert all(after >= before for before, after in zip(sent, came, strict=True))
-
-
-def test_items_without_bytes_are_refused():
-    with pytest.raises(ValueError, match="item_size must be >= 1, got 0"):
-        arrival_sink(0)
 
 
 @pytest.mark.parametrize(

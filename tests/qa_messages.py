@@ -25,7 +25,7 @@ CALIBRATE = ["calibrate", "file.csv", "-o", "s.yaml"]
         (
             "1,2\n",
             ["read", "file.csv"],
-            "is not a capture: there is no file.csv.sigmf-meta; raw samples",
+            "is not a capture: there is no file.csv.sigmf-meta; for raw samples, give their type",
         ),
         (HEADER, ["simulate", "press.sigmf-meta", "x"], "is a file of a capture; a scene is a"),
         (HEADER, ["plan", "tabeltop"], "shipped scene (did you mean 'tabletop'? gr-wiforce list"),
@@ -41,6 +41,20 @@ CALIBRATE = ["calibrate", "file.csv", "-o", "s.yaml"]
         ),
         (HEADER.replace(",", ";"), CALIBRATE, "columns must be separated by commas, got ';'"),
         (HEADER + '900,20,1,"2,5",5\n', CALIBRATE, "with a decimal point, got '2,5'"),
+        (
+            "phase1_deg,phase2_deg,force_n,location_mm\n1,2,3,4\n",
+            [*CALIBRATE, "--kind", "taps"],
+            "--frequency-hz: is missing: file.csv holds taps, which were read at one carrier; name "
+            "it, as --frequency-hz 915e6\n",
+        ),
+        (
+            "file,force_n,location_mm\nx.s2p,3,4\n",
+            CALIBRATE,
+            "many carriers; name the one to calibrate at, as --frequency-hz 915e6; if the table is",
+        ),
+        (HEADER, ["plan", ""], "scene: must be a .yaml file or a shipped scene (gr-wiforce list"),
+        (HEADER, ["plan", "."], "scene: must be a .yaml file or a shipped scene (gr-wiforce list"),
+        (HEADER, ["calibrate", "file.csv", "-o", ""], "'': sensor file must end in .yaml"),
         (HEADER, ["schema", "scenes"], "Invalid value for 'KIND'"),
         (HEADER, ["list", "scene"], "Invalid value for '[scenes|sensors]'"),
     ],
@@ -60,6 +74,16 @@ def test_message_of_a_tab_in_a_scene_names_it(tmp_path, monkeypatch, capsys):
     (tmp_path / "scene.yaml").write_text("radio:\n\tcenter_frequency_hz: 900e6\n")
     assert main(["plan", "scene.yaml"]) == 2
     assert "line 2, column 1: a tab, but YAML is indented with" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["scene.yaml", "vna.csv", "readings.csv"])
+def test_demo_file_of_the_user_is_never_replaced(tmp_path, monkeypatch, capsys, name):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / name).write_text(SCENE)
+    assert main(["demo", "--folder", "."]) == 2
+    assert f"{name}: exists already and is not from an earlier demo" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    assert (tmp_path / name).read_text() == SCENE
 
 
 def test_simulate_press_in_metres_is_suspected(tmp_path, monkeypatch, capsys):

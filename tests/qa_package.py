@@ -6,9 +6,22 @@ import subprocess
 import sys
 
 import pytest
+import yaml
 from gnuradio import wiforce
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene, shipped_scenes
+from gnuradio.wiforce.stream import StreamReader
+
+SHORT = {
+    "radio": {"sample_rate_hz": 1.25e6},
+    "sounding": {"frame_length": 400},
+    "phase_group": {"snapshots": 125},
+    "sensors": [{"name": "arm", "model": "line-900mhz", "clock_hz": 300}],
+    "reference_s": 0.16,
+    "simulation": {"duration_s": 0.24, "snr_db": 20},
+}
 
 
 def test_package_name_means_the_block_after_its_module_was_imported():
@@ -74,6 +87,34 @@ def test_rules_refuse_what_the_constructors_refuse(tmp_path):
         {"environment": {"moving_clutter_hz": 1000.0}},
     ):
         assert not wiforce.is_scene({"sensors": [sensor]} | wrong)
+
+
+def test_receivers_and_simulation_accept_the_scenes_that_read_accepts(tmp_path):
+    """A scene's name gave an AttributeError wherever it was not loaded or planned before."""
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(SHORT))
+    for scene in (SHORT, tmp_path / "scene.yaml", str(tmp_path / "scene.yaml"), load_scene(SHORT)):
+        for receiver in (wiforce.Receiver, StreamReader):
+            assert receiver(scene).plan.group_length == 125
+        assert len(wiforce.simulate(scene, tmp_path / "press")) == 3
+        reader = RecordingReader(open_capture(tmp_path / "press"), scene, frame_offset=0)
+        assert reader.plan.group_length == 125
+    assert wiforce.Receiver("demo").plan.scene == load_scene("demo")
+
+
+@pytest.mark.parametrize("wrong", [None, 3, ["demo"]])
+def test_library_anything_but_a_scene_or_file_is_refused_by_the_parameter(tmp_path, wrong):
+    for call in (
+        wiforce.plan,
+        wiforce.Receiver,
+        StreamReader,
+        lambda scene: wiforce.simulate(scene, tmp_path / "press"),
+    ):
+        with pytest.raises(InputError, match="^scene: must be a scene file, the name"):
+            call(wrong)
+    with pytest.raises(InputError, match="^capture: must be the path of a capture, got"):
+        wiforce.read(wrong, "demo")
+    with pytest.raises(InputError, match="^sensor: must be the name of a shipped sensor"):
+        wiforce.load_sensor(wrong)
 
 
 def test_input_error_from_another_process_is_equal():

@@ -209,6 +209,18 @@ def test_scene_with_wrong_value_names_key_and_rule(dotted, value, expected):
     assert expected in rejection(changed(dotted, value))
 
 
+def test_duration_absent_with_long_groups_is_one_group():
+    """A scene for reading alone was refused for a duration that it never stated."""
+    scene = {
+        "phase_group": {"snapshots": 62500},
+        "sensors": [{"name": "arm", "model": "wiforce-900mhz"}],
+        "reference_s": 4.0,
+    }
+    assert load_scene(scene).simulation.duration_s == pytest.approx(3.6)
+    scene["phase_group"]["snapshots"] = 625
+    assert load_scene(scene).simulation.duration_s == 3.0
+
+
 @pytest.mark.parametrize(
     "dotted, expected",
     [

@@ -2,6 +2,7 @@
 """What a survey has found, as the commands show it."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -121,6 +122,17 @@ def test_plan_of_capture_states_what_its_room_adds(captures, busy):
     assert any("adds the tag of 1729.9" in change for change in found["changes"])
     text = run_command("plan", captures / "quiet.yaml", "--capture", captures / "quiet").stdout
     assert "room of the capture" in text and "skipped: separation of tags" in text
+
+
+def test_survey_and_plan_of_raw_samples_find_what_those_of_the_capture_do(captures, busy):
+    raw = ["--datatype", "ci16_le"]
+    data = shutil.copy(captures / "busy.sigmf-data", captures / "raw.bin")
+    done = run_command("survey", data, "--scene", captures / "busy.yaml", *raw, "--json")
+    assert json.loads(done.stdout)["findings"] == busy["findings"], done.stderr
+    done = run_command("plan", captures / "busy.yaml", "--capture", data, *raw, "--json")
+    assert json.loads(done.stdout)["room"]["findings"] == busy["findings"], done.stderr
+    done = run_command("plan", captures / "busy.yaml", *raw)
+    assert done.returncode == 2 and "give --capture as well" in done.stderr
 
 
 @pytest.mark.parametrize(

@@ -11,12 +11,15 @@ The same as read_recording.grc, without a window:
 import sys
 
 from gnuradio import gr, wiforce
+from gnuradio.wiforce.io.capture import open_capture
 
 
 def main(capture, scene, output):
+    capture, scene = open_capture(capture), wiforce.load_scene(scene)
     flowgraph = gr.top_block("read_recording", catch_exceptions=False)
     source = wiforce.capture_source(capture, scene)
-    with wiforce.open_writer(output) as writer:
+    inputs = [*capture.files, *scene.files]  # the output must be none of them
+    with wiforce.open_writer(output, inputs) as writer:
         reader = wiforce.reader(scene, input_type="folded", on_reading=writer.write)
         flowgraph.connect(source, reader)
         flowgraph.run()

@@ -13,6 +13,12 @@ from .options import CARRIER_HZ, FiniteRange
 
 _REPORTED_FORCES_N = (2.0, 4.0, 6.0, 8.0)
 _FORMS = ("auto", "auto-beyond", "cubic", "power", "spline")
+# What --frequency-hz says of a table that does not say it itself.
+_CARRIER_OF = {
+    "taps": "{} holds taps, which were read at one carrier; name it, as --frequency-hz 915e6",
+    "touchstone": "{} lists Touchstone files, which hold many carriers; name the one to calibrate "
+    "at, as --frequency-hz 915e6",
+}
 _STEPS = ("nearest", "given", "line")
 
 
@@ -94,7 +100,7 @@ def calibrate(table, output, frequency_hz, kind, name, refined, plot_path, guide
         frequency_hz, kind = guide(table, guided, settings), "taps"
         if frequency_hz is None:
             return
-    data = _read(sensor, table, kind or sensor.table_kind(table), frequency_hz)
+    data = _read(sensor, table, kind, frequency_hz)
     bench = None if refined is None else sensor.load_sensor(refined, frequency_hz=frequency_hz)
     line = (
         (settings["length_mm"], settings["permittivity"])
@@ -137,12 +143,13 @@ def _line_assumed(sensor, data, length_mm, permittivity):
         yield f"  {found.frequency_hz / 1e6:g} MHz: {found.text()}"
 
 
-def _read(sensor, table, kind, frequency_hz):
+def _read(sensor, table, stated_kind, frequency_hz):
+    kind = stated_kind or sensor.table_kind(table)
     if kind == "vna":
         return sensor.read_vna_csv(table, frequency_hz)
     if frequency_hz is None:
-        rule = f"must be given for a table of {kind}; if {table} is another kind, give --kind"
-        raise InputError("--frequency-hz", rule)
+        other = "" if stated_kind else "; if the table is of another kind, give --kind"
+        raise InputError("--frequency-hz", f"is missing: {_CARRIER_OF[kind].format(table)}{other}")
     reader = {"touchstone": sensor.read_touchstone_index, "taps": sensor.read_tap_csv}[kind]
     return reader(table, frequency_hz)
 

@@ -21,7 +21,7 @@ from gnuradio.wiforce.scene.schema import Scene
 
 from .live import FAILED, radio_request, warn_of_oscillators
 from .log import log
-from .options import optional_radio_options
+from .options import optional_radio_options, sample_type
 from .radio_request import DeviceLost
 from .room_report import finding_line, finding_rows, measure_tag, sensor_text
 from .stream_events import describe_events
@@ -53,8 +53,9 @@ class Findings:
 @click.command()
 @click.argument("capture", type=click.Path(), required=False)
 @optional_radio_options
+@sample_type
 @click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
-def check(capture, scene_path, args, as_json, **radio):
+def check(capture, scene_path, args, datatype, as_json, **radio):
     """Measure levels, noise, delay and the tags' clocks, and advise what to change.
 
     With --args and --scene the check receives from a device; no sensor may be pressed meanwhile.
@@ -63,8 +64,10 @@ def check(capture, scene_path, args, as_json, **radio):
     if capture is not None:
         if args is not None:
             raise click.UsageError("CAPTURE and --args exclude each other")
-        _check_files(capture, scene_path, as_json)
+        _check_files(capture, scene_path, datatype, as_json)
         return 0
+    if datatype is not None:
+        raise click.UsageError("--datatype is that of a recording: give a CAPTURE as well")
     if args is None or scene_path is None:
         raise click.UsageError("give --scene and --args for a device, or a CAPTURE")
     scene = load_scene(scene_path)
@@ -87,10 +90,10 @@ def check(capture, scene_path, args, as_json, **radio):
     return 0
 
 
-def _check_files(capture, scene_path, as_json):
+def _check_files(capture, scene_path, datatype, as_json):
     from .check_capture import check_capture, report
 
-    found = check_capture(capture, scene_path)
+    found = check_capture(capture, scene_path, datatype)
     click.echo(json.dumps(found, indent=2) if as_json else report(found))
 
 

@@ -14,7 +14,7 @@ from gnuradio.wiforce.scene import scene_of
 _FRAMES = 4000
 
 
-def check_capture(path, scene_path):
+def check_capture(path, scene_path, datatype=None):
     """Verify the checksum, the length and the frames of a capture, and measure its levels.
 
     Parameters
@@ -22,6 +22,8 @@ def check_capture(path, scene_path):
     path : str
     scene_path : str or None
         The capture's own scene by default.
+    datatype : str, optional
+        ``ci16_le`` or ``cf32_le``: the file is raw samples of this type.
 
     Returns
     -------
@@ -33,7 +35,7 @@ def check_capture(path, scene_path):
     InputError
         When the samples are not those that the metadata state, or hold no frames of the scene.
     """
-    capture = open_capture(path)
+    capture = open_capture(path, datatype)
     scene, differences = scene_of(capture, scene_path)
     antennas = [capture]
     if scene.environment.receive_antennas == 2:
@@ -41,7 +43,7 @@ def check_capture(path, scene_path):
     files = []
     for antenna in antennas:
         antenna.check_against(scene)
-        files.append(_file(antenna))
+        files.append(_file(antenna, scene.radio))
     waveform = scene.waveform()
     place = require_frames(capture, waveform)
     first = first_frame(capture, waveform, place)
@@ -54,15 +56,16 @@ def check_capture(path, scene_path):
     }
 
 
-def _file(capture):
+def _file(capture, radio):
     _verify(capture)
+    rate = radio.sample_rate_hz if capture.sample_rate_hz is None else capture.sample_rate_hz
     return {
         "path": str(capture.path),
         "datatype": capture.datatype,
-        "sample_rate_hz": capture.sample_rate_hz,
+        "sample_rate_hz": rate,
         "center_frequency_hz": capture.center_frequency_hz,
         "samples": capture.samples,
-        "seconds": capture.span / capture.sample_rate_hz,
+        "seconds": capture.span / rate,
         "gaps": len(capture.segments) - 1,
         "samples_lost": capture.span - capture.samples,
         "checksum": "none" if capture.sha512 is None else "verified",
@@ -85,7 +88,7 @@ def _verify(capture):
 def _warnings(antennas, files):
     for file in files:
         if file["checksum"] == "none":
-            yield f"{file['path']}: the metadata state no checksum; changed samples go unnoticed"
+            yield f"{file['path']}: no checksum is known; changed samples go unnoticed"
     antennas = sorted(antennas, key=lambda capture: capture.span)
     if antennas[0].span != antennas[-1].span:
         lacking = antennas[-1].span - antennas[0].span

@@ -7,6 +7,7 @@ import click
 import numpy as np
 import yaml
 from gnuradio.wiforce._config import DATA_DIR
+from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.writers import open_writer
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.sensor import (
@@ -30,6 +31,19 @@ _CALIBRATION_NOISE_DEG = 0.2
 _FORCE_LIMIT_N = 0.15
 _LOCATION_LIMIT_MM = 0.3
 
+# Files in the folder; the scene's first line marks those of an earlier demo.
+_FILES = (
+    "scene.yaml",
+    "vna.csv",
+    "sensor.yaml",
+    "demo.sigmf-data",
+    "demo.sigmf-meta",
+    "demo.truth.csv",
+    "readings.csv",
+    "readings.png",
+)
+_MARK = "# Written by gr-wiforce demo, which replaces the files of this folder when run again.\n"
+
 
 @click.command()
 @click.option(
@@ -37,7 +51,7 @@ _LOCATION_LIMIT_MM = 0.3
     type=click.Path(file_okay=False),
     default="demo",
     show_default=True,
-    help="Where files are written.",
+    help="Where files are written. Files that are not from an earlier demo are not replaced.",
 )
 def demo(folder):
     """Simulate two presses, read them back through GNU Radio and compare with the truth.
@@ -46,13 +60,16 @@ def demo(folder):
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
+    _check_folder(folder)
     shipped = Path(DATA_DIR) / "scenes" / "demo.yaml"
     line = load_sensor(load_scene(shipped).simulation.tags[0].truth_model)
+    # First of all files: it marks the folder as that of a demo, even of one that is interrupted.
+    path = _write_scene(shipped, folder)
     click.echo(
         f"1. calibrate {line.name} at {len(_LOCATIONS_MM)} locations from simulated VNA data"
     )
     _calibrate(line, folder)
-    scene = _scene_with(shipped, folder)
+    scene = load_scene(path)
     click.echo(f"2. simulate {scene.simulation.duration_s:g} s of received signal")
     _simulate(scene, folder)
     click.echo("3. read the capture through GNU Radio")
@@ -71,6 +88,17 @@ def demo(folder):
     return 0 if kept and result.median_location_mm <= _LOCATION_LIMIT_MM else 1
 
 
+def _check_folder(folder):
+    """Refuse a folder with files of the demo's names that no earlier demo has written."""
+    scene = folder / _FILES[0]
+    if scene.is_file() and scene.read_bytes().startswith(_MARK.encode()):
+        return
+    for path in (folder / name for name in _FILES):
+        if path.exists():
+            rule = "exists already and is not from an earlier demo; name another --folder"
+            raise InputError(path, rule)
+
+
 def _calibrate(line, folder):
     table = measure_vna(line, _LOCATIONS_MM, _FORCES_N, _CALIBRATION_NOISE_DEG, seed=1)
     write_vna_csv(table, folder / "vna.csv")
@@ -78,14 +106,14 @@ def _calibrate(line, folder):
     write_sensor(model, folder / "sensor.yaml")
 
 
-def _scene_with(shipped, folder):
-    """The shipped scene with the sensor model that was just calibrated."""
+def _write_scene(shipped, folder):
+    """Write the shipped scene with the sensor model that will be calibrated; give its path."""
     content = yaml.safe_load(shipped.read_text(encoding="utf-8"))
     for sensor in content["sensors"]:
         sensor["model"] = "sensor.yaml"
-    path = folder / "scene.yaml"
-    path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
-    return load_scene(path)
+    path = folder / _FILES[0]
+    path.write_text(_MARK + yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+    return path
 
 
 def _simulate(scene, folder):

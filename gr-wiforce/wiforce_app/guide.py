@@ -12,6 +12,7 @@ from gnuradio.wiforce.errors import InputError
 from .options import optional_radio_options
 
 _LOOK_S = 0.02
+_OPTION_OF = {"location_mm": "--locations", "force_n": "--forces", "sweeps": "--sweeps"}
 
 
 class _Numbers(click.ParamType):
@@ -147,14 +148,17 @@ def guide(table, guided, settings):
         rule = f"must be that of the scene's model '{sensor.model}', {own_mm:g}"
         raise InputError("--length-mm", rule, settings["length_mm"])
     wanted = {"location_mm": guided.pop("locations"), "force_n": guided.pop("forces")}
-    plan = SessionPlan(
-        sensor=sensor.name,
-        frequency_hz=scene.radio.center_frequency_hz,
-        **{key: numbers for key, numbers in wanted.items() if numbers is not None},
-        sweeps=guided.pop("sweeps"),
-        length_mm=settings["length_mm"],
-        permittivity=settings["permittivity"],
-    )
+    try:
+        plan = SessionPlan(
+            sensor=sensor.name,
+            frequency_hz=scene.radio.center_frequency_hz,
+            **{key: numbers for key, numbers in wanted.items() if numbers is not None},
+            sweeps=guided.pop("sweeps"),
+            length_mm=settings["length_mm"],
+            permittivity=settings["permittivity"],
+        )
+    except InputError as error:
+        raise error.renamed(_OPTION_OF) from None
     scale = [guided.pop(name) for name in ("scale", "scale_unit", "baud")]
     with CalibrationSession(plan, table, settings) as session, ExitStack() as opened:
         finished = False

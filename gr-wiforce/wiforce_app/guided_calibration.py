@@ -19,6 +19,10 @@ HELP = """\
     q  quit; everything stored is kept, and the same command continues"""
 
 
+# What the person sees, instead of the library's parameters.
+_WORDS = {"force_n": "force", "measurement": "untouched sensor"}
+
+
 class GuidedCalibration:
     """Leads a person through a calibration session.
 
@@ -238,7 +242,7 @@ class GuidedCalibration:
             )
 
     def _refuse(self, error):
-        self._echo(f"  not stored: {error}")
+        self._echo(f"  not stored: {error.renamed(_WORDS)}")
         return False
 
     def _prompt(self, text):

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Measures the cost of each step of a plan, as processor time per second of signal.
 
-GNU Radio's performance counters time the C++ blocks over a simulated press, and the receiver's
-stages are timed on the tones that come out. Folding and tones are one block here, so the cost of
-the tones is what they add to folding alone; streams compute them by the same kernel. The saving of
-a skipped step is the time of the same block with the step forced on, minus its time without.
+A simulated press takes the path of the block Reader. GNU Radio's performance counters time the
+block that folds samples and collects the snapshots of each group; tones and the receiver's stages
+are timed on these snapshots. One kernel computes tones and channel, so the cost of the tones is its
+time without that of the channel estimator, which exists as a block. The saving of a skipped step is
+the time of the same computation with the step forced on, minus its time without.
 """
 
 import dataclasses
@@ -15,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 from gnuradio.wiforce.estimation.average import AdaptiveAverage
+from gnuradio.wiforce.estimation.folded_groups import FoldedGroups
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.planning.plan import HARMONICS
 from gnuradio.wiforce.planning.plan import plan as plan_of
@@ -52,15 +54,18 @@ def measure_steps(plan):
         simulate(scene, capture)
         samples = Path(f"{capture}.sigmf-data")
         signal_s = samples.stat().st_size / 4 / scene.radio.sample_rate_hz
-        chain = _Chain(samples, plan)
-        took, tones = _receiver_times(samples, plan_of(scene)), chain.tones()
-        took["fold"] = chain.fold()
-        took["tones"] = tones - took["fold"]
-        took["guard and first repetition"] = chain.whole_frames() - tones
-        per_snapshot = chain.channel_first() - took["channel"]
-        took["channel per snapshot"] = per_snapshot
+        blocks = _Blocks(samples, plan)
+        folded = blocks.snapshots()
+        tones, transform = _transform(plan, folded)
+        took = _stage_times(plan_of(scene), tones)
+        took["fold"] = blocks.fold()
+        took["channel"] = blocks.channel(tones)
+        took["tones"] = transform - took["channel"]
+        took["guard and first repetition"] = blocks.whole_frames() - took["fold"]
+        took["channel per snapshot"] = blocks.channel_first() - took["channel"]
         if any(step.name == "more lines" for step in steps(plan)):
-            took["more lines"] = chain.most_lines() - tones
+            most = dataclasses.replace(plan, harmonics=HARMONICS[-1])
+            took["more lines"] = _transform(most, folded)[1] - transform
     took = {name: seconds / signal_s for name, seconds in took.items()}
     took |= _group_skips(plan)
     return {name: max(seconds, 0.0) for name, seconds in took.items()}
@@ -93,23 +98,15 @@ def _pressed(scene):
     return dataclasses.replace(scene, simulation=simulation, environment=environment)
 
 
-def _receiver_times(samples, plan):
-    """The channel estimator, and the receiver's stages, over the whole recording."""
-    from gnuradio import blocks, gr, wiforce
+def _transform(plan, folded):
+    """Tones (G, M, K) of the groups' snapshots (G, N, 64), and the time that they take."""
+    kernel = FoldedGroups(plan.table, plan.waveform)
+    present = np.ones(plan.group_length, bool)
 
-    flowgraph = gr.top_block()
-    waveform, rows = plan.waveform, len(plan.table.tones)
-    fold = wiforce.preamble_fold.tones(
-        plan.table.weights, plan.group_length, **waveform.folding, item_type="sc16"
-    )
-    rotation = plan.table.derotation(waveform.sample_rate_hz)
-    estimator = wiforce.ofdm_channel_estimator(waveform.equalizer(), rows, rotation)
-    sink = blocks.vector_sink_c(rows * FFT_LENGTH)
-    flowgraph.connect(blocks.file_source(4, str(samples)), fold, estimator, sink)
-    flowgraph.run()
-    tones = np.array(sink.data(), np.complex64).reshape(-1, rows, FFT_LENGTH)
-    took = _stage_times(plan, tones[:, :, waveform.bins])
-    return took | {"channel": _seconds(estimator)}
+    def transform():
+        return np.array([kernel.solve(present, group)[0] for group in folded])
+
+    return transform(), _each(transform)
 
 
 def _stage_times(plan, tones):
@@ -129,65 +126,88 @@ def _seconds(block):
     return 1e-9 * block.pc_work_time_total()
 
 
-class _Chain:
-    """The blocks from samples to tones, in a given order and with given settings."""
+class _Blocks:
+    """The blocks from samples to the snapshots of groups, and those that could replace them."""
 
     def __init__(self, samples, plan):
         self._samples, self._plan = str(samples), plan
 
-    def tones(self):
-        return self._time(lambda: self._tones(self._plan))
+    def snapshots(self):
+        """Snapshots (G, N, 64) of the recording's groups."""
+        from gnuradio import blocks
+
+        length = self._plan.group_length * FFT_LENGTH
+        sink = blocks.vector_sink_c(length)
+        self._run(self._collected(), sink)
+        return np.array(sink.data(), np.complex64).reshape(-1, self._plan.group_length, FFT_LENGTH)
 
     def fold(self):
-        return self._time(self._fold)
+        return self._time(self._collected)
 
     def whole_frames(self):
         """With all samples of a frame folded."""
-        whole = {
-            "first_averaged": 0,
-            "repetitions": self._plan.waveform.frame_length // FFT_LENGTH,
-        }
-        return self._time(lambda: self._tones(self._plan, **whole))
+        repetitions = self._plan.waveform.frame_length // FFT_LENGTH
+        return self._time(lambda: self._collected(first_averaged=0, repetitions=repetitions))
 
-    def most_lines(self):
-        most = dataclasses.replace(self._plan, harmonics=HARMONICS[-1])
-        return self._time(lambda: self._tones(most))
+    def channel(self, tones):
+        """The channel estimate of all tones."""
+        from gnuradio import blocks, gr
+
+        rows = tones.shape[1]
+        values = np.zeros((len(tones), rows, FFT_LENGTH), np.complex64)
+        values[:, :, self._plan.waveform.bins] = tones
+        rotation = self._plan.table.derotation(self._plan.waveform.sample_rate_hz)
+        times = []
+        for _ in range(_RUNS):
+            estimator = self._estimator(rows, rotation)
+            source = blocks.vector_source_c(values.ravel().tolist(), False, rows * FFT_LENGTH)
+            flowgraph = gr.top_block()
+            flowgraph.connect(source, estimator, _null_sink(estimator))
+            flowgraph.run()
+            times.append(_seconds(estimator))
+        return min(times)
 
     def channel_first(self):
         """The channel estimate of every snapshot, before the tones."""
         from gnuradio import wiforce
 
-        factors = self._plan.waveform.equalizer()
-        return self._time(lambda: wiforce.ofdm_channel_estimator(factors, 1), behind=self._fold)
-
-    def _fold(self):
-        from gnuradio import wiforce
-
-        return wiforce.preamble_fold(**self._plan.waveform.folding, item_type="sc16")
-
-    def _tones(self, plan, **frame):
-        from gnuradio import wiforce
-
-        return wiforce.preamble_fold.tones(
-            plan.table.weights,
-            plan.group_length,
-            **self._plan.waveform.folding | frame,
-            item_type="sc16",
+        folding = self._plan.waveform.folding
+        return self._time(
+            lambda: self._estimator(1), lambda: wiforce.preamble_fold(**folding, item_type="sc16")
         )
 
-    def _time(self, make, behind=None):
-        """The shortest time of a block in several runs, each with new blocks."""
-        return min(self._run(make(), behind and behind()) for _ in range(_RUNS))
+    def _collected(self, **frame):
+        from gnuradio import wiforce
 
-    def _run(self, block, behind):
+        folding = self._plan.waveform.folding | frame
+        return wiforce.preamble_fold.collected(self._plan.group_length, **folding, item_type="sc16")
+
+    def _estimator(self, rows, rotation=()):
+        from gnuradio import wiforce
+
+        return wiforce.ofdm_channel_estimator(self._plan.waveform.equalizer(), rows, rotation)
+
+    def _time(self, make, make_before=None):
+        """The shortest time of a block in several runs, each with new blocks."""
+        times = []
+        for _ in range(_RUNS):
+            before, block = [make_before()] if make_before else [], make()
+            self._run(*before, block, _null_sink(block))
+            times.append(_seconds(block))
+        return min(times)
+
+    def _run(self, *chain):
         from gnuradio import blocks, gr
 
         flowgraph = gr.top_block()
-        item = block.output_signature().sizeof_stream_item(0)
-        chain = [blocks.file_source(4, self._samples), behind, block, blocks.null_sink(item)]
-        flowgraph.connect(*filter(None, chain))
+        flowgraph.connect(blocks.file_source(4, self._samples), *chain)
         flowgraph.run()
-        return _seconds(block)
+
+
+def _null_sink(block):
+    from gnuradio import blocks
+
+    return blocks.null_sink(block.output_signature().sizeof_stream_item(0))
 
 
 def _group_skips(plan):

@@ -8,6 +8,7 @@ from gnuradio.wiforce.estimation.off_state import estimate_off_reflection
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.scene import load_scene
 
+from .options import sample_type
 from .progress import progress
 from .read import read_capture
 
@@ -24,7 +25,7 @@ _UNSTEADY = {"gap", "transition", "moved"}
     type=click.Path(),
     help="Scene file, or name of a shipped scene.",
 )
-@click.option("--datatype", help="Type of raw samples: ci16_le or cf32_le.")
+@sample_type
 def off_reflection(capture, scene_path, datatype):
     """Estimate off_reflection of every sensor from a CAPTURE with presses.
 

@@ -24,6 +24,11 @@ capture_scene = click.option(
     type=click.Path(),
     help="Scene file, or name of a shipped scene. Default: the scene in the capture's metadata.",
 )
+sample_type = click.option(
+    "--datatype",
+    type=click.Choice(["ci16_le", "cf32_le"]),
+    help="Type of the samples, for a raw file without metadata.",
+)
 readings_output = click.option(
     "-o",
     "--output",

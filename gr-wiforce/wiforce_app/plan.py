@@ -13,6 +13,7 @@ from gnuradio.wiforce.planning.plan import plan as plan_of
 from gnuradio.wiforce.planning.steps import steps as steps_of
 from gnuradio.wiforce.scene import load_scene
 
+from .options import sample_type
 from .room_report import changes_of, finding_rows, findings_text, skipped_of
 
 
@@ -24,14 +25,17 @@ from .room_report import changes_of, finding_rows, findings_text, skipped_of
     type=click.Path(),
     help="Survey the room of a capture, and show what the plan adds or skips because of it.",
 )
+@sample_type
 @click.option("--improve", is_flag=True, help="Propose better settings and state their effect.")
 @click.option("--measure", is_flag=True, help="Measure the time of each step on this machine.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
-def plan(scene, capture_path, improve, measure, as_json):
+def plan(scene, capture_path, datatype, improve, measure, as_json):
     """Show which steps a SCENE needs, what each costs, and which errors to expect.
 
     Noise, clutter and presses are taken from the section simulation of the scene.
     """
+    if datatype is not None and capture_path is None:
+        raise click.UsageError("--datatype is that of a recording: give --capture as well")
     scene = load_scene(scene)
     settings = plan_of(scene)
     report = {
@@ -42,7 +46,7 @@ def plan(scene, capture_path, improve, measure, as_json):
         "notes": [note for note in [licence_note(scene)] if note],
     }
     if capture_path is not None:
-        report["room"] = _room(capture_path, scene, settings)
+        report["room"] = _room(capture_path, datatype, scene, settings)
     if measure:
         from .measure import measure_steps
 
@@ -58,7 +62,7 @@ def plan(scene, capture_path, improve, measure, as_json):
         _print(report, scene)
 
 
-def _room(capture, scene, settings):
+def _room(capture, datatype, scene, settings):
     """What a capture's room holds, and what it changes in the plan."""
     from gnuradio.wiforce.io.capture import open_capture
     from gnuradio.wiforce.planning.findings import findings
@@ -66,7 +70,7 @@ def _room(capture, scene, settings):
 
     from .survey import surveyed
 
-    recording = open_capture(capture)
+    recording = open_capture(capture, datatype)
     reader = RecordingReader(recording, settings)
     listed = findings(surveyed(recording, scene, reader), settings, reader.plan)
     return {

@@ -10,7 +10,7 @@ from gnuradio.wiforce.recording import RecordingReader
 from gnuradio.wiforce.scene import scene_of
 
 from .interrupts import Interrupted
-from .options import capture_scene, readings_output, tracked_presses
+from .options import capture_scene, readings_output, sample_type, tracked_presses
 from .progress import progress
 from .room_report import RoomNews
 from .stream_events import describe_events
@@ -26,11 +26,7 @@ from .stream_events import describe_events
     type=click.Path(),
     help="Write a picture of the readings (PNG, PDF or SVG).",
 )
-@click.option(
-    "--datatype",
-    type=click.Choice(["ci16_le", "cf32_le"]),
-    help="Type of the samples, for a raw file without metadata.",
-)
+@sample_type
 @click.option(
     "--frame-offset",
     type=click.IntRange(0),

@@ -14,7 +14,7 @@ from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.recording import RecordingReader
 from gnuradio.wiforce.scene import scene_of
 
-from .options import capture_scene
+from .options import capture_scene, sample_type
 from .read import warn
 from .room_report import (
     changes_of,
@@ -29,6 +29,7 @@ from .room_report import (
 @click.command()
 @click.argument("capture", type=click.Path())
 @capture_scene
+@sample_type
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
 @click.option(
     "--plot",
@@ -36,12 +37,12 @@ from .room_report import (
     type=click.Path(),
     help="Write a picture of the spectrum with all that was found (PNG, PDF or SVG).",
 )
-def survey(capture, scene_path, as_json, plot_path):
+def survey(capture, scene_path, datatype, as_json, plot_path):
     """Show what is in the room: movers, lamps, other tags, and what is done about them.
 
     The spectrum is that of the untouched reference at the start of the CAPTURE.
     """
-    recording = open_capture(capture)
+    recording = open_capture(capture, datatype)
     scene, differences = scene_of(recording, scene_path)
     if plot_path is not None:
         from .plots import check_picture

@@ -35,7 +35,7 @@ class InputError(ValueError):
     """
 
     def __init__(self, where: object, rule: str, *value: object) -> None:
-        self.where = str(where)
+        self.where = str(where) or "''"  # an empty name must be seen
         self._what = rule + (f", got {_short(value[0])}" if value else "")
         super().__init__(f"{self.where}: {self._what}")
 

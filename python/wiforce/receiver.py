@@ -16,7 +16,7 @@ from .estimation.readout import Readout
 from .estimation.sensor_readout import SensorReadout
 from .estimation.tare_request import TareRequests, TareState
 from .io.readings import GroupCounts, Reading
-from .planning.plan import Plan
+from .planning.plan import Plan, PlanOrScene, as_plan
 
 
 class Receiver:
@@ -24,8 +24,8 @@ class Receiver:
 
     Parameters
     ----------
-    plan : Plan
-        Of a scene: ``wiforce.plan(scene)``.
+    plan : Plan, or str, Path, dict or Scene
+        Of a scene: ``wiforce.plan(scene)``. A scene is planned with its own settings.
     tracked : bool
         Follow each press over time (location constant, force a random walk) instead of inverting
         each group by itself.
@@ -44,7 +44,7 @@ class Receiver:
     Attributes
     ----------
     plan : Plan
-        As given.
+        As given, or that of the scene given.
     counts : GroupCounts
         Outcomes of the readings given so far.
     tares : TareRequests
@@ -53,7 +53,8 @@ class Receiver:
     Raises
     ------
     InputError
-        When a clock's tolerance exceeds 1000 ppm and no survey has measured it.
+        For a scene that cannot be planned, or when a clock's tolerance exceeds 1000 ppm and no
+        survey has measured it.
 
     Notes
     -----
@@ -77,13 +78,14 @@ class Receiver:
 
     def __init__(
         self,
-        plan: Plan,
+        plan: PlanOrScene,
         tracked: bool = False,
         derotated: bool = True,
         on_groups: Callable[[Groups], None] | None = None,
         first_group: int = 0,
         counts: GroupCounts | None = None,
     ) -> None:
+        plan = as_plan(plan)
         plan.check_clocks()
         self.plan = plan
         estimator = estimator_named(plan.estimator)

@@ -24,7 +24,7 @@ from .estimation.survey import Survey
 from .io.capture import Capture, open_capture
 from .io.capture_files import second_antenna
 from .io.readings import COLUMNS, NUMBERS, GroupCounts, Reading
-from .planning.plan import Plan
+from .planning.plan import Plan, PlanOrScene, as_plan
 from .planning.plan import plan as plan_of
 from .planning.reference_survey import survey_reference, surveyed_snapshots
 from .planning.room import adapted, expecting_snr
@@ -117,8 +117,8 @@ class RecordingReader:
     ----------
     recording : Capture
         Must agree with the plan's scene.
-    plan : Plan
-        Of a scene: ``wiforce.plan(scene)``.
+    plan : Plan, or str, Path, dict or Scene
+        Of a scene: ``wiforce.plan(scene)``. A scene is planned with its own settings.
     frame_offset : int, optional
         Samples before the first frame; searched in the samples when not given.
     tracked : bool
@@ -162,7 +162,7 @@ class RecordingReader:
     def __init__(
         self,
         recording: Capture,
-        plan: Plan,
+        plan: PlanOrScene,
         frame_offset: int | None = None,
         tracked: bool = False,
         on_groups: Callable[[Groups], None] | None = None,
@@ -172,6 +172,7 @@ class RecordingReader:
             isinstance(frame_offset, int | np.integer) and frame_offset >= 0
         ):
             raise InputError("frame_offset", "must be an integer of at least 0", frame_offset)
+        plan = as_plan(plan)
         scene = plan.require_scene()
         recording.check_against(scene)
         self._recording, self.plan = recording, plan

@@ -15,9 +15,9 @@ from .estimation.surveyed_groups import SurveyedGroups
 from .estimation.tare_request import TareReports, TareState
 from .io.readings import GroupCounts, Reading
 from .planning.findings import Finding, findings
-from .planning.plan import Plan
+from .planning.plan import Plan, PlanOrScene, as_plan
 from .planning.reference_survey import survey_reference, surveyed_snapshots
-from .planning.room import adapted, expecting_snr, is_same_room, readapted
+from .planning.room import adapted, expecting_snr, readapted
 from .receiver import Receiver
 
 
@@ -87,8 +87,8 @@ class StreamReader:
 
     Parameters
     ----------
-    plan : Plan
-        Of a scene: ``wiforce.plan(scene)``.
+    plan : Plan, or str, Path, dict or Scene
+        Of a scene: ``wiforce.plan(scene)``. A scene is planned with its own settings.
     tracked : bool
         Follow each press over time instead of inverting each group by itself.
     survey_again_s : float
@@ -127,8 +127,10 @@ class StreamReader:
     ([], 1)
     """
 
-    def __init__(self, plan: Plan, tracked: bool = False, survey_again_s: float = AGAIN_S) -> None:
-        self.plan = self._scene_plan = plan
+    def __init__(
+        self, plan: PlanOrScene, tracked: bool = False, survey_again_s: float = AGAIN_S
+    ) -> None:
+        self.plan = self._scene_plan = plan = as_plan(plan)
         self.survey: Survey | None = None
         self.findings: list[Finding] | None = None
         self.counts = GroupCounts()
@@ -247,13 +249,13 @@ class StreamReader:
 
     def _better(self, survey: Survey) -> Plan:
         """The plan in use, or another one where that suits the room as it is."""
-        if is_same_room(self.plan, self._adapted_to, survey):
-            return self.plan
-        self._adapted_to = survey
         try:
-            return readapted(self.plan, self._scene_plan, survey)
+            better, self._adapted_to = readapted(
+                self.plan, self._adapted_to, self._scene_plan, survey
+            )
         except InputError:  # a second tag that could be meant has appeared: ours is tracked
             return self.plan
+        return better
 
     def _use(self, plan: Plan, first_group: int = 0) -> None:
         """Read with a plan, and give the readings from a group on."""

@@ -3,20 +3,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 
 namespace gr::wiforce::kernel {
 
 namespace {
 
-// Snapshots over which the level of the noise is learned: seven groups of the default
-// length, .24 s. A receiver whose noise rises for good loses five groups of that length;
-// with three groups in the window it would lose two, but read a stretch of loud
-// interference of .15 s (and take it for a motion of the tag).
-constexpr int WINDOW = 4096;
-// Quantile over the groups of the window that is their level. Short groups that are hit
-// as a whole are then rejected as long as they are fewer than three quarters.
-constexpr double GROUP_QUANTILE = 0.25;
 // Quantiles over the snapshots of a group: the level, two whose ratio is the spread, and
 // one that is noise even where many tags leave an edge in most snapshots.
 constexpr double LEVEL = 0.20, LOW = 0.10, HIGH = 0.25, FLOOR = 0.03;
@@ -58,29 +49,6 @@ constexpr int PAIRS = 128;
 constexpr int FARTHEST = 61;
 constexpr double TAG_QUANTILE = 0.97;
 constexpr float TAG_MARGIN = 3.0f;
-// Change of a snapshot against a neighbour, median over the subcarriers, up to which
-// interference covers only a part of the band: a multiple of its usual value, of which it
-// has a standard deviation of 18 % (a burst of 7 dB over the band multiplies it by 6), or
-// of the mean over the subcarriers. That is .69 for noise, some .4 for a burst that fades
-// over the band, and below .1 for a strong transmitter on 8 of 64.
-constexpr float USUAL_MEDIAN = 2.5f;
-constexpr float NARROW_MEDIAN = 0.2f;
-// Snapshots without interference whose mean is the usual power of the subcarriers.
-constexpr std::size_t LEAST_QUIET = 8;
-// That mean where there are none, as a multiple of the usual median; 1.5 to 2.3 with a
-// tag.
-constexpr float MEAN_OF_USUAL = 2.0f;
-// Quantile of that median over the snapshots of a group that is its usual value. Edges of
-// two tags are beside seven snapshots of ten.
-constexpr double BAND_QUANTILE = 0.15;
-
-float quantile(std::vector<float>& values, std::size_t sorted_below, double part)
-{
-    const auto at = values.begin() + static_cast<std::size_t>(part * (values.size() - 1));
-    std::nth_element(values.begin(), at, values.begin() + sorted_below);
-    return *at;
-}
-
 struct statistics {
     float floor, level;
     float spread; // of the amplitude between LOW and HIGH, over that of the level
@@ -89,7 +57,7 @@ struct statistics {
 statistics statistics_of(std::vector<float>& values)
 {
     const std::size_t below = HIGH * (values.size() - 1) + 1;
-    const float high = quantile(values, values.size(), HIGH);
+    const float high = quantile(values, HIGH);
     const float level = quantile(values, below, LEVEL);
     const float low = quantile(values, below, LOW);
     const float floor = quantile(values, below, FLOOR);
@@ -120,27 +88,6 @@ float edge_limit(const statistics& smallest, const statistics& largest)
     return limit_of({ level, level, smallest.spread }, LARGEST_LIMIT);
 }
 
-float remember(std::deque<float>& of_groups, float value, std::size_t window)
-{
-    of_groups.push_back(value);
-    if (of_groups.size() > window)
-        of_groups.pop_front();
-    std::vector<float> sorted(of_groups.begin(), of_groups.end());
-    return quantile(sorted, sorted.size(), GROUP_QUANTILE);
-}
-
-float median_of(std::array<float, FFT_LENGTH> powers)
-{
-    const auto middle = powers.begin() + FFT_LENGTH / 2;
-    std::nth_element(powers.begin(), middle, powers.end());
-    return *middle;
-}
-
-float mean_of(const std::array<float, FFT_LENGTH>& powers)
-{
-    return std::accumulate(powers.begin(), powers.end(), 0.0f) / FFT_LENGTH;
-}
-
 bool is_known(const snapshot_noise& noise)
 {
     return noise.largest > 0 && std::isfinite(noise.largest);
@@ -150,10 +97,11 @@ bool is_known(const snapshot_noise& noise)
 
 interference_screen::interference_screen(int group_length)
     : d_length(group_length),
-      d_window((WINDOW + group_length - 1) / group_length),
+      d_smallest_limit(group_length),
+      d_largest_limit(group_length),
+      d_edge_share(group_length),
       d_marks(group_length),
-      d_spectra(std::size_t(group_length) * FFT_LENGTH),
-      d_changes(group_length)
+      d_narrow_band(group_length)
 {
 }
 
@@ -162,13 +110,13 @@ const std::vector<std::uint8_t>& interference_screen::examine(const phase_group&
     std::fill(d_marks.begin(), d_marks.end(), 0);
     d_rejected = 0;
     learn(group);
-    if (d_smallest_limits.empty())
+    if (!d_smallest_limit.is_known())
         return d_marks;
     const bool whole = mark_whole(group);
     const bool beyond = mark_beyond_tags(group);
     if (whole || beyond) {
         mark_neighbours(group);
-        keep_narrow_band(group);
+        d_rejected -= d_narrow_band.keep(group, d_marks);
     }
     return d_marks;
 }
@@ -186,14 +134,12 @@ void interference_screen::learn(const phase_group& group)
     if (d_values.empty())
         return;
     const statistics smallest = of(&snapshot_noise::smallest);
-    d_largest_limit =
-        remember(d_largest_limits, limit_of(largest, LARGEST_LIMIT), d_window);
-    d_smallest_limit =
-        remember(d_smallest_limits, smallest_limit(smallest, largest), d_window);
+    d_largest_limit.add(limit_of(largest, LARGEST_LIMIT));
+    d_smallest_limit.add(smallest_limit(smallest, largest));
     const float limit = edge_limit(smallest, largest);
     const float edges = count_if(
         group, [&](const snapshot_noise& noise) { return noise.largest > limit; });
-    d_edge_share = remember(d_edge_shares, edges / d_values.size(), d_window);
+    d_edge_share.add(edges / d_values.size());
 }
 
 template <class Condition>
@@ -214,7 +160,7 @@ void interference_screen::mark(int n)
 
 bool interference_screen::mark_whole(const phase_group& group)
 {
-    float limit = d_smallest_limit;
+    float limit = d_smallest_limit.value();
     const auto is_hit = [&](const snapshot_noise& noise) {
         // A single difference (both are the same) shows every edge.
         return noise.smallest > limit && noise.smallest > LEAST_RATIO * noise.largest &&
@@ -233,7 +179,7 @@ bool interference_screen::mark_whole(const phase_group& group)
 // an edge being in each of them independently.
 double interference_screen::edges_in_all_differences(const phase_group& group) const
 {
-    const double in_one = 1 - std::cbrt(1 - d_edge_share);
+    const double in_one = 1 - std::cbrt(1 - d_edge_share.value());
     const double expected = RAISING * std::pow(in_one, 3) * group.present();
     return expected + EDGE_MARGIN * std::sqrt(expected);
 }
@@ -244,10 +190,10 @@ bool interference_screen::mark_beyond_tags(const phase_group& group)
     float limit = 0;
     for (int n = 0; n < d_length; n++) {
         if (!group.mask()[n] || d_marks[n] ||
-            !(group.noise_of(n).largest > d_largest_limit))
+            !(group.noise_of(n).largest > d_largest_limit.value()))
             continue;
         if (limit == 0)
-            limit = std::max(d_largest_limit, TAG_MARGIN * tag_level(group));
+            limit = std::max(d_largest_limit.value(), TAG_MARGIN * tag_level(group));
         if (group.noise_of(n).largest > limit)
             mark(n);
     }
@@ -261,7 +207,7 @@ void interference_screen::mark_neighbours(const phase_group& group)
         const bool beside =
             (n > 0 && d_marks[n - 1]) || (n + 1 < d_length && d_marks[n + 1]);
         if (group.mask()[n] && !d_marks[n] && beside &&
-            group.noise_of(n).largest > d_largest_limit)
+            group.noise_of(n).largest > d_largest_limit.value())
             d_slots.push_back(n);
     }
     for (const int n : d_slots)
@@ -288,99 +234,7 @@ float interference_screen::tag_level(const phase_group& group)
             sum += std::norm(a[k] - b[k]);
         d_values.push_back(sum / WIDTH);
     }
-    return quantile(d_values, d_values.size(), TAG_QUANTILE);
-}
-
-// Keeps snapshots in which the interference covers a few subcarriers, where the group
-// then holds more information than without them.
-void interference_screen::keep_narrow_band(const phase_group& group)
-{
-    const float usual = measure_changes(group);
-    const float limit = USUAL_MEDIAN * usual; // an edge of a tag, or a band, is above
-    const auto is_narrow = [&](int n) {
-        if (n < 0 || n >= d_length || !d_marks[n] || !(d_changes[n].mean > 0))
-            return false;
-        const change& of = d_changes[n];
-        return of.median < std::max(limit, NARROW_MEDIAN * of.mean);
-    };
-    d_slots.clear();
-    spectrum sums{};
-    float level = 0;
-    std::size_t summed = 0, quiet = 0;
-    for (int n = 0; n < d_length; n++) {
-        // A single one may be a burst beside an edge of a fading tag, a single other one
-        // between two narrow ones an edge.
-        if (d_marks[n] && is_narrow(n - 1) + is_narrow(n) + is_narrow(n + 1) >= 2)
-            d_slots.push_back(n);
-        if (!(d_changes[n].mean > 0) || d_changes[n].median > limit)
-            continue;
-        if (d_marks[n]) {
-            measure_change(group, n);
-            for (int k = 0; k < FFT_LENGTH; k++)
-                sums[k] += d_powers[k];
-            summed++;
-        } else {
-            level += d_changes[n].mean;
-            quiet++;
-        }
-    }
-    if (summed == 0)
-        return;
-    level = quiet < LEAST_QUIET ? MEAN_OF_USUAL * usual : level / quiet;
-    float kept = 0; // information, each subcarrier weighted by its own noise
-    for (const float sum : sums) {
-        const float excess = std::max(sum / (summed * level) - 1, 0.0f);
-        kept += 1 / (1 + excess * d_slots.size() / d_length) / FFT_LENGTH;
-    }
-    if (kept <= 1 - static_cast<float>(d_slots.size()) / d_length)
-        return;
-    for (const int n : d_slots) {
-        d_marks[n] = 0;
-        d_rejected--;
-    }
-}
-
-// Changes of all snapshots; returns the usual median over the subcarriers, 0 where it is
-// not known.
-float interference_screen::measure_changes(const phase_group& group)
-{
-    for (int n = 0; n < d_length; n++)
-        if (group.mask()[n]) {
-            std::copy_n(group.slot(n), FFT_LENGTH, d_fourier.input());
-            std::copy_n(d_fourier.execute(), FFT_LENGTH, &d_spectra[n * FFT_LENGTH]);
-        }
-    d_values.clear();
-    for (int n = 0; n < d_length; n++) {
-        d_changes[n] = measure_change(group, n);
-        if (!d_marks[n] && d_changes[n].mean > 0)
-            d_values.push_back(d_changes[n].median);
-    }
-    if (d_values.size() >= LEAST_QUIET)
-        d_usual_median = remember(
-            d_medians, quantile(d_values, d_values.size(), BAND_QUANTILE), d_window);
-    return d_usual_median;
-}
-
-// Change of a snapshot against that neighbour from which it differs less: an edge of a
-// tag is beside one of them. 0 where there is no neighbour.
-interference_screen::change interference_screen::measure_change(const phase_group& group,
-                                                                int n)
-{
-    change least{ 0, 0 };
-    for (const int other : { n - 1, n + 1 }) {
-        if (other < 0 || other >= d_length || !group.mask()[n] || !group.mask()[other])
-            continue;
-        spectrum powers;
-        for (int k = 0; k < FFT_LENGTH; k++)
-            powers[k] = std::norm(d_spectra[n * FFT_LENGTH + k] -
-                                  d_spectra[other * FFT_LENGTH + k]);
-        const float median = median_of(powers);
-        if (least.mean > 0 && median >= least.median)
-            continue;
-        least = { median, mean_of(powers) };
-        d_powers = powers;
-    }
-    return least;
+    return quantile(d_values, TAG_QUANTILE);
 }
 
 } // namespace gr::wiforce::kernel

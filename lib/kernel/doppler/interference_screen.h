@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include "fourier_transform.h"
+#include "narrow_band_screen.h"
 #include "phase_group.h"
+#include "recent_level.h"
 
-#include <array>
-#include <deque>
 #include <vector>
 
 namespace gr::wiforce::kernel {
@@ -22,9 +21,8 @@ namespace gr::wiforce::kernel {
  * switch, their edges sometimes raise all differences of a snapshot: as many snapshots as
  * they explain by chance are rejected only beyond what the tags can explain.
  *
- * A transmitter on a few subcarriers hits all samples as well. Where it costs less
- * information to lose these subcarriers than to lose the snapshots, they are kept: the
- * receiver weights each subcarrier of a group by its own noise (estimation/noise.py).
+ * A transmitter on a few subcarriers hits all samples as well; such snapshots may be kept
+ * (narrow_band_screen).
  *
  * What counts as noise is learned from the lower quantiles of some thousand snapshots, so
  * that it is valid with up to about 70 % of them hit. Everything is decided at the end of
@@ -42,12 +40,6 @@ public:
     int rejected() const { return d_rejected; }
 
 private:
-    using spectrum = std::array<float, FFT_LENGTH>;
-    struct change { // of a snapshot against its neighbours, over the subcarriers
-        float median;
-        float mean;
-    };
-
     void learn(const phase_group& group);
     bool mark_whole(const phase_group& group);
     bool mark_beyond_tags(const phase_group& group);
@@ -57,30 +49,14 @@ private:
     double edges_in_all_differences(const phase_group& group) const;
     float tag_level(const phase_group& group);
     void mark(int n);
-    void keep_narrow_band(const phase_group& group);
-    float measure_changes(const phase_group& group);
-    change measure_change(const phase_group& group, int n);
 
     const int d_length;
-    const std::size_t d_window; // groups
-    // Highest noise without interference, by the groups of the window, and for this
-    // group.
-    std::deque<float> d_smallest_limits, d_largest_limits;
-    float d_smallest_limit = 0;
-    float d_largest_limit = 0;
-    // Share of the snapshots in which a tag changes state, in the same way.
-    std::deque<float> d_edge_shares;
-    float d_edge_share = 0;
+    // Highest noise without interference.
+    recent_level d_smallest_limit, d_largest_limit;
+    recent_level d_edge_share; // of the snapshots in which a tag changes state
     std::vector<std::uint8_t> d_marks;
     int d_rejected = 0;
-    // Of narrow-band interference: usual median over the subcarriers, by the groups of
-    // the window that were hit; spectrum of each snapshot of the group, and its change.
-    std::deque<float> d_medians;
-    float d_usual_median = 0;
-    fourier_transform d_fourier{ FFT_LENGTH };
-    std::vector<fc32> d_spectra;
-    std::vector<change> d_changes;
-    spectrum d_powers;           // of the change of one snapshot
+    narrow_band_screen d_narrow_band;
     std::vector<float> d_values; // scratch
     std::vector<int> d_slots;    // scratch
 };

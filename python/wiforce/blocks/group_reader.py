@@ -52,31 +52,51 @@ class group_reader(ReadingPort, TarePort, GroupBlock):
         on_reading: Callable[[Reading], None] | None = None,
     ) -> None:
         self.stream = StreamReader(plan, tracked)
-        self._length = plan.group_length
-        GroupBlock.__init__(self, "group_reader", self._length * FFT_LENGTH, outputs=0)
+        GroupBlock.__init__(self, "group_reader", plan.group_length * FFT_LENGTH, outputs=0)
         self.open_port(on_reading)
         self.open_tare_port(self.stream.tares)
 
     def take(self, items: Array, tags: Tags) -> tuple[int, Groups]:
-        received = [self._group(item, own) for item, own in zip(items, tags, strict=True)]
+        received = [snapshot_group(item, own) for item, own in zip(items, tags, strict=True)]
         self.publish(self.stream.process(received))
         return len(items), Groups(np.zeros(0, np.int64))
-
-    def _group(self, item: Array, tags: dict[str, Any]) -> SnapshotGroup:
-        present = np.ones(self._length, bool)
-        if names.MASK in tags:
-            present = np.array(pmt.u8vector_elements(tags[names.MASK]), bool)
-        noise = np.array(pmt.f32vector_elements(tags[names.NOISE]), np.float32)
-        return SnapshotGroup(
-            int(pmt.to_uint64(tags[names.GROUP])),
-            item.reshape(self._length, FFT_LENGTH),
-            noise.reshape(self._length, 2),
-            present,
-            count_of(tags, names.SATURATED),
-            names.RETUNED in tags,
-        )
 
     def finish(self) -> None:
         """Give the readings of the groups that are still held back."""
         self.publish(self.stream.finish())
         self.end_tare("the run has ended")
+
+
+def snapshot_group(item: Array, tags: dict[str, Any]) -> SnapshotGroup:
+    """The group that an item of collected snapshots holds.
+
+    Parameters
+    ----------
+    item : ndarray of complex64, shape (64 N,)
+    tags : dict
+        Of the item, by name.
+
+    Returns
+    -------
+    SnapshotGroup
+        Its snapshots are those of the item, not a copy.
+
+    Examples
+    --------
+    >>> tags = {"group": pmt.from_uint64(7), "noise": pmt.init_f32vector(8, [0.1] * 8)}
+    >>> snapshot_group(np.zeros(4 * 64, np.complex64), tags).snapshots.tolist()
+    [28, 29, 30, 31]
+    """
+    folded = item.reshape(-1, FFT_LENGTH)
+    present = np.ones(len(folded), bool)
+    if names.MASK in tags:
+        present = np.array(pmt.u8vector_elements(tags[names.MASK]), bool)
+    noise = np.array(pmt.f32vector_elements(tags[names.NOISE]), np.float32)
+    return SnapshotGroup(
+        int(pmt.to_uint64(tags[names.GROUP])),
+        folded,
+        noise.reshape(-1, 2),
+        present,
+        count_of(tags, names.SATURATED),
+        names.RETUNED in tags,
+    )

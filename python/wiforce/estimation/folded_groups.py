@@ -9,7 +9,7 @@ import numpy as np
 
 from ..signal.waveform import Waveform
 from ..signal.weights import ToneTable
-from ..wiforce_kernels import group_tones
+from ..wiforce_kernels import tone_transform
 from .groups import Array, Groups, is_clipped
 from .snapshot_group import SnapshotGroup
 
@@ -46,7 +46,7 @@ class FoldedGroups:
         self._factors = waveform.equalizer()[self._bins]
         rotation = table.derotation(waveform.sample_rate_hz) if derotated else np.zeros(0)
         self._rotation = rotation if derotated else 1.0
-        self._kernel = group_tones(table.weights, waveform.equalizer(), rotation, waveform.bins)
+        self._kernel = tone_transform(table.weights, waveform.equalizer(), rotation, waveform.bins)
 
     def solve(self, present: Array, folded: Array) -> tuple[Array, Array]:
         """Tones of one group, and the weights of its snapshots in them.

@@ -197,6 +197,8 @@ def open_capture(path: str | Path, datatype: str | None = None) -> Capture:
     >>> capture.samples, capture.read(2)
     (1000, array([1.+0.j, 1.+0.j], dtype=complex64))
     """
+    if not isinstance(path, str | Path):
+        raise InputError("capture", "must be the path of a capture", path)
     path = Path(path)
     if not path.name:
         raise InputError(repr(str(path)), "is not the name of a capture")
@@ -206,8 +208,8 @@ def open_capture(path: str | Path, datatype: str | None = None) -> Capture:
     meta, data = (stem.with_name(stem.name + suffix) for suffix in (".sigmf-meta", ".sigmf-data"))
     if path.is_file() and not meta.is_file():
         rule = (
-            f"is not a capture: there is no {meta.name}; raw samples are only accepted by the "
-            "commands with an option --datatype (read, off-reflection)"
+            f"is not a capture: there is no {meta.name}; for raw samples, give their type "
+            "(--datatype ci16_le or cf32_le)"
         )
         raise InputError(path, rule)
     for file in (meta, data):

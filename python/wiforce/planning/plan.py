@@ -3,6 +3,7 @@
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -230,6 +231,35 @@ class Plan:
         if self.estimator == "harmonic":
             for tag, clock in enumerate((*self.clocks, *self.others)):
                 PhaseLikelihood(table, tag, clock.clock_hz * self.waveform.averaging_s)
+
+
+PlanOrScene = Plan | str | Path | dict[str, Any] | Scene
+
+
+def as_plan(plan_or_scene: PlanOrScene) -> Plan:
+    """A plan as it is, or that of a scene.
+
+    Parameters
+    ----------
+    plan_or_scene : Plan, or str, Path, dict or Scene
+        A scene is planned with its own settings.
+
+    Returns
+    -------
+    Plan
+
+    Raises
+    ------
+    InputError
+        As for :func:`plan`.
+
+    Examples
+    --------
+    >>> settings = plan("demo")
+    >>> as_plan(settings) is settings, as_plan("demo").group_length
+    (True, 625)
+    """
+    return plan_or_scene if isinstance(plan_or_scene, Plan) else plan(plan_or_scene)
 
 
 def plan(scene: Any, snapshots: int | None = None, estimator: str | None = None) -> Plan:

@@ -33,8 +33,9 @@ def load_scene(scene: str | Path | dict[str, Any] | Scene) -> Scene:
     Raises
     ------
     InputError
-        For an unreadable file, an unknown key, a wrong type, a value out of range, or keys that
-        contradict each other. The message names file, dotted key, rule and value.
+        For an unreadable file, an unknown key, a wrong type, a value out of range, keys that
+        contradict each other, or anything that is no scene. The message names file, dotted key,
+        rule and value.
 
     Examples
     --------
@@ -50,6 +51,9 @@ at most 1e+06 Hz, got 0
         return scene
     if isinstance(scene, dict):
         return _checked(scene, KeyPath("scene"), None)
+    if not isinstance(scene, str | Path):
+        rule = "must be a scene file, the name of a shipped scene, a mapping or a Scene"
+        raise InputError("scene", rule, scene)
     path = _scene_path(scene)
     return _checked(read_yaml(path), KeyPath(str(scene)), path)
 
@@ -147,7 +151,7 @@ def _scene_path(scene: str | Path) -> Path:
     if path.is_file() or path.suffix:
         return path
     if str(scene) not in shipped_scenes():
-        if path.exists():
+        if path.name and path.exists():
             return path
         raise InputError("scene", name_rule("scene", shipped_scenes(), str(scene)), str(scene))
     return _shipped_folder() / f"{scene}.yaml"

@@ -23,6 +23,13 @@ _LONGEST_S = 1e6
 _TIME = Number(unit="s", low=0, high=_LONGEST_S)
 # Highest Doppler frequency of a walking person at 2.4 GHz; what moves where a scene states nothing.
 _MOVING_HZ = 30.0
+_DURATION_S = 3.0
+
+
+def _usual_duration(scope: Any) -> float:
+    """Duration of a simulation that states none, so that scenes for reading need not state it."""
+    samples = scope["phase_group"].snapshots * scope["sounding"].frame_length
+    return max(_DURATION_S, samples / scope["radio"].sample_rate_hz)
 
 
 def _number_or(value: Any, default: float) -> float:
@@ -124,7 +131,7 @@ class Simulation:
     )
     duration_s: float = key(
         Number(unit="s", low=0, above=True, high=_LONGEST_S),
-        default=3.0,
+        derived=Derived(f"{_DURATION_S:g}; one phase group where that is longer", _usual_duration),
         doc="Length of the capture, at least one phase group. Whole frames are written.",
     )
     seed: int = key(

@@ -158,8 +158,8 @@ class CalibrationSession:
         >>> with CalibrationSession(SessionPlan("arm", 900e6), "forces.csv") as session:
         ...     session.check_force(204.0)
         Traceback (most recent call last):
-        gnuradio.wiforce.errors.InputError: force: must be 0.5 to 10 N (204 g would be 2 N: type \
-the unit), got 204.0
+        gnuradio.wiforce.errors.InputError: force_n: must be 0.5 to 10 N (is it in g? 204 g \
+are 2 N), got 204.0
         """
         low, high = self.plan.force_limits_n
         if low <= force_n <= high:
@@ -169,8 +169,8 @@ the unit), got 204.0
             rule += "; a gauge that shows less than nothing is inverted or was zeroed under load"
         weight = force_n * UNITS_N["g"]
         if low <= weight <= high:
-            rule += f" ({force_n:g} g would be {weight:.2g} N: type the unit)"
-        raise InputError("force", rule, force_n)
+            rule += f" (is it in g? {force_n:g} g are {weight:.2g} N)"
+        raise InputError("force_n", rule, force_n)
 
     def doubts(self, press: PressMeasurement, target: Target | None = None) -> list[str]:
         """Reasons why a press may be an error of the person who measures.
@@ -222,9 +222,9 @@ the unit), got 204.0
         if change > _UNTOUCHED_DEG:
             rule = (
                 f"must have the phases of the session's start within {_UNTOUCHED_DEG:g} deg (is "
-                "the scene's model still the same?); tare (t), or begin a new session"
+                "the scene's model still the same?); tare, or begin a new session"
             )
-            raise InputError("untouched sensor", rule, round(float(change), 1))
+            raise InputError("measurement", rule, round(float(change), 1))
 
     def undo(self) -> PressMeasurement | None:
         """Remove the last measurement.

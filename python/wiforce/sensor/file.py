@@ -76,6 +76,9 @@ def load_sensor(
 
 
 def _load(name_or_path: str | os.PathLike, relative_to: str | os.PathLike | None) -> SensorModel:
+    if not isinstance(name_or_path, str | os.PathLike):
+        rule = "must be the name of a shipped sensor or the path of a sensor file"
+        raise InputError("sensor", rule, name_or_path)
     text = os.fspath(name_or_path)
     if text.lower().endswith((".yaml", ".yml")):
         path = Path(relative_to or ".") / text

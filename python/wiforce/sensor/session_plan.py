@@ -59,15 +59,15 @@ class SessionPlan:
     def __post_init__(self) -> None:
         locations, forces = self.location_mm, self.force_n
         if len(locations) < 2 or len(set(locations)) < len(locations):
-            raise InputError("locations", "must be two or more different ones", locations)
+            raise InputError("location_mm", "must be two or more different ones", locations)
         for location in locations:
             if not 0 < location < self.length_mm:
                 rule = f"must lie within the line, 0 to {self.length_mm:g} mm"
-                raise InputError("locations", rule, location)
+                raise InputError("location_mm", rule, location)
         if len(forces) < LEAST_FORCES or any(np.diff(forces) <= 0):
-            raise InputError("forces", f"must be at least {LEAST_FORCES}, rising", forces)
+            raise InputError("force_n", f"must be at least {LEAST_FORCES} forces, rising", forces)
         if not 0 < forces[0] < forces[-1] <= MAX_FORCE_N:
-            raise InputError("forces", f"must lie within 0 to {MAX_FORCE_N:g} N", forces)
+            raise InputError("force_n", f"must lie within 0 to {MAX_FORCE_N:g} N", forces)
         if self.sweeps < 1:
             raise InputError("sweeps", "must be 1 or more", self.sweeps)
 

@@ -7,7 +7,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
@@ -16,11 +16,9 @@ from ..io.capture_files import recording_stem, require_sigmf, second_antenna
 from ..io.readings import rounded
 from ..io.samples import DATATYPES, samples_of
 from ..io.textfile import check_output
+from ..scene import Scene, load_scene
 from .adc import Adc
 from .channel import AirChannel
-
-if TYPE_CHECKING:
-    from ..scene import Scene
 
 TRUTH_COLUMNS = (
     "time_s", "sensor", "touch", "force_n", "location_mm", "phase1_deg", "phase2_deg",
@@ -30,7 +28,7 @@ _FRAMES_AT_ONCE = 500
 
 
 def simulate(
-    scene: "Scene",
+    scene: str | Path | dict[str, Any] | Scene,
     name: str | Path,
     datatype: str = "ci16_le",
     progress: Callable[[int], object] | None = None,
@@ -43,7 +41,8 @@ def simulate(
 
     Parameters
     ----------
-    scene : Scene
+    scene : str, Path, dict or Scene
+        As for :func:`~gnuradio.wiforce.scene.load_scene`.
     name : str or Path
         Path of the capture; ``.sigmf-data`` or ``.sigmf-meta`` at its end is left out.
     datatype : str
@@ -61,23 +60,24 @@ def simulate(
     Raises
     ------
     InputError
-        For an unknown datatype, files that cannot be written, exist already or are those of the
-        scene, or when the package ``sigmf`` is missing. Nothing has been simulated then.
+        For a mistake in the scene, an unknown datatype, files that cannot be written, exist
+        already or are those of the scene, or when the package ``sigmf`` is missing. Nothing has
+        been simulated then.
     OutputError
         When the disk is full.
 
     Examples
     --------
-    >>> from gnuradio.wiforce.scene import load_scene
     >>> scene = {
     ...     "sensors": [{"name": "arm", "model": "line-900mhz-calibrated"}],
     ...     "simulation": {"truth_model": "line-900mhz", "duration_s": 0.04},
     ... }
-    >>> [path.name for path in simulate(load_scene(scene), "short")]
+    >>> [path.name for path in simulate(scene, "short")]
     ['short.sigmf-data', 'short.truth.csv', 'short.sigmf-meta']
     """
     if datatype not in DATATYPES:
         raise InputError("datatype", f"must be one of {', '.join(DATATYPES)}", datatype)
+    scene = load_scene(scene)
     name = recording_stem(name, "NAME")
     names = [name, second_antenna(name)][: scene.environment.receive_antennas]
     paths = [Path(f"{name}{suffix}") for name in names for suffix in _SUFFIXES]
@@ -98,7 +98,7 @@ def simulate(
 
 
 def _write_capture(
-    scene: "Scene",
+    scene: Scene,
     channel: AirChannel,
     datatype: str,
     data: Path,
@@ -115,7 +115,7 @@ def _write_capture(
     _write_metadata(scene, datatype, data, meta)
 
 
-def frame_count(scene: "Scene") -> int:
+def frame_count(scene: Scene) -> int:
     """Number of whole sounding frames in the scene's duration.
 
     Parameters
@@ -136,7 +136,7 @@ def frame_count(scene: "Scene") -> int:
     return int(scene.simulation.duration_s / scene.snapshot_period_s + 1e-9)
 
 
-def capture(scene: "Scene", channel: AirChannel, datatype: str) -> Iterator[np.ndarray]:
+def capture(scene: Scene, channel: AirChannel, datatype: str) -> Iterator[np.ndarray]:
     """The samples of a scene's capture, in pieces.
 
     Parameters
@@ -172,7 +172,7 @@ def capture(scene: "Scene", channel: AirChannel, datatype: str) -> Iterator[np.n
             yield samples_of(adc.codes(received))
 
 
-def group_centers(scene: "Scene") -> np.ndarray:
+def group_centers(scene: Scene) -> np.ndarray:
     """Centres of the whole phase groups of a scene's capture.
 
     Parameters
@@ -194,7 +194,7 @@ def group_centers(scene: "Scene") -> np.ndarray:
     return (np.arange(groups) + 0.5) * scene.group_samples / scene.radio.sample_rate_hz
 
 
-def write_truth(scene: "Scene", channel: AirChannel, path: str | Path) -> None:
+def write_truth(scene: Scene, channel: AirChannel, path: str | Path) -> None:
     """Write the state at the centre of each phase group as CSV, a row per group and sensor.
 
     ``force_n`` is the force on the sensor even where it is too small to short the line (``touch``
@@ -233,7 +233,7 @@ def write_truth(scene: "Scene", channel: AirChannel, path: str | Path) -> None:
                 )
 
 
-def _write_metadata(scene: "Scene", datatype: str, data: Path, path: Path) -> None:
+def _write_metadata(scene: Scene, datatype: str, data: Path, path: Path) -> None:
     from sigmf import SigMFFile
 
     from .._config import VERSION

@@ -8,6 +8,7 @@ from gnuradio import blocks, fft, gr, wiforce
 from gnuradio.wiforce.wiforce_kernels import tone_reader
 
 from .recording import GROUP_LENGTH, WAVEFORM
+from .stream import ToneSink, collected_groups
 
 # Rows of the bench by name: what makes the chain, and its settings.
 CHAINS = {}
@@ -66,20 +67,31 @@ def sample_type(recording, item_type):
     return str(recording.fc32), 8, "cf32_le"
 
 
+class StreamedTones:
+    """A flowgraph of blocks in a row, of which the last one keeps the tones."""
+
+    def __init__(self, *blocks_in_order):
+        self._top = gr.top_block()
+        self._top.connect(*blocks_in_order)
+        self._sink = blocks_in_order[-1]
+
+    def run(self):
+        self._top.run()
+        if self._sink.failure is not None:
+            raise self._sink.failure
+
+    @property
+    def tones(self):
+        return [np.array(self._sink.tones)]
+
+
 @chain("stream-fc32", item_type="fc32")
 @chain("stream-sc16", item_type="sc16")
 def stream(recording, weights, item_type):
-    """Folding and tones in one block behind a file source, nothing set by hand."""
+    """Folding and tones as the Reader computes them, behind a file source."""
     path, size, _ = sample_type(recording, item_type)
-    flowgraph = Flowgraph()
     source = blocks.file_source(size, path, False, 0, recording.samples)
-    tones = wiforce.preamble_fold.tones(
-        weights, GROUP_LENGTH, WAVEFORM.frame_length, item_type=item_type
-    )
-    estimator = wiforce.ofdm_channel_estimator(WAVEFORM.equalizer(), len(weights))
-    flowgraph.top.connect(source, tones, estimator)
-    flowgraph.end(estimator)
-    return flowgraph
+    return StreamedTones(source, collected_groups(item_type), ToneSink(weights))
 
 
 @chain("block-by-block")

@@ -4,10 +4,11 @@
 import time
 
 import numpy as np
-from gnuradio import blocks, gr, wiforce
-from gnuradio.wiforce.wiforce_bench import arrival_sink, paced_source
+from gnuradio import blocks, gr
+from gnuradio.wiforce.wiforce_bench import paced_source
 
-from .recording import GROUP_LENGTH, GROUP_SAMPLES, WAVEFORM
+from .recording import GROUP_SAMPLES, WAVEFORM
+from .stream import ToneSink, collected_groups
 
 
 def measure_latency(weights, packet, seconds):
@@ -21,12 +22,12 @@ def measure_latency(weights, packet, seconds):
     """
     samples = int(seconds * WAVEFORM.sample_rate_hz)
     source = _paced(packet, samples)
-    tones = wiforce.preamble_fold.tones(weights, GROUP_LENGTH, WAVEFORM.frame_length)
-    estimator = wiforce.ofdm_channel_estimator(WAVEFORM.equalizer(), len(weights))
-    arrivals = arrival_sink(64 * gr.sizeof_gr_complex * len(weights))
-    chain = _busy_share(source, tones, estimator, arrivals)
+    sink = ToneSink(weights)
+    chain = _busy_share(source, collected_groups("fc32"), sink)
+    if sink.failure is not None:
+        raise sink.failure
     alone = _busy_share(_paced(packet, samples), blocks.null_sink(gr.sizeof_gr_complex))
-    came = np.array(arrivals.times())
+    came = np.array(sink.times)
     latency_ms = 1e3 * (came - source.mark_times()[: len(came)])
     return {
         "packet": packet,

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Blocks that `gr-wiforce bench speed` measures latency with.
+// The block that `gr-wiforce bench speed` measures latency with.
 #include "../refusal.h"
-#include "arrival_sink.h"
 #include "paced_source.h"
 
 #include <pybind11/stl.h>
@@ -30,14 +29,4 @@ PYBIND11_MODULE(wiforce_bench, m)
         .def("mark_times",
              &paced_source::mark_times,
              "Seconds of time.monotonic() at which each mark_every-th sample went out.");
-    py::class_<arrival_sink,
-               gr::sync_block,
-               gr::block,
-               gr::basic_block,
-               std::shared_ptr<arrival_sink>>(
-        m, "arrival_sink", "Records the time at which each item arrives.")
-        .def(py::init(&arrival_sink::make), "item_size"_a)
-        .def("times",
-             &arrival_sink::times,
-             "Seconds of time.monotonic() at which each item arrived.");
 }

@@ -20,18 +20,18 @@ int columns_of(const complex_array& weights)
 {
     if (weights.ndim() != 2)
         throw std::invalid_argument(
-            "group_tones: weights must have 2 dimensions, tones x snapshots, got " +
+            "tone_transform: weights must have 2 dimensions, tones x snapshots, got " +
             std::to_string(weights.ndim()));
     return weights.shape(1);
 }
 
-class group_tones
+class tone_transform
 {
 public:
-    group_tones(const complex_array& weights,
-                const complex_array& factors,
-                const complex_array& rotation,
-                const std::vector<int>& bins)
+    tone_transform(const complex_array& weights,
+                   const complex_array& factors,
+                   const complex_array& rotation,
+                   const std::vector<int>& bins)
         : d_group(columns_of(weights)),
           d_accumulator(flat(weights), weights.shape(1)),
           d_channel(flat(factors), d_accumulator.rows(), flat(rotation), bins),
@@ -44,7 +44,7 @@ public:
         const int length = d_group.length();
         if (folded.ndim() != 2 || folded.shape(0) != length ||
             folded.shape(1) != FFT_LENGTH)
-            throw std::invalid_argument("group_tones: folded must have shape (" +
+            throw std::invalid_argument("tone_transform: folded must have shape (" +
                                         std::to_string(length) + ", 64)");
         std::vector<fc32> tones;
         {
@@ -53,7 +53,7 @@ public:
             std::copy_n(folded.data(), folded.size(), d_group.reserve(0));
             d_group.accept(length);
             if (!d_group.is_complete())
-                throw std::invalid_argument("group_tones: folded must be finite");
+                throw std::invalid_argument("tone_transform: folded must be finite");
             d_accumulator.clear();
             d_accumulator.finish(d_group, d_transform.data());
             d_channel.append(d_transform.data(), tones);
@@ -73,9 +73,9 @@ private:
 
 void bind_tones(py::module& m)
 {
-    py::class_<group_tones>(
+    py::class_<tone_transform>(
         m,
-        "group_tones",
+        "tone_transform",
         "Computes the channel at each tone of complete phase groups, "
         "as tone_reader does.\n\n"
         "weights: (M, N) tones x snapshots of a group. factors: (64,), "
@@ -91,7 +91,7 @@ void bind_tones(py::module& m)
              "rotation"_a,
              "bins"_a)
         .def("transform",
-             &group_tones::transform,
+             &tone_transform::transform,
              "folded"_a,
              "folded: (N, 64) complex64, the snapshots of one group. Gives (M, K) "
              "complex64.\nReleases the GIL.");

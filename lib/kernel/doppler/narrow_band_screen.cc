@@ -1,0 +1,138 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "narrow_band_screen.h"
+
+#include <algorithm>
+#include <numeric>
+
+namespace gr::wiforce::kernel {
+
+namespace {
+
+// Change of a snapshot against a neighbour, median over the subcarriers, up to which
+// interference covers only a part of the band: a multiple of its usual value, of which it
+// has a standard deviation of 18 % (a burst of 7 dB over the band multiplies it by 6), or
+// of the mean over the subcarriers. That is .69 for noise, some .4 for a burst that fades
+// over the band, and below .1 for a strong transmitter on 8 of 64.
+constexpr float USUAL_MEDIAN = 2.5f;
+constexpr float NARROW_MEDIAN = 0.2f;
+// Snapshots without interference whose mean is the usual power of the subcarriers.
+constexpr std::size_t LEAST_QUIET = 8;
+// That mean where there are none, as a multiple of the usual median; 1.5 to 2.3 with a
+// tag.
+constexpr float MEAN_OF_USUAL = 2.0f;
+// Quantile of that median over the snapshots of a group that is its usual value. Edges of
+// two tags are beside seven snapshots of ten.
+constexpr double BAND_QUANTILE = 0.15;
+
+float median_of(std::array<float, FFT_LENGTH> powers)
+{
+    const auto middle = powers.begin() + FFT_LENGTH / 2;
+    std::nth_element(powers.begin(), middle, powers.end());
+    return *middle;
+}
+
+float mean_of(const std::array<float, FFT_LENGTH>& powers)
+{
+    return std::accumulate(powers.begin(), powers.end(), 0.0f) / FFT_LENGTH;
+}
+
+} // namespace
+
+narrow_band_screen::narrow_band_screen(int group_length)
+    : d_length(group_length),
+      d_usual_median(group_length),
+      d_spectra(std::size_t(group_length) * FFT_LENGTH),
+      d_changes(group_length)
+{
+}
+
+int narrow_band_screen::keep(const phase_group& group, std::vector<std::uint8_t>& marks)
+{
+    const float usual = measure_changes(group, marks);
+    const float limit = USUAL_MEDIAN * usual; // an edge of a tag, or a band, is above
+    const auto is_narrow = [&](int n) {
+        if (n < 0 || n >= d_length || !marks[n] || !(d_changes[n].mean > 0))
+            return false;
+        const change& of = d_changes[n];
+        return of.median < std::max(limit, NARROW_MEDIAN * of.mean);
+    };
+    d_narrow.clear();
+    spectrum sums{};
+    float level = 0;
+    std::size_t summed = 0, quiet = 0;
+    for (int n = 0; n < d_length; n++) {
+        // A single one may be a burst beside an edge of a fading tag, a single other one
+        // between two narrow ones an edge.
+        if (marks[n] && is_narrow(n - 1) + is_narrow(n) + is_narrow(n + 1) >= 2)
+            d_narrow.push_back(n);
+        if (!(d_changes[n].mean > 0) || d_changes[n].median > limit)
+            continue;
+        if (marks[n]) {
+            measure_change(group, n);
+            for (int k = 0; k < FFT_LENGTH; k++)
+                sums[k] += d_powers[k];
+            summed++;
+        } else {
+            level += d_changes[n].mean;
+            quiet++;
+        }
+    }
+    if (summed == 0)
+        return 0;
+    level = quiet < LEAST_QUIET ? MEAN_OF_USUAL * usual : level / quiet;
+    float kept = 0; // information, each subcarrier weighted by its own noise
+    for (const float sum : sums) {
+        const float excess = std::max(sum / (summed * level) - 1, 0.0f);
+        kept += 1 / (1 + excess * d_narrow.size() / d_length) / FFT_LENGTH;
+    }
+    if (kept <= 1 - static_cast<float>(d_narrow.size()) / d_length)
+        return 0;
+    for (const int n : d_narrow)
+        marks[n] = 0;
+    return static_cast<int>(d_narrow.size());
+}
+
+// Changes of all snapshots; returns the usual median over the subcarriers, 0 where it is
+// not known.
+float narrow_band_screen::measure_changes(const phase_group& group,
+                                          const std::vector<std::uint8_t>& marks)
+{
+    for (int n = 0; n < d_length; n++)
+        if (group.mask()[n]) {
+            std::copy_n(group.slot(n), FFT_LENGTH, d_fourier.input());
+            std::copy_n(d_fourier.execute(), FFT_LENGTH, &d_spectra[n * FFT_LENGTH]);
+        }
+    d_values.clear();
+    for (int n = 0; n < d_length; n++) {
+        d_changes[n] = measure_change(group, n);
+        if (!marks[n] && d_changes[n].mean > 0)
+            d_values.push_back(d_changes[n].median);
+    }
+    if (d_values.size() >= LEAST_QUIET)
+        d_usual_median.add(quantile(d_values, BAND_QUANTILE));
+    return d_usual_median.value();
+}
+
+// Change of a snapshot against that neighbour from which it differs less: an edge of a
+// tag is beside one of them. 0 where there is no neighbour.
+narrow_band_screen::change narrow_band_screen::measure_change(const phase_group& group,
+                                                              int n)
+{
+    change least{ 0, 0 };
+    for (const int other : { n - 1, n + 1 }) {
+        if (other < 0 || other >= d_length || !group.mask()[n] || !group.mask()[other])
+            continue;
+        spectrum powers;
+        for (int k = 0; k < FFT_LENGTH; k++)
+            powers[k] = std::norm(d_spectra[n * FFT_LENGTH + k] -
+                                  d_spectra[other * FFT_LENGTH + k]);
+        const float median = median_of(powers);
+        if (least.mean > 0 && median >= least.median)
+            continue;
+        least = { median, mean_of(powers) };
+        d_powers = powers;
+    }
+    return least;
+}
+
+} // namespace gr::wiforce::kernel

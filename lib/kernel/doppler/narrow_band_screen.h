@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include "fourier_transform.h"
+#include "phase_group.h"
+#include "recent_level.h"
+
+#include <array>
+#include <vector>
+
+namespace gr::wiforce::kernel {
+
+/*
+ * Decides which snapshots with interference are kept, since it covers a few subcarriers
+ * only.
+ *
+ * A transmitter on a few subcarriers hits all samples, and its snapshots are marked as
+ * those of any other burst are. Where it costs less information to lose these subcarriers
+ * than to lose the snapshots, they are kept: the receiver weights each subcarrier of a
+ * group by its own noise (estimation/noise.py).
+ *
+ * A snapshot is compared with its neighbours, subcarrier by subcarrier. Interference on a
+ * few of them raises the mean of the change and not its median.
+ */
+class narrow_band_screen
+{
+public:
+    explicit narrow_band_screen(int group_length);
+
+    // Clears the marks of the snapshots that are kept; returns their number. To be called
+    // for groups with marks.
+    int keep(const phase_group& group, std::vector<std::uint8_t>& marks);
+
+private:
+    using spectrum = std::array<float, FFT_LENGTH>;
+    struct change { // of a snapshot against its neighbours, over the subcarriers
+        float median;
+        float mean;
+    };
+
+    float measure_changes(const phase_group& group,
+                          const std::vector<std::uint8_t>& marks);
+    change measure_change(const phase_group& group, int n);
+
+    const int d_length;
+    recent_level d_usual_median; // over the subcarriers
+    fourier_transform d_fourier{ FFT_LENGTH };
+    std::vector<fc32> d_spectra;
+    std::vector<change> d_changes;
+    spectrum d_powers;           // of the change of one snapshot
+    std::vector<float> d_values; // scratch
+    std::vector<int> d_narrow;   // snapshots with interference on a few subcarriers
+};
+
+} // namespace gr::wiforce::kernel
