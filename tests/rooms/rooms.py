@@ -17,6 +17,12 @@ from rooms.undetectable import CASES
 
 SNR_DB, STATIC_DB = 10.0, 50.0
 PRESSES = ((0.7, 0.05, 0.75, 3.0, 5.5, 33.0), (1.65, 0.05, 0.75, 6.0, 4.0, 54.0))
+FOUR_PRESSES = tuple(
+    (0.7 + 0.9 * i, 0.05, 0.5, first, last, place)
+    for i, (first, last, place) in enumerate(
+        [(3.0, 5.5, 33.0), (6.0, 4.0, 54.0), (2.0, 4.0, 45.0), (5.0, 7.0, 27.0)]
+    )
+)
 LONG_PRESSES = ((0.8, 0.05, 2.8, 3.0, 5.5, 33.0), (4.4, 0.05, 2.8, 6.0, 4.0, 54.0))
 TAPS = tuple(
     (0.6 + 0.1 * i, 0.01, 0.06, force, force, place)
@@ -137,7 +143,7 @@ OTHER_TRANSMITTERS = {
     ),
 }
 UNDETECTABLE = {
-    name: Room((effect,), False, line=line, title=title)
+    name: Room((effect,), False, presses=FOUR_PRESSES, duration_s=4.3, line=line, title=title)
     for name, (title, line, effect) in CASES.items()
 }
 
@@ -178,7 +184,7 @@ def room_named(name):
     """A room of the tables, or ``mixture-SEED``."""
     if name.startswith("mixture-"):
         return mixture(int(name.removeprefix("mixture-")))
-    return (ROOMS | OTHER_TRANSMITTERS | UNDETECTABLE)[name]
+    return (UNDETECTABLE | OTHER_TRANSMITTERS | ROOMS)[name]
 
 
 class Capture:

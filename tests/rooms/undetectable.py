@@ -105,7 +105,7 @@ CASES |= {
     for level in (0.02, 0.05, 0.1, 0.3)
 }
 CASES |= {
-    f"hand{level:+d}": (
+    f"near-hand{level:+d}": (
         f"path that moves with the hand, {-level} dB weaker",
         Line(),
         reflections.HandPath(level),
