@@ -26,6 +26,29 @@ ROUND_TRIP_DEG_PER_MM = 2 * 360 * CARRIER_HZ / 299792458.0 / 1000
 CALIBRATED_MM = (20, 30, 40, 50, 60)
 
 
+@dataclass(frozen=True)
+class Line:
+    """A line that is pressed: it is shorted from one edge to the other, wider with more force.
+
+    With the default values the nearer end's edge moves about 4.6 mm over 2-8 N, the farther one's
+    1.1 mm.
+    """
+
+    length_mm: float = LENGTH_MM
+    width_mm: float = 2.1
+    soft_n: float = 0.8  # force beyond the onset after which the short widens slowly
+    tilt: float = 0.62
+    lean: float = 0.0  # tilt in the middle: 0 for a line whose ends are alike
+    permittivity: float = 1.0
+    swapped: bool = False  # its ends are connected to the switches the other way round
+
+    def edges(self, force, location):
+        """Edges of the short, (from port 1, from port 2) in mm."""
+        width = self.width_mm * np.log1p(np.maximum(force - 0.7, 0) / self.soft_n)
+        tilt = self.lean + self.tilt * (40 - location) / np.hypot(40 - location, 9.0)
+        return location - width * (1 + tilt), self.length_mm - location - width * (1 - tilt)
+
+
 @dataclass
 class Tag:
     name: str = "finger"
@@ -35,6 +58,7 @@ class Tag:
     level_db: float = 0.0
     off: complex = 0.0
     port_deg: tuple = (37.0, -81.0)
+    line: Line = Line()
     # (start, rise, hold, force at the beginning and end of hold, location)
     presses: tuple = ((0.7, 0.05, 0.55, 3.0, 5.5, 33.0), (1.65, 0.05, 0.55, 6.0, 4.0, 54.0))
 
@@ -97,22 +121,13 @@ def subcarrier_power(samples):
     return np.mean(np.abs(received / (np.exp(1j * np.pi * k * k / 64) * 64 / np.sqrt(62))) ** 2)
 
 
-def contact(force, location):
-    """Edges of the short, (from port 1, from port 2) in mm: it widens with the logarithm of force.
-
-    The nearer end's edge moves about 4.6 mm over 2-8 N, the farther one's 1.1 mm.
-    """
-    width = 2.1 * np.log1p(np.maximum(force - 0.7, 0) / 0.8)
-    tilt = 0.62 * (40 - location) / np.hypot(40 - location, 9.0)
-    return location - width * (1 + tilt), LENGTH_MM - location - width * (1 - tilt)
-
-
 def phases(tag, force, location):
     """psi_1, psi_2 in degrees; shape (..., 2). Below 0.9 N nothing touches."""
-    near = np.stack(contact(force, location), axis=-1)
-    touched = 180 - ROUND_TRIP_DEG_PER_MM * near
-    open_line = -ROUND_TRIP_DEG_PER_MM * LENGTH_MM
-    return np.where(force[..., None] >= 0.9, touched, open_line) + np.array(tag.port_deg)
+    line = tag.line
+    slope = ROUND_TRIP_DEG_PER_MM * np.sqrt(line.permittivity)
+    touched = 180 - slope * np.stack(line.edges(force, location), axis=-1)
+    psi = np.where(force[..., None] >= 0.9, touched, -slope * line.length_mm)
+    return (psi[..., ::-1] if line.swapped else psi) + np.array(tag.port_deg)
 
 
 def pressed(tag, t):

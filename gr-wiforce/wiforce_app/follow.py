@@ -85,6 +85,10 @@ class GrowingCapture:
         """Implausible ``rx_time`` tags."""
         return self._reader.fold.times_ignored()
 
+    def suspicions(self):
+        """Mistakes that the presses so far suggest, by sensor."""
+        return self._reader.stream.suspicions()
+
     def samples_missing(self):
         """None is missing: a capture that is cut short ends the run with an error."""
         return {}

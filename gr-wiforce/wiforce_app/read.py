@@ -72,6 +72,9 @@ def read(capture, scene_path, output, plot_path, datatype, frame_offset, tracked
     except KeyboardInterrupt as interrupt:
         raise Interrupted(_partial(writer, output, rows)) from interrupt
     warn_of_events(reader)
+    for name, found in reader.suspicions().items():
+        for suspicion in found:
+            warn(capture, f"{name}: {suspicion.text}")
     counts = reader.counts
     click.echo(f"gr-wiforce: read {counts}", err=True)
     if counts.groups and not counts.clear:

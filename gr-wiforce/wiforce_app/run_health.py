@@ -87,6 +87,7 @@ class RunHealth:
         self._device_state = device_state
         self._tags = {each.name: _Tag() for each in self._stream.plan.sensors}
         self._events = deque()
+        self._suspected = set()
         self._samples, self._samples_s = 0, now()
 
     def note(self, reading: Reading) -> None:
@@ -123,6 +124,11 @@ class RunHealth:
         """Log what has happened, and give up a tare that cannot be completed."""
         while self._events:
             self._log(self._events.popleft())
+        for name, found in self._stream.suspicions().items():
+            for kind, text in found:
+                if (name, kind) not in self._suspected:
+                    self._suspected.add((name, kind))
+                    self._log(f"{name}: {text}")
         silent_s = self._samples_age_s()
         tares = self._stream.tares
         if tares.measuring:

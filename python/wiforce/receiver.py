@@ -12,6 +12,7 @@ from .errors import InputError
 from .estimation.average import SubcarrierAverage
 from .estimation.estimators import estimator_named
 from .estimation.groups import Groups
+from .estimation.press_evidence import Suspicion
 from .estimation.readout import Readout
 from .estimation.sensor_readout import SensorReadout
 from .estimation.tare_request import TareRequests, TareState
@@ -105,6 +106,16 @@ class Receiver:
     def counts(self) -> GroupCounts:
         """Outcomes of the readings given so far."""
         return self.readout.counts
+
+    def suspicions(self) -> dict[str, list[Suspicion]]:
+        """Mistakes that the presses since the last tare suggest, such as another sensor's file.
+
+        Returns
+        -------
+        dict of str to list of Suspicion
+            By the name of the sensor.
+        """
+        return {name: sensor.suspicions for name, sensor in self.readout.sensors.items()}
 
     def process(self, groups: Groups) -> list[Reading]:
         """Take the next batch; give the readings that are ready, in order.

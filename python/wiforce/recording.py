@@ -18,6 +18,7 @@ from .estimation.antennas import folded_ratio, ratio_noise
 from .estimation.compression import measure_compression
 from .estimation.folded_groups import FoldedGroups
 from .estimation.groups import Groups, is_clipped
+from .estimation.press_evidence import Suspicion
 from .estimation.recorded_frames import find_frames, first_frame, require_frames
 from .estimation.snapshot_group import GroupScreen, SnapshotGroup
 from .estimation.survey import Survey
@@ -226,6 +227,10 @@ class RecordingReader:
     def counts(self) -> GroupCounts:
         """Group counts by outcome, so far."""
         return self.receiver.counts
+
+    def suspicions(self) -> dict[str, list[Suspicion]]:
+        """Mistakes that the presses so far suggest: see ``Receiver.suspicions``."""
+        return self.receiver.suspicions()
 
     def samples_missing(self) -> dict[Path, int]:
         """Samples that each file lacked because it was cut short while it was read."""

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from .errors import InputError
 from .estimation.folded_groups import FoldedGroups
 from .estimation.groups import Groups
+from .estimation.press_evidence import Suspicion
 from .estimation.sensor_readout import RETUNED
 from .estimation.snapshot_group import GroupScreen, SnapshotGroup
 from .estimation.survey import Survey
@@ -196,6 +197,10 @@ class StreamReader:
             return ""
         state = self._receiver.readout.sensors[sensor].state
         return RETUNED if state.retuned else state.doubt
+
+    def suspicions(self) -> dict[str, list[Suspicion]]:
+        """Mistakes that the presses suggest: see ``Receiver.suspicions``."""
+        return {} if self._receiver is None else self._receiver.suspicions()
 
     def _request_tare(self, force: bool) -> TareState:
         if self._receiver is None:

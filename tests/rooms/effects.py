@@ -151,6 +151,8 @@ class SwitchedTag:
         ends = np.exp(1j * np.deg2rad(psi))
         s1, s2 = self.switches.on(first, count)
         self.reflection = s1 * ends[:, :1] + s2 * ends[:, 1:]  # of this block
+        if self.tag.off:
+            self.reflection += (1 - s1 - s2) * self.tag.off
         block[:, :ACTIVE] += self.late[:ACTIVE] * self.reflection
 
 

@@ -45,8 +45,11 @@ class Tally:
     false_touches: int = 0  # unflagged
     missed: int = 0  # steady presses above 1.5 N that an unflagged reading denies
     touches: list = field(default_factory=list)
+    left_out: list = field(default_factory=list)  # share of each group, because of interference
     refused: list = field(default_factory=list)  # messages of the product
     flags: Counter = field(default_factory=Counter)  # of steady presses
+    captures: int = 0
+    suspected: Counter = field(default_factory=Counter)  # captures by what the reader suspects
     seconds: float = 0.0
 
     def add(self, other):
@@ -78,6 +81,9 @@ class Tally:
             "phase1_rms_deg": rms(phase[:, 0]),
             "phase2_rms_deg": rms(phase[:, 1]),
             "all_phases_rms_deg": rms(every_phase),
+            "captures": self.captures,
+            "suspected": dict(self.suspected.most_common()),
+            "left_out": float(np.mean(self.left_out)) if self.left_out else math.nan,
         }
         for key, unit in (("force", "n"), ("location", "mm")):
             error = np.array([getattr(touch, f"{key}_{unit}") for touch in trusted])
@@ -96,6 +102,21 @@ class Tally:
 
 def rms(values):
     return float(np.sqrt(np.mean(np.square(values)))) if len(values) else math.nan
+
+
+# What the reader suspects by the presses, and how its warning of it begins.
+SUSPICIONS = {
+    "other sensor": "touched readings have phases that no calibrated press causes",
+    "swapped ends": "the ends are swapped",
+    "moving location": "the location moves with the force",
+    "off state": "changes as with an off state",
+    "amplitude": "pressing changes the amplitude",
+}
+
+
+def suspected(messages):
+    """Kinds of mistakes that messages of the reader suspect."""
+    return Counter(kind for kind, text in SUSPICIONS.items() if text in messages)
 
 
 def truth_of(room, begin_s, end_s):
@@ -140,6 +161,7 @@ def judge(room, rows):
         if kind == "changing":
             continue
         tally.unflagged += not flags
+        tally.left_out.append(number(row, "interference"))
         if kind == "untouched":
             tally.untouched += 1
             tally.false_touches += touch and not flags

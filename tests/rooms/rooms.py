@@ -9,13 +9,20 @@ from pathlib import Path
 import numpy as np
 import second_simulator as simple
 import yaml
-from second_simulator import CARRIER_HZ, FRAME, GROUP, RATE, Tag
+from second_simulator import CARRIER_HZ, FRAME, GROUP, RATE, Line, Tag
 
 from rooms import effects as e
 from rooms import radio, reflections
+from rooms.undetectable import CASES
 
 SNR_DB, STATIC_DB = 10.0, 50.0
 PRESSES = ((0.7, 0.05, 0.75, 3.0, 5.5, 33.0), (1.65, 0.05, 0.75, 6.0, 4.0, 54.0))
+FOUR_PRESSES = tuple(
+    (0.7 + 0.9 * i, 0.05, 0.5, first, last, place)
+    for i, (first, last, place) in enumerate(
+        [(3.0, 5.5, 33.0), (6.0, 4.0, 54.0), (2.0, 4.0, 45.0), (5.0, 7.0, 27.0)]
+    )
+)
 LONG_PRESSES = ((0.8, 0.05, 2.8, 3.0, 5.5, 33.0), (4.4, 0.05, 2.8, 6.0, 4.0, 54.0))
 TAPS = tuple(
     (0.6 + 0.1 * i, 0.01, 0.06, force, force, place)
@@ -41,10 +48,12 @@ class Room:
     presses: tuple = PRESSES
     duration_s: float = 2.6
     group: int = GROUP  # snapshots of a phase group
+    line: Line = Line()  # that was calibrated
+    title: str = ""  # in the table of what cannot be detected
 
     @property
     def tag(self):
-        return Tag(clock_hz=self.clock_hz, presses=self.presses)
+        return Tag(clock_hz=self.clock_hz, line=self.line, presses=self.presses)
 
 
 def _rooms():
@@ -126,6 +135,17 @@ def _rooms():
 
 
 ROOMS = _rooms()
+# Of the table of what other transmitters cost, beside bursts-20, bursts-45 and hopper.
+OTHER_TRANSMITTERS = {
+    "bursts-30-weak": Room((radio.Bursts(0.3, 10),), title="30 %, 10 dB"),
+    "bursts-20-short": Room(
+        (radio.Bursts(0.2, 25, (20e-6, 60e-6)),), title="20 %, 25 dB, 20 to 60 us long"
+    ),
+}
+UNDETECTABLE = {
+    name: Room((effect,), False, presses=FOUR_PRESSES, duration_s=4.3, line=line, title=title)
+    for name, (title, line, effect) in CASES.items()
+}
 
 
 def mixture(seed):
@@ -161,10 +181,10 @@ def mixture(seed):
 
 
 def room_named(name):
-    """A room of the table, or ``mixture-SEED``."""
+    """A room of the tables, or ``mixture-SEED``."""
     if name.startswith("mixture-"):
         return mixture(int(name.removeprefix("mixture-")))
-    return ROOMS[name]
+    return (UNDETECTABLE | OTHER_TRANSMITTERS | ROOMS)[name]
 
 
 class Capture:

@@ -2,7 +2,7 @@
 """Read captures of real rooms with the product and count confident wrong readings.
 
     build/run python3 tests/rooms/score.py [--room NAME ...] [--seeds 3] [--mixtures 100]
-        [--stream] [--jobs 1] [--keep FOLDER] [--json FILE] [--list]
+        [--table NAME] [--stream] [--jobs 1] [--keep FOLDER] [--json FILE] [--list]
 
 For every room and seed: a VNA table is calibrated (``gr-wiforce calibrate``), a capture read
 (``gr-wiforce read``, or the block Reader with ``--stream``), and the readings are compared with the
@@ -33,8 +33,9 @@ sys.path[0] = str(Path(__file__).resolve().parent.parent)
 
 from command_runs import run_command  # noqa: E402
 
-from rooms.judge import Tally, failures, judge  # noqa: E402
+from rooms.judge import Tally, failures, judge, suspected  # noqa: E402
 from rooms.rooms import ROOMS, room_named, write_room  # noqa: E402
+from rooms.tables import TABLES, markdown  # noqa: E402
 
 
 def command(*arguments):
@@ -94,6 +95,7 @@ def score_capture(name, seed, folder, cache, keep, read=read_recording, room=Non
     if status == 0:
         with open(output, newline="") as stream:
             tally = judge(room, list(csv.DictReader(stream)))
+        tally.captures, tally.suspected = 1, suspected(message)
     tally.seconds = time.monotonic() - began
     if not keep:
         shutil.rmtree(folder)
@@ -120,7 +122,7 @@ COLUMNS = (
 
 def header():
     titles = (f"{title:>{max(len(title), 6)}}" for title, *_ in COLUMNS)
-    return " ".join([f"{'room':<26}", *titles, " fails; flags of steady presses"])
+    return " ".join([f"{'room':<26}", *titles, " fails; flags of steady presses, suspicions"])
 
 
 def row_of(name, figures):
@@ -130,7 +132,8 @@ def row_of(name, figures):
         missing = isinstance(value, float) and math.isnan(value)
         cells.append(f"{'-' if missing else form.format(value):>{max(len(title), 6)}}")
     fails = ",".join(failures(room_named(name), figures)) or "-"
-    flags = " ".join(f"{flag}:{count}" for flag, count in figures["flags"].items())
+    counts = figures["flags"] | figures["suspected"]
+    flags = " ".join(f"{flag}:{count}" for flag, count in counts.items())
     return " ".join([*cells, f" {fails};", flags, *(text[:120] for text in figures["refused"])])
 
 
@@ -143,6 +146,11 @@ def parse(arguments):
     parser.add_argument("--seeds", type=int, default=3, help="captures of every room")
     parser.add_argument("--first-seed", type=int, default=1)
     parser.add_argument("--mixtures", type=int, default=0, help="random mixtures, one capture each")
+    parser.add_argument(
+        "--table",
+        choices=list(TABLES),
+        help="a table of docs/rooms.md or docs/estimation.md, as there",
+    )
     parser.add_argument("--stream", action="store_true", help="read with the block Reader")
     parser.add_argument("--jobs", type=int, default=1, help="captures at the same time")
     parser.add_argument("--keep", type=Path, metavar="FOLDER", help="keep all files there")
@@ -163,6 +171,8 @@ def main(arguments=None):
         print("\n".join(ROOMS))
         return 0
     names = options.room or ([] if options.mixtures else list(ROOMS))
+    if options.table:
+        names = list(TABLES[options.table].rows)
     work = [
         (name, seed)
         for name in names
@@ -192,13 +202,15 @@ def main(arguments=None):
     finally:
         if not options.keep:
             shutil.rmtree(base)
+    figures = {name: tally.summary() for name, tally in tallies.items()}
+    if options.table:
+        print(markdown(TABLES[options.table], figures))
     rooms_wrong = sum(tally.wrong > 0 for tally in tallies.values())
     print(
         f"wrong: {total.wrong} of {total.unflagged} unflagged readings, "
         f"in {rooms_wrong} of {len(tallies)} rooms"
     )
     if options.json:
-        figures = {name: tally.summary() for name, tally in tallies.items()}
         for name, own in figures.items():
             own["fails"] = failures(room_named(name), own)
         text = json.dumps(figures, indent=1).replace("NaN", "null")

@@ -7,6 +7,8 @@ the phase of G changes, R moves along a circle, whose centre is 0 only if G_off 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -121,6 +123,73 @@ def estimate_off_reflection(
         rule = f"is uncertain by {std:.2g}, above {_LARGEST_STD:g}: press longer and harder"
         raise InputError("off_reflection", rule)
     return complex(*fit.x), float(std)
+
+
+class OffCircle(NamedTuple):
+    """Off state by the circle of touched ratios.
+
+    Attributes
+    ----------
+    off : complex
+        G_off / rho.
+    std : float
+        Standard deviation of its real and imaginary parts, by the scatter about the circle.
+
+    Examples
+    --------
+    >>> OffCircle(0.1j, 0.01).std
+    0.01
+    """
+
+    off: complex
+    std: float
+
+
+def off_circle(ratios: Array, untouched_deg: float) -> OffCircle | None:
+    """Estimate G_off / rho of one end from touched groups alone.
+
+    Parameters
+    ----------
+    ratios : ndarray of complex, shape (n,)
+        R of the end while the line is touched.
+    untouched_deg : float
+        psi_i0 of that end, in degrees.
+
+    Returns
+    -------
+    OffCircle or None
+        None where the presses change the phase by less than 40 deg.
+
+    Notes
+    -----
+    The radius of the circle is free: a contact that loses a part of the signal, equally in all
+    presses, does not look like an off state. Compared with :func:`estimate_off_reflection` this is
+    less exact.
+
+    Examples
+    --------
+    >>> off, untouched = 0.1j, np.exp(1j * np.radians(30.0))
+    >>> reflections = 0.9 * np.exp(1j * np.radians(np.linspace(40, 140, 50)))
+    >>> found = off_circle((reflections - off) / (untouched - off), 30.0)
+    >>> np.round(found.off, 6), found.std < 1e-6
+    (0.1j, True)
+    """
+    middle = np.mean(ratios)
+    arc = np.ptp(np.degrees(np.angle(ratios / middle))) if middle else 0.0
+    if len(ratios) < 6 or arc < _SMALLEST_ARC_DEG:
+        return None
+    matrix = np.stack([2 * ratios.real, 2 * ratios.imag, np.ones(len(ratios))], axis=1)
+    power = np.abs(ratios) ** 2
+    solution = np.linalg.lstsq(matrix, power, rcond=None)[0]
+    center = complex(solution[0], solution[1])
+    residual = power - matrix @ solution
+    variance = residual @ residual / (len(ratios) - 3)
+    spread = np.sqrt(variance * np.trace(np.linalg.inv(matrix.T @ matrix)[:2, :2]) / 2)
+    if not abs(center) < 1:
+        return None
+    untouched = np.exp(1j * np.radians(untouched_deg))
+    off = complex(center * untouched / (center - 1))
+    return OffCircle(off, float(spread / abs(center - 1) ** 2))
 
 
 def _circle_start(ratios: Array, untouched: complex) -> complex:

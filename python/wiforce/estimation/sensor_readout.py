@@ -12,7 +12,9 @@ from numpy.typing import ArrayLike
 from ..io.readings import ESTIMATES, WEAK_FORCE_N, WEAK_PHASE_DEG, Flag, flag_bits
 from .groups import Array, Groups
 from .motion import TouchedMotion
+from .near_path import NearPath
 from .off_state import corrected_phase_deg
+from .press_evidence import PressEvidence, Suspicion
 from .stage_flags import has_phases, stage_flags
 from .touch import FORCED, TouchDetector
 
@@ -28,6 +30,8 @@ _DISTURBED_DEG = 1.0
 # It is up to 4 dB less in rooms that are read correctly, and 16 to 32 dB less beside a second tag
 # on nearly the same clock where no other flag shows it (tests/rooms).
 _LEFT_ON_LINES_DB = 15.0
+# Flags of an inversion that finds no calibrated press.
+_UNEXPLAINED = (Flag.INCONSISTENT | Flag.EXTRAPOLATED).value
 
 
 class SensorState(NamedTuple):
@@ -127,7 +131,9 @@ class SensorReadout:
         self._off = np.asarray(off_reflection, complex)
         self._untouched = np.array(model.untouched_deg(frequency_hz))
         self._touch = TouchDetector(self._image(), group_period_s, drift_deg_per_sqrt_s)
+        self._near_path = NearPath(group_period_s)
         self._motion = TouchedMotion()
+        self._evidence = PressEvidence(model, frequency_hz, self._off, group_period_s)
         self._retuned = False
         self._scale, self._former_scale = np.ones(2), np.ones(2)
         self._tared = self._measured = 0
@@ -135,8 +141,7 @@ class SensorReadout:
         self._seen = False
         self.state = _UNSEEN
         self._tracker = model.tracker(group_period_s, frequency_hz) if tracked else None
-        if not tracked:
-            model.inverter(frequency_hz)  # tabulates the model before samples arrive
+        model.inverter(frequency_hz)  # tabulates the model before samples arrive
 
     def read(self, groups: Groups, sensor: int) -> dict[str, Array]:
         """Touch, phases, force, location and flags of one sensor in a batch.
@@ -160,7 +165,8 @@ class SensorReadout:
         touch, drift, drifting, scale, moved = self._decide_touch(
             groups, renewed, ratios, std, flags, readable, sensor
         )
-        std = np.hypot(std, drifting)
+        near = self._near_path.process(groups.index, renewed, touch, ratios, std)
+        std = np.hypot(np.hypot(std, drifting), near[:, None])
         level = ratios * scale * np.exp(-1j * np.radians(drift))
         with np.errstate(invalid="ignore"):
             phases, slope = corrected_phase_deg(level, self._untouched, self._off)
@@ -169,12 +175,15 @@ class SensorReadout:
         flags[readable & unsure] |= Flag.INCONSISTENT.value
         weak = readable & (std.max(axis=1) > WEAK_PHASE_DEG)
         flags[weak] |= Flag.WEAK.value
-        values = np.full((len(groups), 4), _NAN)
+        values, clear = np.full((len(groups), 4), _NAN), (flags == 0) & (near == 0)
         if self._tracker is not None:
             self._track(phases, std, touch, readable, values, flags)
         elif (touched := np.flatnonzero(touch == 1)).size:
             values[touched], raised = self._invert(phases[touched], std[touched])
             flags[touched] |= raised
+        unexplained = (flags & _UNEXPLAINED) != 0
+        doubted = self._evidence.take(renewed, level, phases, std, touch, clear, unexplained)
+        flags[doubted] |= Flag.INCONSISTENT.value
         uncertain = (touch == 1) & ~(values[:, 1] <= WEAK_FORCE_N)
         flags[uncertain] |= Flag.WEAK.value
         self._watch_motion(phases, std, touch, readable, values, flags)
@@ -207,6 +216,11 @@ class SensorReadout:
             snr_db = groups.snr_db[:, 2 * sensor : 2 * sensor + 2].min(axis=1)
             disturbed |= snr_db < self._surveyed_snr_db - _LEFT_ON_LINES_DB
         return disturbed
+
+    @property
+    def suspicions(self) -> list[Suspicion]:
+        """Mistakes that the presses since the last tare suggest."""
+        return self._evidence.suspicions
 
     @property
     def seen(self) -> bool:

@@ -1,0 +1,303 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Whether presses can be those of the sensor whose model reads them.
+
+Two phases determine force and location, so a single reading of another sensor is only noticed
+where no press causes its phases. A whole press says more: while its force changes, its location
+stays, and the magnitude of the reflection as well. docs/rooms.md states how often this finds out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from .groups import Array
+from .off_state import off_circle
+
+if TYPE_CHECKING:
+    from ..sensor.model import SensorModel
+
+# Readings of a press that are compared, spread evenly over it, and the presses that are remembered.
+_READINGS, _PRESSES = 32, 12
+_LEAST_READINGS = 6
+# Time beside the beginning and the end of a press that is not used.
+_MARGIN_S = 0.036
+# A location moves with the force if it moves by this much, and by so many of its own standard
+# deviations, while the force changes by at least this.
+_MOVE_MM, _MOVE_STDS, _FORCE_CHANGE_N = 0.1, 5.0, 0.5
+# Presses that must agree, and their share among those in which the force changes.
+_LEAST_PRESSES, _MOST = 2, 0.75
+# The ends are swapped if locations then move by less than this share of what they move now.
+_STILL = 0.25
+# Touched readings without a cause, and their share, from which the file is doubted.
+_LEAST_UNEXPLAINED, _UNEXPLAINED = 8, 0.5
+# Off states differ by more than this and so many standard deviations, and readings are doubted
+# from the larger one on. Losses of a real line and contact change magnitudes by a few per cent.
+_OFF, _DOUBTED_OFF, _OFF_STDS = 0.05, 0.1, 5.0
+# Change of an end's amplitude by presses that is mentioned: an off state of this size changes a
+# phase by up to 3 deg.
+_AMPLITUDE = 0.03
+
+
+class Suspicion(NamedTuple):
+    """A mistake that presses suggest.
+
+    Attributes
+    ----------
+    kind : str
+        ``other sensor``, ``swapped ends``, ``moving location``, ``off state`` or ``amplitude``.
+    text : str
+        A sentence, without the sensor's name.
+
+    Examples
+    --------
+    >>> Suspicion("swapped ends", "the ends are swapped").kind
+    'swapped ends'
+    """
+
+    kind: str
+    text: str
+
+
+class _Press(NamedTuple):
+    """What a press showed: movement of its location with force, and if the ends were swapped."""
+
+    moved_mm: float
+    swapped_mm: float
+    moves: bool
+
+
+class PressEvidence:
+    """Collects the presses of one sensor.
+
+    Parameters
+    ----------
+    model : SensorModel
+    frequency_hz : float
+        Carrier, in Hz.
+    off_reflection : ndarray of complex, shape (2,)
+        G_off / rho of both switches, as stated.
+    group_period_s : float
+        Length of a group, in s.
+
+    Attributes
+    ----------
+    suspicions : list of Suspicion
+        By the presses that have ended; empty where all is well. Another list after each press.
+
+    Examples
+    --------
+    >>> from gnuradio import wiforce
+    >>> model = wiforce.load_sensor("line-900mhz-calibrated")
+    >>> evidence = PressEvidence(model, 900e6, np.zeros(2), 0.036)
+    >>> forces = np.r_[np.zeros(5), np.linspace(2, 6, 20), np.zeros(5)]
+    >>> phases, touch = model.phases_deg(forces, 45.0), (forces > 0).astype(int)
+    >>> ratios = np.exp(1j * np.radians(phases - model.untouched_deg()))
+    >>> clear, unexplained = np.ones(30, bool), np.zeros(30, bool)
+    >>> std = np.full((30, 2), 0.1)
+    >>> bool(evidence.take(unexplained, ratios, phases, std, touch, clear, unexplained).any())
+    False
+    >>> evidence.suspicions
+    []
+    """
+
+    def __init__(
+        self,
+        model: SensorModel,
+        frequency_hz: float,
+        off_reflection: Array,
+        group_period_s: float,
+    ) -> None:
+        self._model, self._frequency_hz = model, frequency_hz
+        self._off = np.broadcast_to(np.asarray(off_reflection, complex), 2)
+        self._untouched = np.array(model.untouched_deg(frequency_hz))
+        self._margin = math.ceil(_MARGIN_S / group_period_s)
+        self._open: list[tuple[Array, Array, Array]] = []
+        self._presses: deque[_Press] = deque(maxlen=_PRESSES)
+        self._ratios: deque[Array] = deque(maxlen=_PRESSES)
+        self._readings = self._unexplained = 0
+        self._swapped = self._other_off = False
+        self.suspicions: list[Suspicion] = []
+
+    @property
+    def doubted(self) -> bool:
+        """Whether the presses are those of the sensor with its ends swapped, or of one with
+
+        another off state: all its readings are inconsistent.
+        """
+        return self._swapped or self._other_off
+
+    def take(
+        self,
+        renewed: Array,
+        ratios: Array,
+        phases: Array,
+        std: Array,
+        touch: Array,
+        clear: Array,
+        unexplained: Array,
+    ) -> Array:
+        """Take the readings of a batch.
+
+        Parameters
+        ----------
+        renewed : ndarray of bool, shape (G,)
+            The group is the first one with a new reference: what was before is forgotten.
+        ratios : ndarray of complex, shape (G, 2)
+            R against the untouched sensor.
+        phases, std : ndarray, shape (G, 2)
+            Phases and their standard deviations, in degrees.
+        touch : ndarray of int, shape (G,)
+            Touch decisions.
+        clear : ndarray of bool, shape (G,)
+            No stage before the inversion flags the group.
+        unexplained : ndarray of bool, shape (G,)
+            No calibrated press causes the phases.
+
+        Returns
+        -------
+        ndarray of bool, shape (G,)
+            Groups that are touched while the sensor is ``doubted``.
+        """
+        doubted = np.zeros(len(touch), bool)
+        if not self._open and not np.any(touch == 1) and not renewed.any():
+            return doubted
+        for row, touched in enumerate(touch.tolist()):
+            if renewed[row]:
+                self.reset()
+            if touched == 0 and self._open:
+                self._close()
+            elif touched == 1 and clear[row]:
+                self._readings += 1
+                self._unexplained += bool(unexplained[row])
+                self._open.append((ratios[row], phases[row], std[row]))
+            doubted[row] = self.doubted and touched == 1
+        return doubted
+
+    def reset(self) -> None:
+        """Forget the presses so far, for a new reference."""
+        self._open = []
+        self._presses.clear()
+        self._ratios.clear()
+        self._readings = self._unexplained = 0
+        self._swapped = self._other_off = False
+        self.suspicions = []
+
+    def _suspicions(self) -> list[Suspicion]:
+        found, name = [], self._model.name
+        if self._unexplained >= max(_LEAST_UNEXPLAINED, _UNEXPLAINED * self._readings):
+            text = (
+                f"{self._unexplained} of {self._readings} touched readings have phases that no "
+                f"calibrated press causes: is {name!r} the model of this sensor?"
+            )
+            found.append(Suspicion("other sensor", text))
+        if self._swapped:
+            text = (
+                "the ends are swapped: with the cables of both ports exchanged, the locations "
+                "would not move with the force"
+            )
+            found.append(Suspicion("swapped ends", text))
+        elif self._moving():
+            moving = [abs(press.moved_mm) for press in self._presses if press.moves]
+            text = (
+                f"the location moves with the force, by {np.median(moving):.1f} mm in "
+                f"{len(moving)} of {len(self._presses)} presses: the contact slides, or {name!r} "
+                "is not the model of this sensor"
+            )
+            found.append(Suspicion("moving location", text))
+        other_off = self._off_states()
+        for end, _, size in other_off:
+            text = (
+                f"the amplitude of end {end} changes as with an off state of {size:.2f} instead of "
+                f"{abs(self._off[end - 1]):.2f}, or beside a second tag on the same clock: see "
+                "gr-wiforce off-reflection"
+            )
+            found.append(Suspicion("off state", text))
+        if not other_off and (change := self._amplitude_change()) > _AMPLITUDE:
+            text = (
+                f"pressing changes the amplitude by {100 * change:.0f} %: the contact loses some "
+                "of the signal, or the scene states another off state than that of the switches "
+                "(gr-wiforce off-reflection)"
+            )
+            found.append(Suspicion("amplitude", text))
+        return found
+
+    def _close(self) -> None:
+        """End a press."""
+        press = self._open[self._margin : len(self._open) - self._margin]
+        self._open = []
+        if len(press) >= _LEAST_READINGS:
+            self._compare(press)
+        self.suspicions = self._suspicions()
+
+    def _compare(self, press: list[tuple[Array, Array, Array]]) -> None:
+        chosen = np.unique(np.linspace(0, len(press) - 1, _READINGS).astype(int))
+        ratios, phases, std = (
+            np.array(each) for each in zip(*(press[i] for i in chosen), strict=True)
+        )
+        self._ratios.append(ratios)
+        swapped = self._untouched + (phases - self._untouched)[:, ::-1]
+        now, then = self._movement(phases, std), self._movement(swapped, std[:, ::-1])
+        if now is not None:
+            other = math.inf if then is None else then[0]
+            self._presses.append(_Press(now[0], other, now[1]))
+            self._swapped |= self._fits_swapped()
+        self._other_off |= any(apart > _DOUBTED_OFF for _, apart, _ in self._off_states())
+
+    def _movement(self, phases: Array, std: Array) -> tuple[float, bool] | None:
+        """Movement of the location with the force, and whether it is more than noise."""
+        found = self._model.invert(phases, std, frequency_hz=self._frequency_hz)
+        force, place = found.force_n, found.location_mm
+        known = np.isfinite(force) & np.isfinite(place) & (found.codes == 0)
+        if known.sum() < _LEAST_READINGS:
+            return None
+        force, place, spread = force[known], place[known], found.location_std_mm[known]
+        change = np.ptp(force)
+        if not change >= _FORCE_CHANGE_N:
+            return None
+        away = force - force.mean()
+        slope = float(away @ place / (away @ away))
+        rest = place - place.mean() - slope * away
+        noise = math.sqrt(float(rest @ rest) / (len(rest) - 2) / float(away @ away))
+        moved = slope * change
+        # The model's own error is the same in all readings of a press, or changes with the force.
+        limit = _MOVE_STDS * max(noise * change, float(np.median(spread)))
+        return float(moved), bool(abs(moved) > max(limit, _MOVE_MM))
+
+    def _moving(self) -> bool:
+        moving = sum(press.moves for press in self._presses)
+        return moving >= max(_LEAST_PRESSES, _MOST * len(self._presses))
+
+    def _fits_swapped(self) -> bool:
+        """Whether locations move with force, but would not if the ends were swapped."""
+        if not self._moving():
+            return False
+        now = sum(abs(press.moved_mm) for press in self._presses)
+        return sum(abs(press.swapped_mm) for press in self._presses) < _STILL * now
+
+    def _off_states(self) -> list[tuple[int, float, float]]:
+        """Ends with another off state: their number, the distance from what is stated, the size."""
+        found: list[tuple[int, float, float]] = []
+        if not self._ratios:
+            return found
+        ratios = np.concatenate(list(self._ratios))
+        for end in (0, 1):
+            circle = off_circle(ratios[:, end], float(self._untouched[end]))
+            if circle is None:
+                continue
+            apart = abs(circle.off - self._off[end])
+            # An off state changes the amplitude by about its size; noise only the circle.
+            if min(2 * self._amplitude_change(), apart) > max(_OFF, _OFF_STDS * circle.std):
+                found.append((end + 1, apart, abs(circle.off)))
+        return found
+
+    def _amplitude_change(self) -> float:
+        """Largest change of |G| by a press, of both ends; 0 where the off state is right."""
+        if len(self._ratios) < _LEAST_PRESSES:
+            return 0.0
+        start = np.exp(1j * np.radians(self._untouched)) - self._off
+        sizes = [np.abs(self._off + ratios * start).mean(axis=0) - 1 for ratios in self._ratios]
+        return float(np.quantile(np.max(np.abs(sizes), axis=1), _MOST))

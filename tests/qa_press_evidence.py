@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Whole presses show mistakes that no single reading shows."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gnuradio.wiforce.estimation.near_path import NearPath
+from gnuradio.wiforce.estimation.press_evidence import PressEvidence
+from gnuradio.wiforce.sensor import calibrate, read_vna_csv
+from second_simulator import CARRIER_HZ, Line, Tag, phases, write_vna
+
+PERIOD_S = 0.036
+STD_DEG = 0.04
+# Forces of a press, group by group; locations.
+PRESS = np.r_[np.zeros(8), np.linspace(2.0, 6.5, 24), np.zeros(4)]
+PLACES_MM = (33.0, 54.0)
+
+
+@pytest.fixture(scope="module", params=[Line(), Line(lean=0.2)], ids=["even", "leaning"])
+def sensor(request, tmp_path_factory):
+    """A line, and its model as calibrated from a VNA table."""
+    table = tmp_path_factory.mktemp("sensor") / "finger.csv"
+    write_vna(Tag(line=request.param), table, np.random.default_rng(1))
+    return request.param, calibrate(read_vna_csv(table), "finger")
+
+
+def presses(line, slide_mm=0.0, off=0.0, contact=1.0):
+    """Ratios of two presses, (G, 2), and touch; the location slides while the force rises."""
+    force = np.tile(PRESS, len(PLACES_MM))
+    place = np.repeat(PLACES_MM, len(PRESS)) + slide_mm * force / PRESS.max()
+    psi = phases(Tag(line=line), np.r_[0.0, force], np.r_[40.0, place])
+    size = np.where(np.r_[0.0, force] > 0, contact, 1.0)[:, None]
+    reflections = size * np.exp(1j * np.radians(psi)) - off
+    ratios = reflections[1:] / reflections[0]
+    noise = np.random.default_rng(2).standard_normal((2, *ratios.shape))
+    return ratios * np.exp(np.radians(STD_DEG) * (noise[0] + 1j * noise[1])), (force > 0).astype(
+        int
+    )
+
+
+def judged(model, ratios, touch, batch=None):
+    """The evidence of some groups, and which of them are doubted."""
+    evidence = PressEvidence(model, CARRIER_HZ, np.zeros(2), PERIOD_S)
+    psi = np.array(model.untouched_deg(CARRIER_HZ)) + np.degrees(np.angle(ratios))
+    clear, none = np.ones(len(touch), bool), np.zeros(len(touch), bool)
+    groups = none, ratios, psi, np.full(psi.shape, STD_DEG), touch, clear, none
+    batch = batch or len(touch)
+    doubted = [
+        evidence.take(*(each[i : i + batch] for each in groups))
+        for i in range(0, len(touch), batch)
+    ]
+    return evidence, np.concatenate(doubted)
+
+
+@pytest.mark.parametrize(("contact", "kinds"), [(1.0, []), (0.98, []), (0.9, ["amplitude"])])
+def test_evidence_right_file_is_not_suspected(sensor, contact, kinds):
+    """A warning that comes with the right file is no warning; contacts lose some of the signal."""
+    line, model = sensor
+    evidence, doubted = judged(model, *presses(line, contact=contact))
+    assert [each.kind for each in evidence.suspicions] == kinds and not doubted.any()
+
+
+def test_evidence_swapped_ends_are_found_where_the_line_is_not_even(sensor):
+    """All locations would be mirrored without any other sign."""
+    line, model = sensor
+    ratios, touch = presses(replace(line, swapped=True))
+    evidence, doubted = judged(model, ratios, touch)
+    found = [each.kind for each in evidence.suspicions]
+    assert found == (["swapped ends"] if line.lean else [])
+    assert evidence.doubted == bool(line.lean)
+    # From the second press on nothing is known before its end.
+    assert not doubted[:-4].any()
+    more = np.concatenate([ratios, ratios]), np.tile(touch, 2)
+    whole = judged(model, *more)[1]
+    assert np.array_equal(whole, judged(model, *more, batch=7)[1])
+    assert np.array_equal(whole, (np.arange(len(more[1])) >= 72) & (more[1] == 1) & bool(line.lean))
+
+
+def test_evidence_other_file_moves_locations_with_the_force(sensor):
+    line, model = sensor
+    other = Line(lean=0.0 if line.lean else 0.2)
+    evidence, doubted = judged(model, *presses(other))
+    (found,) = evidence.suspicions
+    assert found.text.startswith("the location moves with the force, by 0.") and not doubted.any()
+
+
+def test_evidence_sliding_contact_is_not_taken_for_swapped_ends(sensor):
+    """Readings of a finger that slides are right."""
+    line, model = sensor
+    evidence, doubted = judged(model, *presses(line, slide_mm=2.0))
+    (found,) = evidence.suspicions
+    assert "the contact slides" in found.text and not doubted.any()
+
+
+@pytest.mark.parametrize(("off", "expected"), [(0.03, 0), (0.2, 2)])
+def test_evidence_unstated_off_state_shows_in_the_amplitude(sensor, off, expected):
+    line, model = sensor
+    evidence, _ = judged(model, *presses(line, off=off * np.exp(0.5j)))
+    found = [each for each in evidence.suspicions if each.kind == "off state"]
+    assert len(found) == expected and evidence.doubted == bool(expected)
+    evidence.reset()
+    assert evidence.suspicions == [] and not evidence.doubted
+
+
+def test_evidence_phases_of_no_press_doubt_the_file(sensor):
+    line, model = sensor
+    evidence = PressEvidence(model, CARRIER_HZ, np.zeros(2), PERIOD_S)
+    ratios, touch = presses(line)
+    every = np.ones(len(touch), bool)
+    evidence.take(
+        ~every, ratios, np.zeros((len(touch), 2)), np.ones((len(touch), 2)), touch, every, every
+    )
+    assert evidence.suspicions[0].text.startswith("48 of 48 touched readings have phases that no ")
+    # What other stages flag says nothing of the file.
+    evidence.reset()
+    evidence.take(
+        ~every, ratios, np.zeros((len(touch), 2)), np.ones((len(touch), 2)), touch, ~every, every
+    )
+    assert evidence.suspicions == []
+
+
+def follow(path, magnitudes, first=0):
+    for group, size in enumerate(magnitudes, first):
+        path.follow(PERIOD_S * group, (size, size), (STD_DEG, STD_DEG))
+
+
+def test_near_path_a_hand_that_comes_is_stated_during_the_touch():
+    """Its phase cannot be distinguished from force."""
+    path = NearPath(PERIOD_S)
+    hand = 0.1 * np.exp(1j * np.arange(10))
+    follow(path, np.r_[np.ones(30), np.abs(1 + hand)])
+    path.touch_begins(PERIOD_S * 40)
+    assert path.std_deg == pytest.approx(np.degrees(0.1) / np.sqrt(2), rel=0.1)
+    # The hand stays between two taps, and has gone long after the last one.
+    follow(path, np.ones(1), 45)
+    path.touch_begins(PERIOD_S * 46)
+    assert path.std_deg > 3
+    follow(path, np.ones(30), 50)
+    path.touch_begins(PERIOD_S * 80)
+    assert path.std_deg == 0
+
+
+def test_near_path_noise_slow_gain_and_presses_add_nothing():
+    """What the standard deviation gains in doubt, a quiet room loses in accuracy."""
+    rng, path = np.random.default_rng(3), NearPath(PERIOD_S)
+    noise = np.exp(np.radians(STD_DEG) * rng.standard_normal(60))
+    follow(path, noise * np.r_[np.full(58, 1.05), 0.8, 0.9])  # the press began in the last two
+    path.touch_begins(PERIOD_S * 60)
+    assert path.std_deg == 0

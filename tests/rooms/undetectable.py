@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Mistakes and effects that leave little or no trace in what is received.
+
+They are not rooms in which the reader is to give no wrong reading: what is measured is how large
+the errors are, and how often they are noticed. ``score.py --undetectable`` prints the table of
+docs/rooms.md.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from second_simulator import Line, delayed
+
+from rooms import reflections
+from rooms.effects import TAG_DELAY_S, Effect, Switches
+
+
+@dataclass
+class OtherLine(Effect):
+    """The sensor that is pressed is not the one of the file; its cables are the same."""
+
+    line: Line
+
+    def alter_tag(self, tag, rng):
+        tag.tag = replace(tag.tag, line=self.line)
+
+
+@dataclass
+class OffState(Effect):
+    """Open switches reflect this share of what an end does; the scene does not state it."""
+
+    level: float
+
+    def alter_tag(self, tag, rng):
+        tag.tag = replace(tag.tag, off=self.level * np.exp(2j * np.pi * rng.random()))
+
+
+@dataclass
+class SynchronousTag(Effect):
+    """An untouched tag whose switches run on the clock of ours, a part of a period later."""
+
+    level_db: float
+    later_s: float = 0.0  # of its path
+    later_cycles: float = 0.0  # of its clock
+
+    def alter_tag(self, tag, rng):
+        self.tag = tag
+
+    def begin(self, air, rng):
+        self.switches = Switches(self.tag.switches.clock_hz)
+        self.switches.cycles = self.tag.switches.cycles - self.later_cycles
+        self.ends = np.exp(2j * np.pi * rng.random(2))
+        self.late = 10 ** (self.level_db / 20) * delayed(air.sent, TAG_DELAY_S + self.later_s)
+        self.peak = np.abs(self.late).max()
+
+    def add(self, block, first):
+        s1, s2 = self.switches.on(first, len(block))
+        late = self.late[: s1.shape[1]]
+        block[:, : len(late)] += late * (s1 * self.ends[0] + s2 * self.ends[1])
+
+
+# What the table says of them; the line that was calibrated, and the effect.
+LEANING = Line(lean=0.2)
+CASES = {
+    "swapped": ("ends swapped, both ends of the line alike", Line(), OtherLine(Line(swapped=True))),
+    "swapped-leaning": (
+        "ends swapped, line that is shorted 20 % further towards port 1",
+        LEANING,
+        OtherLine(replace(LEANING, swapped=True)),
+    ),
+}
+CASES |= {
+    f"file-{name}": (f"another sensor's file: {text}", Line(), OtherLine(line))
+    for name, text, line in (
+        ("10%", "same make, short 10 % narrower", Line(width_mm=1.9)),
+        ("stiff", "beam twice as stiff", Line(width_mm=1.05)),
+        ("soft", "beam half as stiff", Line(width_mm=4.2)),
+        ("leaning", "ends not alike", LEANING),
+        ("78mm", "2 mm shorter", Line(length_mm=78.0)),
+        ("75mm", "5 mm shorter", Line(length_mm=75.0)),
+        ("85mm", "5 mm longer", Line(length_mm=85.0)),
+        ("100mm", "20 mm longer", Line(length_mm=100.0)),
+        ("permittivity", "line not in air, permittivity 1.5", Line(permittivity=1.5)),
+    )
+}
+CASES |= {
+    f"tag{level:+d}{name}": (
+        f"synchronous second tag, {-level} dB weaker{text}",
+        Line(),
+        SynchronousTag(level, **how),
+    )
+    for level in (-30, -20, -10)
+    for name, text, how in (
+        ("", "", {}),
+        ("-late", ", path 6 m longer", {"later_s": 20e-9}),
+        ("-quarter", ", its clock a quarter of a period later", {"later_cycles": 0.25}),
+    )
+}
+CASES |= {
+    f"off-{level:g}": (
+        f"off state of {level:g} that is not stated",
+        Line(),
+        OffState(level),
+    )
+    for level in (0.02, 0.05, 0.1, 0.3)
+}
+CASES |= {
+    f"near-hand{level:+d}": (
+        f"path that moves with the hand, {-level} dB weaker",
+        Line(),
+        reflections.HandPath(level),
+    )
+    for level in (-40, -30, -20, -10)
+}
