@@ -121,7 +121,8 @@ preamble_fold_impl<Sample>::preamble_fold_impl(const kernel::preamble_folder& fo
                                                std::uint64_t frame_offset)
     : d_folder(folder),
       d_events(sample_rate, this->d_logger),
-      d_walk(folder, frame_offset)
+      d_walk(folder, frame_offset),
+      d_mean(folder.frame_length(), frame_offset)
 {
     // The scheduler gives the block before this one a buffer of twice what relative_rate
     // says is needed for one output. With its default of 8192 samples it would spend its
@@ -152,6 +153,21 @@ void preamble_fold_impl<Sample>::collect_tags(int available)
     d_events.add(std::move(tags));
 }
 
+template <class Sample>
+void preamble_fold_impl<Sample>::pass(const Sample* samples, std::uint64_t count)
+{
+    d_mean.take(samples, count, d_walk.position());
+    d_walk.pass(samples, count);
+}
+
+template <class Sample>
+void preamble_fold_impl<Sample>::skip(std::uint64_t samples)
+{
+    if (samples > 0)
+        d_mean.interrupt();
+    d_walk.skip(samples);
+}
+
 // False when the output is full.
 template <class Sample>
 bool preamble_fold_impl<Sample>::take_whole_frames(const Sample* samples,
@@ -159,7 +175,9 @@ bool preamble_fold_impl<Sample>::take_whole_frames(const Sample* samples,
                                                    std::uint64_t end)
 {
     while (true) {
-        consumed += d_walk.pass_lead(samples + consumed, end - consumed);
+        const std::uint64_t lead = std::min(end - consumed, d_walk.lead());
+        pass(samples + consumed, lead);
+        consumed += lead;
         const std::uint64_t whole = d_walk.whole_frames(end - consumed);
         if (whole == 0)
             return true;
@@ -168,7 +186,7 @@ bool preamble_fold_impl<Sample>::take_whole_frames(const Sample* samples,
         if (taken == 0)
             return false;
         const std::uint64_t count = d_walk.span(taken);
-        d_walk.pass(samples + consumed, count);
+        pass(samples + consumed, count);
         consumed += count;
         d_snapshots += taken;
     }
@@ -182,7 +200,7 @@ void preamble_fold_impl<Sample>::take_event(const input_events::event& event)
     d_usable = event.usable;
     d_samples_lost += event.lost;
     d_gaps += event.lost > 0;
-    d_walk.skip(event.lost);
+    skip(event.lost);
 }
 
 template <class Sample>
@@ -191,6 +209,7 @@ void preamble_fold_impl<Sample>::follow_frames()
     const std::uint64_t lost = d_walk.decide();
     if (lost == 0)
         return;
+    d_mean.interrupt();
     d_logger->warn("frame timing slipped by {:d} samples; resynchronised", lost);
     // The next rx_time counts them as well, and says how many whole frames they exceed.
     d_events.expect_loss(lost, d_folder.frame_length());
@@ -224,7 +243,7 @@ int preamble_fold_impl<Sample>::general_work(int noutput_items,
         if (d_usable && !take_whole_frames(in, consumed, end))
             break;
         if (event || !d_usable) {
-            d_walk.skip(end - consumed);
+            skip(end - consumed);
             consumed = end;
         }
         if (event) {

@@ -3,6 +3,7 @@
 
 #include "group_block.h"
 #include "input_events.h"
+#include "kernel/fold/frame_mean.h"
 #include "kernel/fold/frame_walk.h"
 #include <gnuradio/wiforce/preamble_fold.h>
 
@@ -32,6 +33,10 @@ public:
     std::uint64_t times_ignored() const override { return d_events.times_ignored(); }
     std::uint64_t frames_moved() const override { return d_frames_moved; }
     std::uint64_t samples_moved() const override { return d_samples_moved; }
+    std::vector<std::complex<double>> mean_frame() const override
+    {
+        return d_mean.mean();
+    }
 
 protected:
     // Folds some of the whole frames, the first one's averaged samples at `averaged`, its
@@ -49,6 +54,8 @@ protected:
 
 private:
     void collect_tags(int available);
+    void pass(const Sample* samples, std::uint64_t count);
+    void skip(std::uint64_t samples);
     bool
     take_whole_frames(const Sample* samples, std::uint64_t& consumed, std::uint64_t end);
     void take_event(const input_events::event& event);
@@ -58,6 +65,7 @@ private:
     input_events d_events;
     bool d_usable = true; // the next sample
     kernel::frame_walk d_walk;
+    kernel::frame_mean d_mean;
 
     kernel::counter d_snapshots;
     kernel::counter d_samples_lost;

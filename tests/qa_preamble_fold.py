@@ -202,6 +202,27 @@ def test_collected_groups_hold_the_snapshots_with_their_noise_and_mask(chunk):
             assert not item[~present].any()
 
 
+@pytest.mark.parametrize(("chunk", "offset"), [(None, 0), (777, 5)])
+def test_mean_frame_is_that_of_the_first_frames_with_their_guards(chunk, offset):
+    """Compression of the receiver shows in the guards only."""
+    samples = noise(1003 * 90)
+    fold = run_fold(
+        samples, chunk=chunk, frame_length=90, repetitions=1, first_averaged=0, frame_offset=offset
+    )[2]
+    frames = samples[offset : offset + 1000 * 90].reshape(1000, 90)
+    np.testing.assert_allclose(fold.mean_frame(), frames.mean(axis=0), rtol=1e-5, atol=1e-7)
+
+
+@pytest.mark.parametrize("frames", [998, 1003])
+def test_mean_frame_is_empty_without_all_frames(frames):
+    """A mean over frames at different places shows what was never received."""
+    samples, tags = noise(frames * 90), []
+    if frames > 1000:
+        samples, tags, _ = with_losses(samples, [(400 * 90 + 7, 33)], 12.5e6)
+    fold = run_fold(samples, tags, frame_length=90, repetitions=1, first_averaged=0)[2]
+    assert len(fold.mean_frame()) == 0
+
+
 def run_tones(samples, tags, chunk, chain):
     """Tones, their tags and the PDUs of incomplete groups, as plain values."""
     if samples.dtype == np.int16:

@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 from rooms.judge import failures
 from rooms.rooms import room_named
-from rooms.score import score_capture
+from rooms.score import read_stream, score_capture
 
 ROOMS = (
     "clean",
@@ -44,3 +44,28 @@ def test_undescribed_room_gives_no_confident_wrong_reading(name, cache, tmp_path
     assert tally.steady >= 16 or room.refusable
     if name in ROOMS:
         assert "flags" not in failures(room, tally.summary())
+
+
+def test_stream_of_compressing_receiver_is_corrected_like_a_recording(cache, tmp_path):
+    """A program would read other forces live than from the recording of the same samples."""
+    _, recording = score_capture("iq-raw", 2, tmp_path / "recording", cache, keep=False)
+    _, stream = score_capture("iq-raw", 2, tmp_path / "stream", cache, False, read_stream)
+    found, expected = stream.summary(), recording.summary()
+    for key in ("all_phases_rms_deg", "force_rms_n", "force_std_rms_n"):
+        assert found[key] == pytest.approx(expected[key], rel=1e-4)
+    assert found["all_phases_rms_deg"] < 0.2 and found["force_within_2"] > 0.9
+
+
+def test_presses_of_swapped_ends_are_flagged_after_the_second_one(cache, tmp_path):
+    """On a line that is not symmetric, whole presses show what single readings do not."""
+    _, tally = score_capture("swapped-leaning", 1, tmp_path / "room", cache, keep=False)
+    assert tally.suspected == {"swapped ends": 1}
+    assert [touch.flagged for touch in tally.touches[-20:]] == [True] * 20
+    assert not any(touch.flagged for touch in tally.touches[:20])
+
+
+def test_hand_that_comes_with_the_press_enters_the_standard_deviation(cache, tmp_path):
+    """Its path cannot be distinguished from force once it touches."""
+    _, tally = score_capture("near-hand-30", 1, tmp_path / "room", cache, keep=False)
+    errors = [abs(touch.force_n) / touch.force_std_n for touch in tally.touches]
+    assert len(errors) > 40 and max(errors) < 3 and not tally.wrong and not tally.suspected

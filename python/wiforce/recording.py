@@ -59,7 +59,8 @@ def read(
         SigMF pair, by either file's name or their common stem; raw samples with ``datatype``.
     scene : str, Path, dict or Scene, optional
         Scene file or the name of a shipped scene; the capture's own when not given. Keys in which
-        it differs from the capture's own, if that holds one, are reported as warnings.
+        it differs from the capture's own, if that holds one, are reported as warnings, as are
+        mistakes that the presses suggest (``Receiver.suspicions``).
     tracked : bool
         Follow each press over time instead of inverting each group by itself.
     datatype : str, optional
@@ -107,6 +108,9 @@ def read(
         for batch in reader
         for reading in batch
     ]
+    for name, suspicions in reader.suspicions().items():
+        for suspicion in suspicions:
+            warnings.warn(f"{recording.path}: {name}: {suspicion.text}", stacklevel=2)
     frame = pandas.DataFrame(rows, columns=list(COLUMNS))
     return frame.astype(dict.fromkeys(("touch", *NUMBERS), float))
 

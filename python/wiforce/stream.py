@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from .errors import InputError
+from .estimation.compression import Compression, measure_compression
 from .estimation.folded_groups import FoldedGroups
-from .estimation.groups import Groups
+from .estimation.groups import Array, Groups
 from .estimation.press_evidence import Suspicion
 from .estimation.sensor_readout import RETUNED
 from .estimation.snapshot_group import GroupScreen, SnapshotGroup
@@ -110,6 +112,11 @@ class StreamReader:
         Group counts by outcome, so far.
     tares : StreamTares
         Requests for a new untouched reference.
+    mean_frame : callable or None
+        Returns the mean of the first frames, guards included: complex, shape (n,), empty where it
+        is not known. The receiver's compression is measured in it, and corrected.
+    compression : Compression or None
+        What was measured.
 
     Raises
     ------
@@ -136,6 +143,8 @@ class StreamReader:
         self.findings: list[Finding] | None = None
         self.counts = GroupCounts()
         self.on_groups: Callable[[Groups], None] | None = None
+        self.mean_frame: Callable[[], Array] | None = None
+        self.compression: Compression | None = None
         self.tares = StreamTares(self._request_tare, self._cancel_tare)
         self._tracked, self._again_s = tracked, survey_again_s
         self._screen = GroupScreen(plan.group_length)
@@ -238,6 +247,8 @@ class StreamReader:
         survey = survey_reference(self._scene_plan, kept.snapshots, kept.folded)
         if self._receiver is None:
             self.survey = self._adapted_to = survey
+            if self.mean_frame is not None and len(frame := self.mean_frame()):
+                self.compression = measure_compression(frame, self.plan.waveform)
             self._use(adapted(self._scene_plan, survey))
             return self._read(kept.groups)
         if survey is None:
@@ -267,7 +278,7 @@ class StreamReader:
         self.plan = plan
         self._tones = FoldedGroups(plan.table, plan.waveform)
         self._receiver = Receiver(
-            expecting_snr(plan, self.survey),
+            expecting_snr(replace(plan, compression=self.compression), self.survey),
             self._tracked,
             on_groups=self._give,
             first_group=first_group,

@@ -59,15 +59,15 @@ def calibrated(table, cache):
 def read_stream(capture, scene, output):
     """Read a capture as a stream of samples; returns exit status and message."""
     program = (
-        "import sys; from gnuradio import gr, wiforce\n"
+        "import sys; from gnuradio import blocks, gr, wiforce\n"
         "from gnuradio.wiforce.estimation.recorded_frames import first_frame, require_frames\n"
         "from gnuradio.wiforce.io.capture import open_capture\n"
         "capture, plan = open_capture(sys.argv[1]), wiforce.plan(sys.argv[2])\n"
         "offset = first_frame(capture, plan.waveform, require_frames(capture, plan.waveform))\n"
         "flowgraph = gr.top_block()\n"
         "with wiforce.open_writer(sys.argv[3]) as writer:\n"
-        "    reader = wiforce.reader(plan, 'folded', on_reading=writer.begin().write)\n"
-        "    source = wiforce.capture_source(capture, plan.scene, offset)\n"
+        "    reader = wiforce.reader(plan, 'sc16', offset, on_reading=writer.begin().write)\n"
+        "    source = blocks.file_source(4, str(capture.path), False)\n"
         "    flowgraph.connect(source, reader)\n"
         "    flowgraph.run()\n"
         "sys.exit(str(reader.failure) if reader.failure else 0)\n"

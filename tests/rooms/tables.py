@@ -28,6 +28,7 @@ TABLES = {
                 "{:.2f} / {:.2f}",
             ),
             "wrong": ("wrong unflagged", "{} of {}"),
+            "warning": ("warning", "{}"),
         },
     ),
     "interference": Table(
@@ -52,7 +53,10 @@ def markdown(table, figures):
     lines = [f"| {table.first} | {' | '.join(table.columns)} |", "|---" * (len(table.columns) + 1)]
     lines[1] += "|"
     for name, title in table.rows.items():
-        own = figures[name] | {"flagged_share": 1 - figures[name]["read_share"]}
+        own = figures[name] | {
+            "flagged_share": 1 - figures[name]["read_share"],
+            "warning": most_frequent(figures[name]["suspected"], figures[name]["captures"]),
+        }
         cells = []
         for keys, form in table.columns.values():
             values = [own[key] for key in keys.split()]
@@ -60,3 +64,9 @@ def markdown(table, figures):
             cells.append("" if unknown else form.format(*values).replace("%", " %"))
         lines.append(f"| {title} | {' | '.join(cells)} |")
     return "\n".join(lines)
+
+
+def most_frequent(suspected, captures):
+    """The mistake that most captures are warned of, and how many of them."""
+    kind = max(suspected, key=suspected.get, default=None)
+    return "" if kind is None else f"{kind}, {suspected[kind]} of {captures}"

@@ -4,6 +4,7 @@
 from types import SimpleNamespace
 
 import pytest
+from gnuradio.wiforce.estimation.press_evidence import Suspicion
 from gnuradio.wiforce.estimation.sensor_readout import RETUNED
 from gnuradio.wiforce.estimation.tare_request import TareState
 from gnuradio.wiforce.io.readings import GroupCounts, Reading
@@ -18,13 +19,14 @@ class Run:
 
     def __init__(self):
         self.now_s, self.said = 0.0, []
-        self.doubt, self.device = "", RUNNING
+        self.doubt, self.device, self.suspicions = "", RUNNING, []
         tares = SimpleNamespace(measuring=False, state=TareState())
         sensor = SimpleNamespace(name="arm")
         self.stream = SimpleNamespace(
             state="reading",
             tares=tares,
             doubt_of=lambda name: self.doubt,
+            suspicions=lambda: {"arm": self.suspicions},
             plan=SimpleNamespace(reference_groups=10, group_period_s=0.05, sensors=[sensor]),
         )
         self.cancelled = []
@@ -81,6 +83,15 @@ def test_health_says_when_a_tag_goes_silent_and_returns(run, doubt, words):
     assert run.read(0.1)[0] == "reading"
     assert run.said[1].startswith("arm is received again at 5.00 s, after 3.0 s; ")
     assert words in run.said[1] and len(run.said) == 2
+
+
+def test_health_names_a_suspicion_once(run):
+    """The numbers in it change with every press."""
+    run.suspicions = [Suspicion("off state", "the amplitude changes by 4 %")]
+    run.read(0.3)
+    run.suspicions = [Suspicion("off state", "by 5 %"), Suspicion("swapped ends", "swapped")]
+    run.read(0.3)
+    assert run.said == ["arm: the amplitude changes by 4 %", "arm: swapped"]
 
 
 def test_health_says_when_a_tag_appears_after_its_reference(run):

@@ -101,6 +101,10 @@ public:
     virtual std::uint64_t frames_moved() const = 0;
     //! Samples that count as lost in these slips, known modulo the frame length.
     virtual std::uint64_t samples_moved() const = 0;
+
+    //! Mean of the first 1000 frames, guards included, in units of the samples; empty
+    //! while they are not complete, and where samples are missing among them.
+    virtual std::vector<std::complex<double>> mean_frame() const = 0;
 };
 
 } // namespace gr::wiforce

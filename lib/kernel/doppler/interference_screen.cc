@@ -30,6 +30,10 @@ constexpr float LEAST_RATIO = 0.065f;
 // Ratio of their levels below which noise is below the converter's steps: a few samples
 // change by a step, the smallest difference is zero or anything, and the largest counts.
 constexpr float COARSE_RATIO = 0.08f;
+// Spread of the smallest difference from which this is the reason: .06 for noise, more
+// where fewer than some ten samples change. Otherwise the largest difference is raised by
+// filters that ring at the edges of the preamble below a strong static path.
+constexpr float COARSE_SPREAD = 0.1f;
 // Ratio of their levels above which the repetitions differ by a carrier offset between
 // separate clocks, equally in all differences, and an edge does not raise the smallest.
 constexpr float OFFSET_RATIO = 0.2f;
@@ -75,7 +79,8 @@ float limit_of(const statistics& of, float limit)
 float smallest_limit(const statistics& smallest, const statistics& largest)
 {
     const float ratio = largest.floor > 0 ? smallest.level / largest.floor : 0;
-    if (ratio < COARSE_RATIO)
+    const bool few = !(smallest.level > 0) || smallest.spread > COARSE_SPREAD;
+    if (ratio < COARSE_RATIO && few)
         return limit_of(largest, LARGEST_LIMIT);
     return limit_of(smallest, ratio > OFFSET_RATIO ? LARGEST_LIMIT : SMALLEST_LIMIT);
 }

@@ -105,7 +105,16 @@ static void bind_preamble_fold(py::module& m)
              "Times that frame timing slipped without a report by `rx_time`.")
         .def("samples_moved",
              &preamble_fold::samples_moved,
-             "Samples that count as lost in these slips, known modulo the frame length.");
+             "Samples that count as lost in these slips, known modulo the frame length.")
+        .def(
+            "mean_frame",
+            [](const preamble_fold& fold) {
+                const auto mean = fold.mean_frame();
+                return py::array_t<std::complex<double>>(mean.size(), mean.data());
+            },
+            "Mean of the first 1000 frames, guards included; empty while they are not "
+            "complete,\n"
+            "and where samples are missing among them.");
 }
 
 static void bind_ofdm_channel_estimator(py::module& m)

@@ -113,6 +113,8 @@ class reader(gr.hier_block2):
         # Python pauses now and then: the samples must not wait for it.
         _enlarge(first, math.ceil(_BUFFERED_S / settings.group_period_s))
         self.groups = group_reader(settings, tracked, on_reading)
+        if self.fold is not None:
+            self.groups.stream.mean_frame = self.fold.mean_frame
         self.connect(self, first, self.groups)
         self.msg_connect(self.groups, names.READINGS, self, names.READINGS)
         self.msg_connect(self.groups, names.TARE_STATE, self, names.TARE_STATE)

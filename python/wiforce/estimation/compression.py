@@ -26,6 +26,9 @@ _QUIET = 96
 _LEAST = 0.003
 # Part of |s|^2 s that must fall on subcarrier 0 for it to tell.
 _LEAST_SHARE = 1e-3
+# Standard deviations by which the result must exceed that of the offset, which is uncertain where
+# others transmit in the guards.
+_SIGNIFICANT = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,9 +80,9 @@ def measure_compression(samples: Array, waveform: Waveform) -> Compression | Non
     Returns
     -------
     Compression or None
-        None where it is below 0.3 % at the largest sample, or the guard is too short for the echoes
-        to fade. Its doubt is half of what the result depends on whether the DC offset is there
-        before the signal is compressed, or added behind.
+        None where it is below 0.3 % at the largest sample or not significant, or the guard is too
+        short for the echoes to fade. Its doubt is half of what the result depends on whether the DC
+        offset is there before the signal is compressed, or added behind.
 
     Notes
     -----
@@ -93,15 +96,20 @@ def measure_compression(samples: Array, waveform: Waveform) -> Compression | Non
     >>> measure_compression(np.tile(waveform.frame(), 3), waveform) is None  # a linear receiver
     True
     """
-    offset = offset_of(samples, waveform)
-    if offset is None or 0 in waveform.bins:
+    frame = _mean_frame(samples, waveform)
+    quiet = None if frame is None else _quiet_part(frame, waveform)
+    if frame is None or quiet is None or 0 in waveform.bins or not np.isfinite(frame).all():
         return None
-    length, first, count = waveform.frame_length, waveform.first_averaged, waveform.repetitions
-    frame = samples[: len(samples) // length * length].reshape(-1, length).mean(axis=0)
+    offset = complex(np.mean(quiet))
+    first, count = waveform.first_averaged, waveform.repetitions
     repetitions = frame[first : first + count * FFT_LENGTH].reshape(count, FFT_LENGTH)
     symbol = repetitions[count // 4 : count - count // 4].mean(axis=0).astype(complex)
     before, behind = _compression(symbol, offset), _compression(symbol - offset, 0j)
-    if max(-before, -behind) * np.abs(symbol).max() ** 2 < _LEAST:
+    uncertain = float(np.std(quiet)) / np.sqrt(len(quiet))
+    found = max(-before, -behind)
+    if found * np.abs(symbol).max() ** 2 < _LEAST:
+        return None
+    if found * abs(_cubed(symbol, offset)) < _SIGNIFICANT * uncertain:
         return None
     doubt = abs(before - behind) / 2 * float(np.mean(np.abs(symbol) ** 2))
     return Compression(image_operator(symbol, (before + behind) / 2, waveform), doubt)
@@ -109,39 +117,30 @@ def measure_compression(samples: Array, waveform: Waveform) -> Compression | Non
 
 def _compression(symbol: Array, offset: complex) -> float:
     """Coefficient c, at most 0: amplifiers convert amplitude to phase much less."""
-    share = np.mean(np.abs(symbol) ** 2 * symbol) - abs(offset) ** 2 * offset
-    if abs(share) < _LEAST_SHARE * np.mean(np.abs(symbol) ** 3):
+    share = _cubed(symbol, offset)
+    if abs(share) <= _LEAST_SHARE * np.mean(np.abs(symbol) ** 3):
         return 0.0
     return min(0.0, float((np.mean(symbol - offset) / share).real))
 
 
-def offset_of(samples: Array, waveform: Waveform) -> complex | None:
-    """DC offset of the receiver from the middle of the guards.
+def _cubed(symbol: Array, offset: complex) -> complex:
+    """What a coefficient of 1 would add to subcarrier 0."""
+    return complex(np.mean(np.abs(symbol) ** 2 * symbol) - abs(offset) ** 2 * offset)
 
-    Parameters
-    ----------
-    samples : ndarray of complex, shape (n,)
-        Beginning with a frame.
-    waveform : Waveform
 
-    Returns
-    -------
-    complex or None
-        None where the guard is too short for the echoes to fade.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> waveform = sounding_waveform()
-    >>> offset_of(np.tile(waveform.frame(), 3) + 0.25, waveform)
-    (0.25+0j)
-    """
+def _mean_frame(samples: Array, waveform: Waveform) -> Array | None:
     length = waveform.frame_length
-    quiet = slice(PREAMBLE_LENGTH + _ECHOES, length - _RINGING)
-    if quiet.stop - quiet.start < _QUIET or len(samples) < length:
+    if len(samples) < length:
         return None
     frames = samples[: len(samples) // length * length].reshape(-1, length)
-    return complex(np.mean(frames[:, quiet]))
+    mean: Array = frames.mean(axis=0)
+    return mean
+
+
+def _quiet_part(frame: Array, waveform: Waveform) -> Array | None:
+    """Samples of the guard behind the echoes; None where it is too short."""
+    quiet = slice(PREAMBLE_LENGTH + _ECHOES, waveform.frame_length - _RINGING)
+    return None if quiet.stop - quiet.start < _QUIET else frame[quiet]
 
 
 def image_operator(symbol: Array, coefficient: float, waveform: Waveform) -> Array:
