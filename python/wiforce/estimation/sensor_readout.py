@@ -173,8 +173,8 @@ class SensorReadout:
         if self._tracker is not None:
             self._track(phases, std, touch, readable, values, flags)
         elif (touched := np.flatnonzero(touch == 1)).size:
-            values[touched], raised = self._invert(phases[touched], std[touched])
-            flags[touched] |= raised
+            values[touched], of_inversion = self._invert(phases[touched], std[touched])
+            flags[touched] |= of_inversion
         uncertain = (touch == 1) & ~(values[:, 1] <= WEAK_FORCE_N)
         flags[uncertain] |= Flag.WEAK.value
         self._watch_motion(phases, std, touch, readable, values, flags)
