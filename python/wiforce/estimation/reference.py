@@ -252,7 +252,7 @@ class ConjugateDifference:
         reference = np.where(first[:, None], values, self._sums.mean())
         reference_gain = np.where(first, gain, 1 / np.where(first, 1, precision))
         last = ReferenceSum(self._ends)
-        last.add(group.having(raised=None), received)
+        last.add(group.having(noise_rise=None), received)
         self._sums.replace(last)
         return self._difference(group, (first & received)[None], reference, reference_gain)
 
@@ -268,11 +268,11 @@ class ConjugateDifference:
             excess = self._sums.precision[:, None] / self._sums.precisions - 1
             excess = np.where(self._sums.precisions > 0, excess, 0)
             share = 1 / (groups.gain * self._sums.precision)
-        if groups.raised is None or not np.any(excess > 1e-9):
+        if groups.noise_rise is None or not np.any(excess > 1e-9):
             return groups
         share = np.where(np.isfinite(share), share, 0)
         more = np.einsum("ge,ek->gk", share, excess) / self._ends
-        return groups.having(noise=groups.noise * (1 + more / groups.raised))
+        return groups.having(noise=groups.noise * (1 + more / groups.noise_rise))
 
     def _difference(
         self, groups: Groups, in_reference: Array, reference: Array, reference_gain: Array
@@ -290,7 +290,7 @@ class ConjugateDifference:
         if self._profile is not None:
             variance = (groups.gain + reference_gain)[:, :, None] * groups.noise[:, None]
             ends, factor = self._profile.process(
-                groups.ends, reference, weights, variance, groups.raised
+                groups.ends, reference, weights, variance, groups.noise_rise
             )
             groups = groups.having(ends=ends, gain=groups.gain * factor)
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -50,8 +50,8 @@ class ReferenceSum:
             The ends that are added.
         """
         values, gain = group.ends[0], group.gain[0]
-        raised = np.ones(values.shape) if group.raised is None else group.raised
-        weights = np.where(received[:, None], 1 / (gain[:, None] * raised), 0)
+        rise = np.ones(values.shape) if group.noise_rise is None else group.noise_rise
+        weights = np.where(received[:, None], 1 / (gain[:, None] * rise), 0)
         total = self._started(values)
         total[received] += values[received] * weights[received]
         self.precision[received] += 1 / gain[received]
