@@ -137,7 +137,7 @@ def test_open_capture_samples_without_metadata_asks_for_their_type(tmp_path):
     rule = r"no raw\.dat\.sigmf-meta; for raw samples, give their type .--datatype ci16_le or"
     with pytest.raises(InputError, match=rule):
         open_capture(raw)
-    with pytest.raises(InputError, match=r"raw\.dat: has no scene .* or is read without them"):
+    with pytest.raises(InputError, match=r"raw\.dat: holds no scene; name one"):
         load_capture_scene(open_capture(raw, "cf32_le"))
 
 
@@ -149,7 +149,7 @@ def test_open_capture_pipe_or_folder_is_refused(tmp_path):
 
 
 def test_load_capture_scene_not_a_mapping_is_named(tmp_path):
-    with pytest.raises(InputError, match="has no scene in its metadata"):
+    with pytest.raises(InputError, match="holds no scene"):
         load_capture_scene(open_capture(write(tmp_path)))
     capture = open_capture(write(tmp_path, **{"wiforce:scene": "demo"}))
     with pytest.raises(InputError, match="wiforce:scene: must hold a mapping .*, got 'demo'"):

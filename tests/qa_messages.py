@@ -52,6 +52,14 @@ CALIBRATE = ["calibrate", "file.csv", "-o", "s.yaml"]
             CALIBRATE,
             "many carriers; name the one to calibrate at, as --frequency-hz 915e6; if the table is",
         ),
+        (HEADER, ["read", "folder"], "folder: is a folder; name a file of the capture in it"),
+        (HEADER, ["simulate", "demo", "x", "--seed", "1.5"], "'1.5' is not a valid integer."),
+        (HEADER, ["transfer", "line-900mhz", "--frequency-hz", "9MHz"], "is not a valid number."),
+        (
+            HEADER + "900,20,1,2,5\n",
+            [*CALIBRATE, "--length-mm", "-5"],
+            "--length-mm: must be positive and at most",
+        ),
         (HEADER, ["plan", ""], "scene: must be a .yaml file or a shipped scene (gr-wiforce list"),
         (HEADER, ["plan", "."], "scene: must be a .yaml file or a shipped scene (gr-wiforce list"),
         (HEADER, ["calibrate", "file.csv", "-o", ""], "'': sensor file must end in .yaml"),
@@ -63,6 +71,7 @@ def test_message_of_a_mistake_says_what_to_change(
     tmp_path, monkeypatch, capsys, content, arguments, message
 ):
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder").mkdir()
     (tmp_path / "file.csv").write_text(content)
     assert main(arguments) == 2
     said = capsys.readouterr().err

@@ -19,6 +19,14 @@ _CARRIER_OF = {
     "touchstone": "{} lists Touchstone files, which hold many carriers; name the one to calibrate "
     "at, as --frequency-hz 915e6",
 }
+# What parameters of the library are called here.
+_OPTION_OF = {
+    "length_mm": "--length-mm",
+    "permittivity": "--permittivity",
+    "onset_force_n": "--onset-force-n",
+    "ruler_std_mm": "--ruler-std-mm",
+    "name": "--name",
+}
 _STEPS = ("nearest", "given", "line")
 
 
@@ -132,7 +140,7 @@ def calibrate(table, output, frequency_hz, kind, name, refined, plot_path, guide
 def _with_suspicions(error, suspected):
     """The error, with the mistake in the table that may be its cause."""
     rule = str(error).removeprefix(f"{error.where}: ")
-    return InputError(error.where, "; ".join([rule, *suspected]))
+    return InputError(_OPTION_OF.get(error.where, error.where), "; ".join([rule, *suspected]))
 
 
 def _line_assumed(sensor, data, length_mm, permittivity):

@@ -10,6 +10,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.textfile import check_output
 
 from .evaluation import published
+from .options import IntegerRange
 from .progress import progress
 
 
@@ -42,7 +43,7 @@ def evaluate():
 )
 @click.option(
     "--jobs",
-    type=click.IntRange(1),
+    type=IntegerRange(1),
     help="Number of parallel processes. Default: one per processor.",
 )
 @click.option("--fresh", is_flag=True, help="Compute all results again.")

@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 from gnuradio.wiforce.errors import InputError
 
-from .options import optional_radio_options
+from .options import IntegerRange, optional_radio_options
 
 _LOOK_S = 0.02
 _OPTION_OF = {"location_mm": "--locations", "force_n": "--forces", "sweeps": "--sweeps"}
@@ -49,7 +49,7 @@ _OPTIONS = (
     ),
     click.option(
         "--sweeps",
-        type=click.IntRange(1, 20),
+        type=IntegerRange(1, 20),
         default=1,
         show_default=True,
         help="With --live: runs over the forces at each location, rising and falling in turn.",
@@ -66,7 +66,7 @@ _OPTIONS = (
         show_default=True,
         help="Unit of a serial scale whose lines contain none: N, mN, g, kg, lb, oz.",
     ),
-    click.option("--baud", type=click.IntRange(1), default=9600, show_default=True),
+    click.option("--baud", type=IntegerRange(1), default=9600, show_default=True),
 )
 
 

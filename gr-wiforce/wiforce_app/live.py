@@ -13,7 +13,7 @@ from gnuradio.wiforce.io.zmq_sockets import ReadingsPublisher, endpoint_of
 from gnuradio.wiforce.scene import load_scene
 
 from .log import FORMATS, LEVELS, log
-from .options import FiniteRange, radio_options, readings_output, tracked_presses
+from .options import FiniteRange, IntegerRange, radio_options, readings_output, tracked_presses
 from .radio_request import RECEIVE_S, DeviceLost, RadioRequest
 
 _LOOK_S = 0.1
@@ -33,9 +33,7 @@ FAILED, BAD_INPUT = 1, 2
     help="Rename the output with its date and begin another, every 15min, 6h or 1d of UTC, or when "
     "it reaches 100MB. May be repeated.",
 )
-@click.option(
-    "--keep", type=click.IntRange(1), metavar="FILES", help="Delete older renamed outputs."
-)
+@click.option("--keep", type=IntegerRange(1), metavar="FILES", help="Delete older renamed outputs.")
 @click.option("--record", metavar="NAME", help="Record to NAME.sigmf-data and NAME.sigmf-meta.")
 @click.option(
     "--zmq",

@@ -9,11 +9,19 @@ import click
 class FiniteRange(click.FloatRange):
     """A finite float within limits; click's own type accepts nan and inf."""
 
+    name = "number"  # click says: 'x' is not a valid float range
+
     def convert(self, value, param, ctx):
         number = super().convert(value, param, ctx)
         if not math.isfinite(number):
             self.fail(f"{value!r} is not a finite number.", param, ctx)
         return number
+
+
+class IntegerRange(click.IntRange):
+    """An integer within limits."""
+
+    name = "integer"
 
 
 CARRIER_HZ = FiniteRange(0, 1e12, min_open=True)

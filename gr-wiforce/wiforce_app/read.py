@@ -10,7 +10,7 @@ from gnuradio.wiforce.recording import RecordingReader
 from gnuradio.wiforce.scene import scene_of
 
 from .interrupts import Interrupted
-from .options import capture_scene, readings_output, sample_type, tracked_presses
+from .options import IntegerRange, capture_scene, readings_output, sample_type, tracked_presses
 from .progress import progress
 from .room_report import RoomNews
 from .stream_events import describe_events
@@ -29,7 +29,7 @@ from .stream_events import describe_events
 @sample_type
 @click.option(
     "--frame-offset",
-    type=click.IntRange(0),
+    type=IntegerRange(0),
     help="Samples before the first frame. Default: detected; where no frames are detected, nothing "
     "is read.",
 )

@@ -5,6 +5,7 @@ import dataclasses
 
 import click
 
+from .options import IntegerRange
 from .progress import progress
 
 
@@ -20,7 +21,7 @@ from .progress import progress
 )
 @click.option(
     "--seed",
-    type=click.IntRange(0, 2**63 - 1),
+    type=IntegerRange(0, 2**63 - 1),
     help="Seed of all random numbers. Default: that of the scene.",
 )
 @click.option("--force", is_flag=True, help="Replace existing files.")

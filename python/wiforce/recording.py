@@ -211,8 +211,8 @@ class RecordingReader:
         needed = self.plan.reference_groups + 1
         if groups < needed:
             rule = (
-                f"must hold {needed} phase groups after its first frame, the untouched reference "
-                f"and one more ({needed * self.plan.group_period_s:.3g} s)"
+                f"must hold {needed} phase groups or more ({needed * self.plan.group_period_s:.3g} "
+                "s) from its first frame on: the untouched reference, and one to read"
             )
             raise InputError(self._recording.path, rule, max(0, groups))
 

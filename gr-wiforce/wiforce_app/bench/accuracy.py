@@ -8,6 +8,7 @@ import os
 
 import click
 
+from ..options import IntegerRange
 from ..progress import progress
 from .cases import cases
 from .rooms import RoomRow, room_cases, room_table
@@ -27,8 +28,8 @@ _QUICK_RUNS, _FULL_RUNS = 10, 40
     type=click.Path(),
     help="Write a picture of loss over SNR (PNG, PDF or SVG).",
 )
-@click.option("--seed", type=click.IntRange(0), default=1, show_default=True)
-@click.option("--jobs", type=click.IntRange(1), help="Number of processes. Default: one per core.")
+@click.option("--seed", type=IntegerRange(0), default=1, show_default=True)
+@click.option("--jobs", type=IntegerRange(1), help="Number of processes. Default: one per core.")
 def accuracy(as_json, full, part, plot_path, seed, jobs):
     """Compare phase errors of each estimator with the Cramer-Rao bound.
 

@@ -8,6 +8,7 @@ import click
 import numpy as np
 from gnuradio.wiforce.signal.carrier import wrap_deg
 
+from ..options import IntegerRange
 from ..progress import progress
 
 _BATCH, _SINGLE, _CHECKED, _RUNS = 20_000, 1000, 12, 7
@@ -18,7 +19,7 @@ _GRID_FORCES, _GRID_MM = 600, 0.04
 @click.command()
 @click.option("--json", "as_json", is_flag=True, help="Rows as JSON instead of a table.")
 @click.option("--sensor", "names", multiple=True, help="Only this sensor; a name or SENSOR.yaml.")
-@click.option("--seed", type=click.IntRange(0), default=1, show_default=True)
+@click.option("--seed", type=IntegerRange(0), default=1, show_default=True)
 def inversion(as_json, names, seed):
     """Time per reading, in a batch and one by one, for presses all over each sensor's span.
 

@@ -18,6 +18,7 @@ import click
 import numpy as np
 
 from ..markdown import markdown_table
+from ..options import IntegerRange
 from ..progress import progress
 
 # Sample rate in Msps and what else a scene of about a hundred readings per second needs.
@@ -69,7 +70,7 @@ class Row:
 @click.command()
 @click.option("--json", "as_json", is_flag=True, help="Rows as JSON.")
 @click.option(
-    "--presses", default=30, type=click.IntRange(1), show_default=True, help="At each sample rate."
+    "--presses", default=30, type=IntegerRange(1), show_default=True, help="At each sample rate."
 )
 @click.option(
     "--latency",

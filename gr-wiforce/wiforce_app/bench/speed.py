@@ -9,7 +9,7 @@ import tempfile
 import click
 import numpy as np
 
-from ..options import FiniteRange
+from ..options import FiniteRange, IntegerRange
 from ..progress import progress
 
 # Row, number of tones, share of the recording that it reads.
@@ -38,9 +38,9 @@ _SC16_BYTES, _FC32_BYTES = 4, 8
 
 @click.command()
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
-@click.option("--runs", default=9, type=click.IntRange(3), help="Number of runs of each row.")
+@click.option("--runs", default=9, type=IntegerRange(3), help="Number of runs of each row.")
 @click.option(
-    "--megabytes", default=1000, type=click.IntRange(20), help="Size of the fc32 recording."
+    "--megabytes", default=1000, type=IntegerRange(20), help="Size of the fc32 recording."
 )
 @click.option(
     "--folder",

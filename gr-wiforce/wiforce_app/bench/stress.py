@@ -11,6 +11,7 @@ import numpy as np
 from gnuradio.wiforce.io.textfile import check_output
 
 from ..markdown import filled_page, markdown_table
+from ..options import IntegerRange
 from ..progress import progress
 from .cases import Case
 
@@ -62,9 +63,9 @@ class Row:
 
 @click.command()
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
-@click.option("--search", default=60, type=click.IntRange(1), help="Trials of each search.")
+@click.option("--search", default=60, type=IntegerRange(1), help="Trials of each search.")
 @click.option("--only", default="", help="Run only stresses whose name contains this.")
-@click.option("--seed", type=click.IntRange(0), default=1, show_default=True)
+@click.option("--seed", type=IntegerRange(0), default=1, show_default=True)
 @click.option("--page", "page_path", type=click.Path(), help="Also write a Markdown page.")
 def stress(as_json, search, only, seed, page_path):
     """Worst errors under strong clutter, extreme levels and nearly singular equations.

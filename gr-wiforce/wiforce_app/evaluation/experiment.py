@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+from gnuradio.wiforce.estimation.average_spectrum import average_spectrum
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.expected import expect
 from gnuradio.wiforce.planning.levels import why_not_readable
@@ -20,7 +21,6 @@ from gnuradio.wiforce.simulation.simulator import simulate
 from ..read import read_capture
 from .causes import OWN, other_causes, with_cause
 from .channels import snapshot_channels
-from .doppler_spectrum import doppler_spectrum
 from .error_summary import calibration_bias_deg, summary
 from .paper_method import paper_changes, paper_errors
 
@@ -51,7 +51,7 @@ def run(scene_name, work_folder):
     """
     scene = load_scene(scene_name)
     with simulated(scene, work_folder) as (recording, truth, channels):
-        spectrum = doppler_spectrum(channels, scene.snapshot_period_s)
+        hz, level_db = average_spectrum(channels, scene.snapshot_period_s)
         sensors, readings = _read(scene, recording, truth, channels)
     return {
         "scene": str(scene_name),
@@ -61,7 +61,7 @@ def run(scene_name, work_folder):
         "sensors": sensors,
         "sum": _sum_of_forces(scene, readings, truth),
         "causes": _causes(scene_name, scene, sensors[0], work_folder),
-        "spectrum": spectrum,
+        "spectrum": {"hz": hz.round(2).tolist(), "db": level_db.round(2).tolist()},
     }
 
 

@@ -80,7 +80,7 @@ class Groups:
         infinite for an end that was not received.
     noise : ndarray, shape (G, K)
         Variance of the noise in H on each occupied subcarrier.
-    raised : ndarray, shape (G, K)
+    noise_rise : ndarray, shape (G, K)
         The same over that of the groups before: above 1 where a narrow-band transmitter interfered
         with the group.
     snr_db : ndarray, shape (G, 2S)
@@ -140,7 +140,7 @@ class Groups:
     ends: Array = _set_by_stage()
     gain: Array = _set_by_stage()
     noise: Array = _set_by_stage()
-    raised: Array = _set_by_stage()
+    noise_rise: Array = _set_by_stage()
     snr_db: Array = _set_by_stage()
     locked: Array = _set_by_stage()
     clock_phase: Array = _set_by_stage()

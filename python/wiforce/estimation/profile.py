@@ -125,7 +125,7 @@ class ProfileCheck:
         noise : ndarray, shape (G, 2S, K)
             Variance of V - R V_ref; infinite where an end was not received.
         raised : ndarray, shape (G, K), optional
-            ``Groups.raised``. These subcarriers count less when profiles are compared.
+            ``Groups.noise_rise``. These subcarriers count less when profiles are compared.
 
         Returns
         -------

@@ -9,6 +9,7 @@ from ..errors import InputError
 from ..signal.waveform import Waveform
 from .groups import Array, Groups
 from .profile import ProfileCheck
+from .reference_sum import NewReference, ReferenceSum
 
 # An end is flagged when more than 20 % of its energy plus three times its noise do not have the
 # reference's profile over the subcarriers (docs/estimation.md, section "Thresholds").
@@ -37,68 +38,6 @@ def subcarrier_weights(noise: Array) -> Array:
     """
     weights = 1 / np.asarray(noise, float)
     return weights / weights.sum(axis=-1, keepdims=True)
-
-
-class NewReference:
-    """Mean of the ends over the groups of a tare.
-
-    Parameters
-    ----------
-    ends : int
-        Ends of all tags, 2S.
-    groups : int
-        Length of the reference, from the first group that is added on.
-
-    Attributes
-    ----------
-    sum : ndarray of complex, shape (2S, K), or None
-        Sum of V over its variance; None before the first group.
-    precision : ndarray, shape (2S,)
-        Sum of 1 over the variance; 0 for an end that was not received.
-    precisions : ndarray, shape (2S, K)
-        The same on each subcarrier, less where a narrow-band transmitter interfered.
-
-    Examples
-    --------
-    >>> new = NewReference(ends=2, groups=3)
-    >>> new.add(Groups([40], ends=np.ones((1, 2, 62)), gain=np.full((1, 2), 0.01)))
-    >>> new.precision.tolist(), new.ends_before(42), new.ends_before(43)
-    ([100.0, 100.0], False, True)
-    """
-
-    def __init__(self, ends: int, groups: int) -> None:
-        self._groups = groups
-        self._stop: int | None = None
-        self.sum: Array | None = None
-        self.precision = np.zeros(ends)
-        self.precisions: Array = np.zeros((ends, 1))
-
-    def ends_before(self, index: int) -> bool:
-        """Whether the reference ends before the group of this index."""
-        return self._stop is not None and index >= self._stop
-
-    def add(self, group: Groups) -> None:
-        """Take a batch of one group with ``ends`` and ``gain``."""
-        if self._stop is None:
-            self._stop = int(group.index[0]) + self._groups
-        values, gain = group.ends[0], group.gain[0]
-        received = np.isfinite(gain)
-        if group.locked is not None:
-            # Before a silent tag is dropped its ends are still solved for, and are noise.
-            received = received & np.repeat(group.locked[0], 2)
-        if self.sum is None:
-            self.sum = np.zeros(values.shape, complex)
-        weights = _precisions_of(group, received)
-        self.sum[received] += values[received] * weights[received]
-        self.precision[received] += 1 / gain[received]
-        self.precisions = self.precisions + weights
-
-
-def _precisions_of(group: Groups, ends: Array) -> Array:
-    """1 / variance of some ends of a single group on each subcarrier (2S, K), 0 for the others."""
-    gain = group.gain[0][:, None]
-    raised = np.ones(group.ends.shape[1:]) if group.raised is None else group.raised
-    return np.where(ends[:, None], 1 / (gain * raised), 0)
 
 
 class ConjugateDifference:
@@ -201,9 +140,7 @@ class ConjugateDifference:
         return self._next is not None and self._next.ends_before(index)
 
     def _restart(self) -> None:
-        self._sum: Array | None = None
-        self._precision = np.zeros(self._ends)
-        self._precisions: Array = np.zeros((self._ends, 1))  # on each subcarrier
+        self._sums = ReferenceSum(self._ends)
         self._late = np.zeros(self._ends, bool)
         self._stop = None
         self._begins = True
@@ -252,7 +189,7 @@ class ConjugateDifference:
             not self._holding
             and not self._against_previous
             and not self._begins
-            and bool(np.all(self._precision > 0))
+            and bool(np.all(self._sums.precision > 0))
             and self._stop is not None
             and bool(np.all(groups.index[0] >= self._stop))
         )
@@ -271,13 +208,9 @@ class ConjugateDifference:
     def _adopt(self, new: NewReference, index: int) -> None:
         """Replace the reference of all ends that the new one holds, from group ``index`` on."""
         self._next = None
-        received = new.precision > 0
-        if new.sum is None or not received.any():
+        received = self._sums.replace(new.sums)
+        if not received.any():
             return
-        old = np.zeros_like(new.sum) if self._sum is None else self._sum
-        self._sum = np.where(received[:, None], new.sum, old)
-        self._precision = np.where(received, new.precision, self._precision)
-        self._precisions = np.where(received[:, None], new.precisions, self._precisions)
         self._late &= ~received
         if self._stop is not None:
             self._stop = np.where(received, np.minimum(self._stop, index), self._stop)
@@ -287,22 +220,16 @@ class ConjugateDifference:
 
     def _learn(self, group: Groups) -> Groups:
         """Process a single group that may be part of the reference."""
-        total = self._sum
-        if total is None:
-            total = self._sum = np.zeros(group.ends.shape[1:], complex)
         group = group.having(new_reference=np.array([self._begins]))
         self._begins = False
-        index, values, gain = int(group.index[0]), group.ends[0], group.gain[0]
+        index, gain = int(group.index[0]), group.gain[0]
         received, stop = np.isfinite(gain), self._reference_end(index, gain)
         if self._against_previous:
-            return self._step(group, received, total)
+            return self._step(group, received)
         learning = received & (index < stop)
-        weights = _precisions_of(group, learning)
-        total[learning] += values[learning] * weights[learning]
-        self._precision[learning] += 1 / gain[learning]
-        self._precisions = self._precisions + weights
+        self._sums.add(group, learning)
         self._held.append(group.having(in_reference=learning[None]))
-        complete = np.all((self._precision > 0) & (index + 1 >= stop))
+        complete = np.all((self._sums.precision > 0) & (index + 1 >= stop))
         if self._holding and not complete and len(self._held) < 2 * self.reference_groups:
             return group[:0]
         return self.flush()
@@ -312,42 +239,40 @@ class ConjugateDifference:
         stop = self._stop
         if stop is None:
             stop = np.full(self._ends, index + self.reference_groups)
-        late = np.isfinite(gain) & (self._precision == 0) & (index >= stop)
+        late = np.isfinite(gain) & (self._sums.precision == 0) & (index >= stop)
         self._late |= late
         self._stop = np.where(late, index + self.reference_groups, stop)
         return self._stop
 
-    def _step(self, group: Groups, received: Array, last: Array) -> Groups:
+    def _step(self, group: Groups, received: Array) -> Groups:
         """Compare a group with the previous one, and keep it for the next."""
         values, gain = group.ends[0], group.gain[0]
-        first = self._precision == 0
-        reference = np.where(first[:, None], values, last)
-        reference_gain = np.where(first, gain, 1 / np.where(first, 1, self._precision))
-        self._sum = np.where(received[:, None], values, last)
-        self._precision = np.where(received, 1 / gain, self._precision)
+        precision = self._sums.precision
+        first = precision == 0
+        reference = np.where(first[:, None], values, self._sums.mean())
+        reference_gain = np.where(first, gain, 1 / np.where(first, 1, precision))
+        last = ReferenceSum(self._ends)
+        last.add(group.having(noise_rise=None), received)
+        self._sums.replace(last)
         return self._difference(group, (first & received)[None], reference, reference_gain)
 
     def _compare(self, groups: Groups, in_reference: Array) -> Groups:
-        if self._sum is None:
-            self._sum = np.zeros(groups.ends.shape[1:], complex)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            gain = 1 / self._precision
-            reference = np.where(self._precisions > 0, self._sum / self._precisions, 0)
-        return self._difference(
-            self._with_noise_of_reference(groups), in_reference, reference, gain
-        )
+        with np.errstate(divide="ignore"):
+            gain = 1 / self._sums.precision
+        groups = self._with_noise_of_reference(groups)
+        return self._difference(groups, in_reference, self._sums.mean(), gain)
 
     def _with_noise_of_reference(self, groups: Groups) -> Groups:
         """Groups with more noise where interference raised that of the whole reference."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            excess = self._precision[:, None] / self._precisions - 1
-            excess = np.where(self._precisions > 0, excess, 0)
-            share = 1 / (groups.gain * self._precision)
-        if groups.raised is None or not np.any(excess > 1e-9):
+            excess = self._sums.precision[:, None] / self._sums.precisions - 1
+            excess = np.where(self._sums.precisions > 0, excess, 0)
+            share = 1 / (groups.gain * self._sums.precision)
+        if groups.noise_rise is None or not np.any(excess > 1e-9):
             return groups
         share = np.where(np.isfinite(share), share, 0)
         more = np.einsum("ge,ek->gk", share, excess) / self._ends
-        return groups.having(noise=groups.noise * (1 + more / groups.raised))
+        return groups.having(noise=groups.noise * (1 + more / groups.noise_rise))
 
     def _difference(
         self, groups: Groups, in_reference: Array, reference: Array, reference_gain: Array
@@ -359,11 +284,13 @@ class ConjugateDifference:
         power = weights @ (np.abs(reference) ** 2).T
         # Noise in the reference adds to its power and would bias |R| towards 0.
         noise = np.where(np.isfinite(reference_gain), reference_gain, 0) * mean_noise
-        power = np.where(self._precision > 0, np.maximum(power - noise, _LEAST_POWER * power), 0.0)
+        power = np.where(
+            self._sums.precision > 0, np.maximum(power - noise, _LEAST_POWER * power), 0.0
+        )
         if self._profile is not None:
             variance = (groups.gain + reference_gain)[:, :, None] * groups.noise[:, None]
             ends, factor = self._profile.process(
-                groups.ends, reference, weights, variance, groups.raised
+                groups.ends, reference, weights, variance, groups.noise_rise
             )
             groups = groups.having(ends=ends, gain=groups.gain * factor)
         with np.errstate(divide="ignore", invalid="ignore"):

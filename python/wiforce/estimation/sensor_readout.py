@@ -179,8 +179,8 @@ class SensorReadout:
         if self._tracker is not None:
             self._track(phases, std, touch, readable, values, flags)
         elif (touched := np.flatnonzero(touch == 1)).size:
-            values[touched], raised = self._invert(phases[touched], std[touched])
-            flags[touched] |= raised
+            values[touched], of_inversion = self._invert(phases[touched], std[touched])
+            flags[touched] |= of_inversion
         unexplained = (flags & _UNEXPLAINED) != 0
         doubted = self._evidence.take(renewed, level, phases, std, touch, clear, unexplained)
         flags[doubted] |= Flag.INCONSISTENT.value

@@ -145,10 +145,10 @@ class EndSeparator:
         if len(parts) > 1:
             arrays = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
         # Tags found by a survey are solved for, but not given.
-        for name in arrays.keys() - {"noise", "raised"}:
+        for name in arrays.keys() - {"noise", "noise_rise"}:
             each = 2 if name in ("ends", "gain", "snr_db") else 1
             arrays[name] = arrays[name][:, : each * self._tags]
-        lost = np.mean(1 - 1 / arrays["raised"], axis=1)
+        lost = np.mean(1 - 1 / arrays["noise_rise"], axis=1)
         arrays["interference"] = groups.interference + (1 - groups.interference) * lost
         return groups.having(tones=None, snapshot_weights=None, **arrays)
 
@@ -172,7 +172,7 @@ class EndSeparator:
             "ends": ends,
             "gain": stated,
             "noise": noise.variance * noise.raised,
-            "raised": noise.raised,
+            "noise_rise": noise.raised,
             "snr_db": self._snr_db(ends, gain, noise.variance),
             "disturbed": disturbed_tags,
         }
@@ -197,7 +197,7 @@ class EndSeparator:
             "ends": np.zeros((count, ends, subcarriers), complex),
             "gain": np.full((count, ends), np.inf),
             "noise": np.tile(noise, (count, 1)),
-            "raised": np.ones((count, subcarriers)),
+            "noise_rise": np.ones((count, subcarriers)),
             "snr_db": np.full((count, ends), np.nan),
             "disturbed": nothing > 0,
         }

@@ -35,7 +35,7 @@ def stage_flags(groups: Groups, sensor: int) -> Array:
     """
     ends = slice(2 * sensor, 2 * sensor + 2)
     late = groups.late_reference[:, ends].any(axis=1)
-    raised = {
+    flagged = {
         Flag.REFERENCE: groups.in_reference[:, ends].any(axis=1) | groups.in_tare,
         Flag.GAP: groups.missing > 0,
         Flag.SATURATED: groups.saturated,
@@ -43,7 +43,7 @@ def stage_flags(groups: Groups, sensor: int) -> Array:
         Flag.INCONSISTENT: groups.overlapping[:, sensor] | late,
     }
     flags = np.zeros(len(groups), np.int64)
-    for flag, rows in raised.items():
+    for flag, rows in flagged.items():
         flags[rows] |= flag.value
     return flags
 

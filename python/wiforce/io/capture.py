@@ -204,6 +204,9 @@ def open_capture(path: str | Path, datatype: str | None = None) -> Capture:
         raise InputError(repr(str(path)), "is not the name of a capture")
     if datatype is not None:
         return _open_raw(path, datatype)
+    if path.is_dir() and not path.with_name(f"{path.name}.sigmf-meta").exists():
+        rule = "is a folder; name a file of the capture in it, or the part that both have in common"
+        raise InputError(path, rule)
     stem = path.with_suffix("") if path.suffix in (".sigmf-meta", ".sigmf-data") else path
     meta, data = (stem.with_name(stem.name + suffix) for suffix in (".sigmf-meta", ".sigmf-data"))
     if path.is_file() and not meta.is_file():
@@ -220,6 +223,12 @@ def open_capture(path: str | Path, datatype: str | None = None) -> Capture:
 def _open_raw(path: Path, datatype: str) -> Capture:
     if datatype not in DATATYPES:
         raise InputError("datatype", f"must be one of {', '.join(DATATYPES)}", datatype)
+    if not path.exists() and path.with_name(f"{path.name}.sigmf-data").exists():
+        rule = (
+            "no such file; raw samples need the name of their file, and a SigMF capture no "
+            "--datatype"
+        )
+        raise InputError(path, rule)
     _check_file(path)
     samples = _count(path, datatype, path.stat().st_size)
     return Capture(path, datatype, None, None, (Segment(0, 0, samples),))

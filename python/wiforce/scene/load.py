@@ -89,7 +89,7 @@ def load_capture_scene(capture: Capture) -> Scene:
     ('arm',)
     """
     if capture.scene is None:
-        rule = "has no scene in its metadata, or is read without them; name one with --scene"
+        rule = "holds no scene; name one with --scene"
         raise InputError(capture.path, rule)
     where = KeyPath(f"{capture.path}: wiforce:scene")
     if not isinstance(capture.scene, dict):

@@ -8,6 +8,7 @@ locations j, basis functions B of force, weights w of location. It is linear in 
 their covariance carries over to every phase.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -23,6 +24,31 @@ from .transfer import transfer_std_deg
 FORMS = ("cubic", "power", "spline")
 # Relative step of the force for the slope of a phase.
 _SLOPE_STEP = 0.01
+
+
+def slope_over_force(curve: Callable[[np.ndarray], np.ndarray], force_n: np.ndarray) -> np.ndarray:
+    """Slope of a phase over force, by central differences.
+
+    Parameters
+    ----------
+    curve : callable
+        Forces in N, shape (...), to phases in degrees, shape (...) or (..., P).
+    force_n : ndarray, shape (...)
+        Above 0.
+
+    Returns
+    -------
+    ndarray
+        In deg/N, in the shape of the phases.
+
+    Examples
+    --------
+    >>> slope_over_force(lambda force_n: force_n**2, np.array([1.0, 4.0])).round(6).tolist()
+    [2.0, 8.0]
+    """
+    step = _SLOPE_STEP * force_n
+    change = curve(force_n + step) - curve(force_n - step)
+    return change / (2 * step).reshape(step.shape + (1,) * (change.ndim - step.ndim))
 
 
 class PowerBasis:
@@ -235,9 +261,9 @@ class CurveModel(SensorModel):
         independent of each other, and force follows from the sum of both phases, in which location
         cancels: the factor makes the standard deviation of that sum as large.
         """
-        step = _SLOPE_STEP * force
-        phases = [self.short_deg(force + sign * step, location, carrier) for sign in (1, -1)]
-        slope = np.abs(phases[0] - phases[1]) / (2 * step)[..., None]
+        slope = np.abs(
+            slope_over_force(lambda force_n: self.short_deg(force_n, location, carrier), force)
+        )
         total = slope.sum(axis=-1, keepdims=True)
         factor = total / np.maximum(np.linalg.norm(slope, axis=-1, keepdims=True), 1e-12)
         return self.carriers[carrier].hysteresis_n * factor * slope

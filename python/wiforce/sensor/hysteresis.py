@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from .calibration_data import ContactCurve
+from .curves import slope_over_force
 from .fit import CurveFitter, ForceCurve
 
 # The difference is a polynomial of this degree in force.
@@ -18,8 +19,8 @@ _DEGREE = 2
 _LEAST_ROWS = 12
 # Standard deviations beyond which a difference is not noise: one in 370 at a single force.
 _CERTAIN = 3.0
-# Relative step of the force for slopes, and forces at which the largest difference is sought.
-_STEP, _FORCES = 0.01, 50
+# Forces at which the largest difference is sought.
+_FORCES = 50
 
 
 def find_hysteresis(
@@ -93,9 +94,9 @@ def _rows(
     """Forces, residuals, slopes in deg/N and directions of the rows of known direction."""
     assert contact.direction is not None
     known = contact.direction != 0
-    force, step = contact.force_n[known], _STEP * contact.force_n[known]
+    force = contact.force_n[known]
     residual = contact.added_deg[known] - fitter.value(fit, force)
-    slope = (fitter.value(fit, force + step) - fitter.value(fit, force - step)) / (2 * step)
+    slope = slope_over_force(lambda force_n: fitter.value(fit, force_n), force)
     return force, residual, slope, contact.direction[known]
 
 
