@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ..io.readings import Flag
@@ -35,62 +37,89 @@ class TransitionFlags:
     """
 
     def __init__(self) -> None:
-        self._before: Groups | None = None  # the last group that was given
+        self._before: _Window | None = None  # the last group that was given
         self._waiting: Groups | None = None
 
     def process(self, groups: Groups) -> Groups:
         """Take a batch with ``touch`` and ``flags``; give the groups whose neighbours are known."""
         if not len(groups):
             return groups
-        kept = [part for part in (self._before, self._waiting) if part is not None]
-        window = Groups.concatenate([*kept, groups])
-        first = 0 if self._before is None else 1
-        flagged = _flagged(window)[first:-1]
-        self._before = window[-2:-1] if len(window) > 1 else None
-        self._waiting = window[-1:]
+        kept = [] if self._waiting is None else [self._waiting]
+        # One group at a time is given as it was kept, without copies of its arrays.
+        given = Groups.concatenate([*kept, groups[:-1]])
+        self._waiting = groups[-1:]
+        if not len(given):
+            return given
+        window = _Window.of(given).join(_Window.of(self._waiting))
+        flagged = self._flagged(given, window)
+        self._before = window.rows(slice(-2, -1))
         return flagged
 
     def flush(self) -> Groups:
         """Give the last group, which has no later neighbour."""
         if self._waiting is None:
             return Groups(np.zeros(0, np.int64))
-        kept = [part for part in (self._before, self._waiting) if part is not None]
-        flagged = _flagged(Groups.concatenate(kept))[-1:]
+        flagged = self._flagged(self._waiting, _Window.of(self._waiting))
         self._before = self._waiting = None
         return flagged
 
+    def _flagged(self, groups: Groups, window: _Window) -> Groups:
+        """Groups with the flag; the window holds them and what is known of the next one."""
+        first = 0 if self._before is None else 1
+        if self._before is not None:
+            window = self._before.join(window)
+        rows = _changes(window)[first : first + len(groups)]
+        return groups.having(flags=groups.flags | rows * Flag.TRANSITION.value)
 
-def _flagged(groups: Groups) -> Groups:
-    """Groups with the flag; the first and last of them know one neighbour only."""
+
+class _Window(NamedTuple):
+    """What decides on the flag, of groups that follow each other: arrays of shape (G, ...)."""
+
+    number: Array
+    level: Array
+    std_deg: Array
+    touch: Array
+
+    @staticmethod
+    def of(groups: Groups) -> _Window:
+        return _Window(groups.index, np.abs(groups.ratios), groups.phase_std_deg, groups.touch)
+
+    def join(self, after: _Window) -> _Window:
+        return _Window(*map(np.concatenate, zip(self, after, strict=True)))
+
+    def rows(self, rows: slice) -> _Window:
+        return _Window(*(values[rows] for values in self))
+
+
+def _changes(groups: _Window) -> Array:
+    """Groups in which a press changed, (G, S); the first and last know one neighbour only."""
     count, sensors = groups.touch.shape
-    adjacent = np.diff(groups.index) == 1
+    adjacent = np.diff(groups.number) == 1
     # Row g: whether the previous and the next group are adjacent on the grid.
     beside = np.array([np.append(False, adjacent), np.append(adjacent, False)])
-    levels = _neighbours(np.abs(groups.ratios))
+    level = groups.level
+    levels = _neighbours(level)
     touches = _neighbours(groups.touch)
-    std = _neighbours(groups.phase_std_deg)
+    std = _neighbours(groups.std_deg)
     known = beside[:, :, None] & (touches >= 0)  # (2, G, S)
     touch = groups.touch
     edge = (known & (touches != touch)).any(axis=0) & (touch == 1)
     of_ends = np.repeat(known, 2, axis=2)
     lowest = np.min(np.where(of_ends, levels, np.inf), axis=0)
-    level = np.abs(groups.ratios)
     with np.errstate(invalid="ignore"):
         dip = (level < _DIP * lowest) & (
-            lowest - level > _DIP_STDS * np.radians(groups.phase_std_deg) * lowest
+            lowest - level > _DIP_STDS * np.radians(groups.std_deg) * lowest
         )
     dip &= of_ends.any(axis=0)
     changed = edge | (dip.reshape(count, sensors, 2).any(axis=2) & (touch >= 0))
     values = np.concatenate([touch[None], np.where(known, touches, -1)])
     begins_or_ends = (values == 0).any(axis=0) & (values == 1).any(axis=0)
     # A change on one sensor disturbs the others, whose standard deviation then rises.
-    disturbed = beside[:, :, None] & (groups.phase_std_deg > _DISTURBED * std)
+    disturbed = beside[:, :, None] & (groups.std_deg > _DISTURBED * std)
     disturbed = disturbed.any(axis=0).reshape(count, sensors, 2).any(axis=2)
     anything = (changed | begins_or_ends).any(axis=1)[:, None]
-    transition = (changed | (anything & disturbed)) & (touch >= 0)
-    return groups.having(
-        flags=np.where(transition, groups.flags | Flag.TRANSITION.value, groups.flags)
-    )
+    transition: Array = (changed | (anything & disturbed)) & (touch >= 0)
+    return transition
 
 
 def _neighbours(values: Array) -> Array:
