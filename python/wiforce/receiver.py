@@ -164,6 +164,16 @@ class Receiver:
         """
         return self.tares.request(force)
 
+    def begin_reference_at(self, group: int) -> None:
+        """Measure the untouched reference from a group on; before the first batch.
+
+        Parameters
+        ----------
+        group : int
+            Index of the group; 0 where this is not called.
+        """
+        self.reference.begin_at(group)
+
     @property
     def state(self) -> str:
         """What the receiver is doing: ``acquiring``, ``reference`` or ``reading``."""
