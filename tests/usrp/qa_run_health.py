@@ -170,6 +170,19 @@ def test_status_names_what_is_wrong(change, problem):
     assert problems_of(answer, 2.0) == ([] if problem is None else [problem])
 
 
+def test_tag_lost_device_is_not_reported_as_a_silent_tag():
+    """The operator would look for the fault at the tag."""
+    run = Run()
+    run.read(2.0)
+    for step in range(50):
+        run.health.note(Reading(round(run.now_s + 0.1 * step, 3), "arm", flags=("gap",)))
+    run.now_s += 5.0
+    run.read(0.5, touch=None)  # clocks are sought
+    assert run.said == []
+    run.read(0.6, touch=None)
+    assert run.said == ["arm is not received since 2.00 s; its readings are empty until it returns"]
+
+
 def test_tare_log_flood_of_requests_writes_few_lines_and_answers_all():
     """Each of 2000 requests wrote a line of the journal."""
     said, answered, now_s = [], [], 0.0
