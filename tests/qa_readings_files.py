@@ -49,6 +49,29 @@ def test_append_restart_keeps_previous_readings(tmp_path, name):
     assert times == [reading.time_s for reading in readings(0, 30)]
 
 
+@pytest.mark.parametrize("append", [False, True])
+@pytest.mark.parametrize("rotation", [Rotation(), Rotation(size_bytes=10_000)])
+def test_output_of_a_running_writer_refused_and_unchanged(tmp_path, append, rotation):
+    """A second live reader with the same output emptied the file of the first one."""
+    path = tmp_path / "grip.csv"
+    with open_writer(path) as writer:
+        for reading in readings(0, 10):
+            writer.write(reading)
+        before = path.read_bytes()
+        with pytest.raises(InputError, match="is being written to by another process"):
+            open_rotating(path, rotation, append=append).begin()
+        assert path.read_bytes() == before
+        writer.write(readings(10, 1)[0])
+    assert len(rows_of(path)) == 21
+    write(open_rotating(path, rotation, append=True), readings(11, 1))
+    assert len(rows_of(path)) == 23
+
+
+def test_append_to_standard_output_refused():
+    with pytest.raises(InputError, match="--append: needs a file"):
+        open_rotating(None, Rotation(), append=True)
+
+
 def test_append_after_a_power_failure_removes_only_the_incomplete_row(tmp_path):
     path = tmp_path / "grip.csv"
     write(open_writer(path, append=True), readings(0, 10))

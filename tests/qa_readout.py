@@ -88,6 +88,29 @@ def test_readout_first_and_last_touched_group_are_flagged_transition():
     assert [g for g, r in enumerate(readings) if "transition" in r.flags] == [20, 29]
 
 
+def test_readout_first_touched_group_is_given_at_once_and_the_others_with_the_next():
+    """A robot should learn of a touch without waiting for the group after it."""
+    readout, came = make_readout(), []
+    for group in press(20, 29, 40):
+        came.append([r.group for r in readout.process(group)])
+    assert came[0] == [] and came[19:22] == [[18], [19, 20], []]
+    assert all(came[g] == [g - 1] for g in range(1, 40) if g not in (20, 21))
+    whole = make_readout()
+    rows = whole.process(Groups.concatenate(press(20, 29, 40))) + whole.flush()
+    assert rows == readings_of(make_readout(), press(20, 29, 40))
+
+
+def test_readout_untouched_sensor_beside_a_touch_waits_for_the_next_group():
+    """Whether the touch disturbs it is not known before."""
+    readout, came = make_readout(2), []
+    for g in range(30):
+        touched = ratios_of(4.0, 35.0) if g >= 20 else np.ones(2)
+        ratios = np.concatenate([touched, np.ones(2)])
+        group = group_of(g, ratios, reference=g < 5, sensors=2)
+        came.append([r.group for r in readout.process(group)])
+    assert came[20] == [19, 19] and came[21] == [20, 20]
+
+
 def test_readout_magnitude_dip_is_flagged_transition():
     groups = press(20, 39, 40)
     groups[30] = groups[30].having(ratios=0.9 * groups[30].ratios)

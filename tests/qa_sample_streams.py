@@ -13,11 +13,20 @@ import pmt
 import pytest
 from gnuradio import blocks, gr
 from gnuradio.wiforce.blocks.frame_alignment import frame_alignment
+from gnuradio.wiforce.blocks.frame_search import FrameSearch
 from gnuradio.wiforce.blocks.resumed_time import ResumedTime
 from gnuradio.wiforce.blocks.sample_receiver import sample_receiver
 from gnuradio.wiforce.blocks.sample_sender import sample_sender
 from gnuradio.wiforce.blocks.stream_time import Timeline, time_value
-from gnuradio.wiforce.io.sample_packets import SampleTag, pack_head
+from gnuradio.wiforce.estimation.frame import MARGIN
+from gnuradio.wiforce.io.sample_packets import (
+    HEAD_BYTES,
+    SAMPLE_BYTES,
+    SampleTag,
+    pack_head,
+    unpack_counts,
+)
+from gnuradio.wiforce.signal.waveform import sounding_waveform
 
 RATE, FRAME = 1e6, 400
 
@@ -117,6 +126,85 @@ def test_receiver_stream_torn_in_a_packet_keeps_whole_samples_and_reads_the_next
     assert sorted(keys) == [(0, "rx_time"), (resumed, "retuned"), (resumed, "rx_time")]
 
 
+def test_sender_with_an_interval_sends_together_what_arrives_meanwhile():
+    """A packet of its own for each of the device's would cost a core on either side."""
+    ours, theirs = socket.socketpair()
+    sent = codes(100_000)
+    flowgraph, heads = gr.top_block(), []
+    source, sender = tagged_source(sent, []), sample_sender(theirs, interval_s=0.2)
+    flowgraph.connect(source, sender)
+    flowgraph.start()
+    with ours:
+        data = b""
+        while len(data) < sent.nbytes:
+            samples, _ = unpack_counts(ours.recv(HEAD_BYTES, socket.MSG_WAITALL))
+            heads.append(samples)
+            data += ours.recv(SAMPLE_BYTES * samples, socket.MSG_WAITALL)
+    flowgraph.stop()
+    flowgraph.wait()
+    theirs.close()
+    assert np.array_equal(np.frombuffer(data, np.int16).reshape(-1, 2), sent)
+    assert len(heads) < 20  # of 100 pieces of 1000 samples
+
+
+def framed(before, frames):
+    """Frames of the usual waveform after so many samples without them, as integers."""
+    sent = np.concatenate([np.zeros(before), np.tile(0.4 * sounding_waveform().frame(), frames)])
+    noise = np.random.default_rng(4).normal(0, 30, (len(sent), 2))
+    return np.rint(32768 * sent.astype(complex).view(float).reshape(-1, 2) + noise).astype(np.int16)
+
+
+def test_receiver_with_a_search_begins_with_the_first_frame_and_its_time():
+    rate, before = 12.5e6, 500
+    waveform = sounding_waveform()
+    search = FrameSearch(waveform, search_frames=20)
+    receiver = sample_receiver(rate, waveform.frame_length, search)
+    sent = framed(before, 60)
+    lost = 50 * waveform.frame_length
+    tags = [SampleTag("rx_time", 0, 3, 0.5), SampleTag("rx_freq", 30_000, 0, 900e6)]
+    later = SampleTag("rx_time", 0, 3, 0.5 + (40_000 + lost) / rate)
+
+    def feed():
+        ours, theirs = socket.socketpair()
+        receiver.attach(ours)
+        theirs.sendall(packet(sent[:40_000], *tags) + packet(sent[40_000:], later))
+        theirs.close()
+        receiver.finish()
+
+    items, found = received(receiver, feed)
+    first = before - MARGIN
+    assert search.offset == first and receiver.received == len(sent)
+    assert np.array_equal(items, sent[first:])
+    assert receiver.peak <= np.abs(sent).max()
+    assert sum(search.start_time) == pytest.approx(3.5 + first / rate, abs=1e-9)
+    plain = [
+        (item, key, value if key == "rx_freq" else sum(value))
+        for item, key, value in ((item, key, pmt.to_python(value)) for item, key, value in found)
+    ]
+    assert plain == [
+        (0, "rx_time", pytest.approx(3.5 + first / rate, abs=1e-9)),
+        (30_000 - first, "rx_freq", 900e6),
+        (40_000 - first, "rx_time", pytest.approx(3.5 + (40_000 + lost) / rate, abs=1e-9)),
+    ]
+
+
+def test_receiver_without_frames_ends_with_its_stream():
+    """Frames are searched in one call of the scheduler, which must return for the end of a run."""
+    search = FrameSearch(sounding_waveform(), search_frames=20)
+    receiver = sample_receiver(12.5e6, 720, search)
+
+    def feed():
+        ours, theirs = socket.socketpair()
+        receiver.attach(ours)
+        theirs.sendall(packet(codes(50_000)))
+        receiver.finish()  # before the end of the stream, as when a run is ended
+        theirs.sendall(packet(codes(50_000)))
+        theirs.close()
+
+    items, _ = received(receiver, feed)
+    assert len(items) == 0 and search.searches == 6 and receiver.received == 100_000
+
+
 def test_receiver_stream_that_hangs_in_a_packet_is_idle_and_not_behind():
     """A driver that hangs must be noticed, and not be mistaken for a blocked output."""
     receiver = sample_receiver(RATE, FRAME)
@@ -205,7 +293,7 @@ def test_frame_alignment_without_frames_keeps_few_tags():
     flowgraph.connect(source, alignment, sink)
     flowgraph.run()
     assert alignment.offset is None and alignment.searches == 0
-    assert len(alignment._tags) <= 3
+    assert len(alignment.search.tags) <= 3
 
 
 def test_uncaught_exception_in_a_blocks_stop_ends_the_process_quietly():

@@ -22,7 +22,7 @@ _MOST_DELAY_US = 1000.0
 @click.command(
     epilog="While it runs it accepts lines on standard input and requests on --control: "
     "'press SENSOR FORCE_N LOCATION_MM', 'release SENSOR', 'fault TIME KIND ...', "
-    "'status', 'stop'. Each is answered with a line of JSON."
+    "'status', 'sent', 'stop'. Each is answered with a line of JSON."
 )
 @click.argument("scene", required=False)
 @click.option(

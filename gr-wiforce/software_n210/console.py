@@ -18,6 +18,7 @@ USAGE = {
     "release": "release SENSOR",
     "fault": "fault TIME KIND [ARGUMENTS]",
     "status": "status",
+    "sent": "sent",
     "stop": "stop",
 }
 
@@ -59,6 +60,10 @@ class Console:
     def _status(self, arguments):
         self._take("status", arguments, 0, 0)
         return self._device.status()
+
+    def _sent(self, arguments):
+        self._take("sent", arguments, 0, 0)
+        return {"sent_s": self._device.take_sent()}
 
     def _stop(self, arguments):
         self._take("stop", arguments, 0, 0)

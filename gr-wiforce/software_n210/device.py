@@ -4,6 +4,7 @@
 import math
 import select
 import time
+from collections import deque
 from collections.abc import Callable, Iterable
 
 from gnuradio.wiforce.errors import InputError
@@ -14,11 +15,16 @@ from .hardware import Hardware
 from .host_link import HostLink
 from .pacing import HostBacklog, Throttle, WallClock
 from .sockets import Sockets, check_loopback
-from .wire import TX_PORT
+from .wire import TICK_RATE, TX_PORT
 
 _IDLE_TICKS = 1_000_000
 _IDLE_WAIT_S = 0.01
 _HOLD_WAIT_S = 0.0005
+# Wall time after which received samples are sent, where a step may hold more. A device sends a
+# packet as soon as it is full: every 1.6 ms at 1.25 Msps with frames of 8000 bytes.
+_SEND_S = 2e-3
+# Steps whose times are kept: some ten seconds.
+_KEPT_STEPS = 5000
 
 
 class Device:
@@ -76,6 +82,7 @@ class Device:
         self._backlog = HostBacklog() if lossless else None
         self._throttle = Throttle(self._backlog) if lossless else None
         self._link = HostLink(self._sockets, self._hardware, self._throttle)
+        self._sent = deque(maxlen=_KEPT_STEPS)
         self._faults = FaultQueue()
         self._faults_applied = 0
         self._stop = False
@@ -137,6 +144,19 @@ class Device:
             "faults": self._faults_applied,
         }
 
+    def take_sent(self) -> list[tuple[float, float]]:
+        """When samples were sent, in the steps since the last call (the last ten seconds).
+
+        Returns
+        -------
+        list of tuple of (float, float)
+            Device time up to which samples had been handed to the host's socket, and when that
+            was, by the host's monotonic clock, in s.
+        """
+        sent = list(self._sent)
+        self._sent.clear()
+        return sent
+
     def _end_session(self):
         self._link.discard()
 
@@ -174,9 +194,12 @@ class Device:
 
     def _step(self, start, end):
         """Everything that happens between two ticks: transmit, receive, then what is due."""
-        self._link.queue(self._hardware.run(start, end))
+        hardware = self._hardware
+        self._link.queue(hardware.run(start, end))
         self._link.deliver()
-        self._hardware.advance(end)
+        if hardware.streaming:
+            self._sent.append((hardware.clock.to_time(end) / TICK_RATE, time.monotonic()))
+        hardware.advance(end)
         self._link.run_commands()
         self._link.send_reports()
 
@@ -184,5 +207,5 @@ class Device:
         if not self._hardware.streaming:
             pending = self._until_event(end, end + _IDLE_TICKS) - end
             return min(_IDLE_WAIT_S, max(self._wall.seconds_for(pending), 0.0))
-        ahead = self._hardware.longest_step - self._wall.allowance(end)
-        return max(self._wall.seconds_for(ahead), 0.0)
+        longest_s = min(self._wall.seconds_for(self._hardware.longest_step), _SEND_S)
+        return max(longest_s - self._wall.seconds_for(self._wall.allowance(end)), 0.0)

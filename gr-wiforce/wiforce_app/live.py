@@ -166,12 +166,12 @@ class _Outputs:
     def take(self, reading):
         """Write and publish one reading."""
         stamp = self.health.stamp(reading)
-        self._writer.write(reading, stamp)
-        self.health.note(reading)
-        self.seen(reading)
         if self._publisher is not None:
             device_s = self.health.device_time_s(reading)
             self._publisher.publish(reading, {"device_time_s": device_s, **stamp})
+        self._writer.write(reading, stamp)
+        self.health.note(reading)
+        self.seen(reading)
 
     def send(self, kind, report):
         """Publish a report of the reader's health."""
@@ -189,6 +189,7 @@ def _run(session, request, outputs, control, duration, reconnect):
     """
     from .live_requests import TareLog, serve_requests
     from .radio_keeper import RadioKeeper
+    from .reaction_time import shorten_pauses
     from .run_clock import RunClock
     from .run_health import Heartbeat, RunHealth
     from .service_manager import ServiceManager
@@ -199,6 +200,7 @@ def _run(session, request, outputs, control, duration, reconnect):
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ending.request("signal"))
     watch = Watch(session)
+    shorten_pauses()
 
     def opened(link):
         outputs.begin()

@@ -2,12 +2,14 @@
 """Requests to a live reader: tare, status, stop."""
 
 import json
+import time
 from collections.abc import Callable
 
 from gnuradio.wiforce.estimation.tare_request import TareState
 from gnuradio.wiforce.io.zmq_sockets import Later, Replies, answer_words
 
 from .live_session import LiveSession
+from .warning_pace import WarningPace
 
 
 class TareLog:
@@ -18,17 +20,30 @@ class TareLog:
     session : LiveSession
     log : callable
         Takes a line for the user.
+    now : callable
+        Time in seconds. A flood of requests must not fill the log.
     """
 
-    def __init__(self, session: LiveSession, log: Callable[[str], None]):
+    def __init__(
+        self,
+        session: LiveSession,
+        log: Callable[[str], None],
+        now: Callable[[], float] = time.monotonic,
+    ):
         self._session, self._log = session, log
+        self._pace = WarningPace(now)
+        self._logged: TareState | None = None
 
     def request(self, force: bool = False, done: Callable[[TareState], None] | None = None):
         """Request a tare; ``done`` is called in another thread with its outcome."""
 
         def finish(state):
-            forced, reason = " (forced)" * state.forced, f": {state.reason}" * bool(state.reason)
-            self._log(f"tare {state.state}{forced}{reason}")
+            # Requests during a tare share it and its outcome.
+            if state is not self._logged and self._pace.allows(state.state):
+                forced = " (forced)" * state.forced
+                reason = f": {state.reason}" * bool(state.reason)
+                self._log(f"tare {state.state}{forced}{reason}")
+            self._logged = state
             if done is not None:
                 done(state)
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from gnuradio import gr, wiforce
-from gnuradio.wiforce.blocks.level_meter import level_meter
+from gnuradio.wiforce.blocks.frame_search import FrameSearch
 from gnuradio.wiforce.blocks.sample_receiver import sample_receiver
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.readings import Reading
@@ -52,9 +52,8 @@ class LiveSession:
     ):
         self.waveform = scene.waveform()
         self._scene, self._request = scene, request
-        self.source = sample_receiver(request.sample_rate_hz, request.frame_length)
-        self.alignment = wiforce.frame_alignment(**request.sounding)
-        self.meter = level_meter()
+        self.alignment = FrameSearch(self.waveform)
+        self.source = sample_receiver(request.sample_rate_hz, request.frame_length, self.alignment)
         self._latest = deque(maxlen=_KEPT_BATCHES)
         self.reader = wiforce.reader(
             scene, input_type="sc16", tracked=tracked, on_reading=on_reading
@@ -67,10 +66,8 @@ class LiveSession:
         self._connect()
 
     def _connect(self):
-        flowgraph = self._flowgraph
-        for block in (self.source, self.alignment, self.meter):
-            block.set_min_output_buffer(_BUFFER_SAMPLES)
-        flowgraph.connect(self.source, self.alignment, self.meter, self.reader)
+        self.source.set_min_output_buffer(_BUFFER_SAMPLES)
+        self._flowgraph.connect(self.source, self.reader)
         if self.recorder is not None:
             self.tap(self.recorder)
 
@@ -92,7 +89,7 @@ class LiveSession:
 
     def tap(self, *blocks) -> None:
         """Connect further blocks to the aligned samples; before `attach`."""
-        self._flowgraph.connect(self.alignment, *blocks)
+        self._flowgraph.connect(self.source, *blocks)
 
     def attach(self, link: RadioLink) -> None:
         """Read the samples of a device, after those of the devices before.
@@ -109,9 +106,9 @@ class LiveSession:
         self._link = link
         self._attached += 1
         if not self._running:
-            self._running = True
             self._started_s = time.monotonic()
             self._flowgraph.start()
+            self._running = True
 
     def stop(self) -> None:
         """End in good order: `on_reading` has been called for all samples received."""
@@ -146,12 +143,13 @@ class LiveSession:
     @property
     def samples(self) -> int:
         """Number of samples received since the first frame."""
-        return self.meter.nitems_read(0)
+        # GNU Radio replaces the counts of a block while it starts: reading them then may crash.
+        return self.source.nitems_written(0) if self._running else 0
 
     @property
     def samples_received(self) -> int:
         """Number of samples received, those before the first frame included."""
-        return self.alignment.nitems_read(0)
+        return self.source.received
 
     @property
     def samples_lost(self) -> int:
@@ -200,5 +198,5 @@ class LiveSession:
 
     def take_peak(self) -> float:
         """Largest I or Q since the last call, over full scale."""
-        peak, self.meter.peak = self.meter.peak, 0
+        peak, self.source.peak = self.source.peak, 0
         return peak / FULL_SCALE

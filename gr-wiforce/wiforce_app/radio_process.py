@@ -19,6 +19,7 @@ from gnuradio.wiforce.errors import InputError
 
 from .device_lock import DeviceLock
 from .radio_request import LOST_STATUS, DeviceAbsent, DeviceLost, RadioRequest
+from .reaction_time import shorten_pauses
 from .run_clock import ClockComparison
 
 # How far ahead the common start is set. A busy machine may miss it; then the next one is tried.
@@ -28,6 +29,7 @@ _LOOK_S = 0.02
 _BUFFER_SAMPLES = 1 << 18
 _MOST_RECEIVE_SAMPLES = _BUFFER_SAMPLES // 2
 _RECEIVE_TIMEOUT_S = 0.1
+_COLLECTED_S = 10e-3  # pieces of this length or more are collected by UHD
 # A shorter silence, of a network that restarts for example, is a gap: the device keeps its phases.
 _SILENCE_S = 5.0
 
@@ -94,12 +96,15 @@ class _Streams:
         gr.logging().set_default_level(gr.log_levels.off)
         self._radio = radio
         self._transmitted = wiforce.sounding_source(amplitude=request.amplitude, **request.sounding)
-        self._sender = sample_sender(samples)
+        # Short pieces are collected by the sender from single packets, long ones by UHD.
+        packets = request.receive_s < _COLLECTED_S
+        self._sender = sample_sender(samples, request.receive_s if packets else 0.0)
         self._flowgraph = gr.top_block("gr-wiforce radio", catch_exceptions=True)
         exit_on_terminate(LOST_STATUS)  # instead of the handler that the flowgraph has installed
-        radio.source.set_recv_timeout(_RECEIVE_TIMEOUT_S, False)
-        together = int(request.receive_s * request.sample_rate_hz)
-        radio.source.set_max_noutput_items(min(together, _MOST_RECEIVE_SAMPLES))
+        radio.source.set_recv_timeout(_RECEIVE_TIMEOUT_S, packets)
+        if not packets:
+            together = int(request.receive_s * request.sample_rate_hz)
+            radio.source.set_max_noutput_items(min(together, _MOST_RECEIVE_SAMPLES))
         radio.source.set_min_output_buffer(_BUFFER_SAMPLES)
         self._flowgraph.connect(self._transmitted, radio.sink)
         self._flowgraph.connect(radio.source, self._sender)
@@ -183,6 +188,7 @@ def _serve(reader, samples):
     reader.report(
         "opened", hardware=radio.hardware, settings=radio.settings(), unlocked=radio.unlocked()
     )
+    shorten_pauses()
     _wait_for_line(reader)  # start
     stopping = []
 

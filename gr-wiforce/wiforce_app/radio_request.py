@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from gnuradio.wiforce.scene.schema import Scene
 
 
-# Samples that are received at once, as a time, by the option --latency. Handling every packet by
-# itself would cost two cores.
-RECEIVE_S = {"low": 2e-3, "relaxed": 20e-3}
+# Time for which samples are collected, by the option --latency. Handling every packet by itself
+# would cost two cores.
+RECEIVE_S = {"low": 1e-3, "relaxed": 20e-3}
 LOST_STATUS = 3  # of the process that used a device, when that has gone
 
 
@@ -53,7 +53,7 @@ class RadioRequest:
     reference : str or None
         Clock source: ``internal``, ``external``, ...
     receive_s : float
-        Samples that are received at once, as a time in s.
+        Time for which received samples are collected, in s.
     scene_name : str
         Of the scene's file, for messages.
     """

@@ -24,6 +24,7 @@ _WITHOUT_DEVICE = {
     OPENING: ("waiting", "the device is not open yet"),
     RECONNECTING: ("lost", "the device is lost, and sought again"),
 }
+_DROPPED = ("gap",)  # flags of a group that was not received
 # Signal by which a tare may take longer than its reference, for groups in processing.
 _TARE_MARGIN_S = 2.0
 
@@ -51,6 +52,8 @@ class _Tag:
         self.arrived_s = None
         self.received_s = None
         self.first_s = None
+        self.noted_s = 0.0
+        self.lost_s = 0.0  # of groups that were not received since the tag was
         self.silent = False
 
 
@@ -94,14 +97,20 @@ class RunHealth:
         """Take a reading, in the thread that made it."""
         tag = self._tags[reading.sensor]
         if tag.first_s is None:
-            tag.first_s = reading.time_s
+            tag.first_s = tag.noted_s = reading.time_s
+        passed_s, tag.noted_s = reading.time_s - tag.noted_s, reading.time_s
         if reading.touch is not None:
             if tag.silent:
                 self._events.append(self._returns(reading, tag))
             tag.silent, tag.received_s, tag.arrived_s = False, reading.time_s, self._now()
+            tag.lost_s = 0.0
             return
+        # Groups that were not received, as those of a lost device, say nothing about the tag. After
+        # an hour of them there are no rows.
+        if reading.flags == _DROPPED or passed_s > SILENT_S:
+            tag.lost_s += passed_s
         since_s = tag.first_s if tag.received_s is None else tag.received_s
-        if not tag.silent and reading.time_s - since_s > SILENT_S:
+        if not tag.silent and reading.time_s - since_s - tag.lost_s > SILENT_S:
             tag.silent = True
             text = f"{reading.sensor} is not received since {since_s:.2f} s"
             self._events.append(f"{text}; its readings are empty until it returns")

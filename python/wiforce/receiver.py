@@ -63,8 +63,8 @@ class Receiver:
     docs/walkthrough.md): separation of the tags' ends at the tracked clock, difference against the
     untouched reference, average over the subcarriers, readout of touch, force and location, and
     the flag of groups in which a press changed. Groups are held back until clocks and reference are
-    known, and each group until the next one has been received. The readings do not depend on how
-    groups are divided into batches.
+    known, and each group until the next one has been received, except for those in which a touch
+    begins. The readings do not depend on how groups are divided into batches.
 
     Examples
     --------
@@ -176,6 +176,16 @@ class Receiver:
             ``measuring`` or ``refused``; ``complete`` where the estimator has no reference.
         """
         return self.tares.request(force)
+
+    def begin_reference_at(self, group: int) -> None:
+        """Measure the untouched reference from a group on; before the first batch.
+
+        Parameters
+        ----------
+        group : int
+            Index of the group; 0 where this is not called.
+        """
+        self.reference.begin_at(group)
 
     @property
     def state(self) -> str:

@@ -13,66 +13,16 @@ from .estimation.groups import Array, Groups
 from .estimation.press_evidence import Suspicion
 from .estimation.sensor_readout import RETUNED
 from .estimation.snapshot_group import GroupScreen, SnapshotGroup
+from .estimation.stream_tares import StreamTares
 from .estimation.survey import Survey
 from .estimation.surveyed_groups import SurveyedGroups
-from .estimation.tare_request import TareReports, TareState
+from .estimation.tare_request import TareState
 from .io.readings import GroupCounts, Reading
 from .planning.findings import Finding, findings
 from .planning.plan import Plan, PlanOrScene, as_plan
 from .planning.reference_survey import survey_reference, surveyed_snapshots
 from .planning.room import adapted, expecting_snr, readapted
 from .receiver import Receiver
-
-
-class StreamTares(TareReports):
-    """Requests for a tare of the receiver that reads a stream at present.
-
-    Parameters
-    ----------
-    request : callable
-        Takes ``force``; gives the TareState.
-    cancel : callable
-        Takes the reason.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.planning.plan import plan
-    >>> StreamReader(plan("demo")).tares.request().state
-    'refused'
-    """
-
-    def __init__(self, request: Callable[[bool], TareState], cancel: Callable[[str], None]) -> None:
-        super().__init__()
-        self._request, self._cancel = request, cancel
-
-    def request(self, force: bool = False) -> TareState:
-        """Measure a new reference, and survey the room in it.
-
-        Parameters
-        ----------
-        force : bool
-            As for ``Receiver.tare``; the room is not surveyed then.
-
-        Returns
-        -------
-        TareState
-        """
-        return self._request(force)
-
-    def cancel(self, reason: str) -> TareState:
-        """Give up a tare that is being measured; the former reference stays in use.
-
-        Parameters
-        ----------
-        reason : str
-
-        Returns
-        -------
-        TareState
-        """
-        self._cancel(reason)
-        return self.state
-
 
 # Time after a survey until the next one, in s: a survey takes a tenth of a second of one core.
 AGAIN_S = 10.0
@@ -260,7 +210,7 @@ class StreamReader:
             return []
         readings = self._receiver.finish()
         self._use(better, last + 1)
-        self._receiver.reference.begin_at(kept.first)
+        self._receiver.begin_reference_at(kept.first)
         return readings + self._read(kept.groups)
 
     def _better(self, survey: Survey) -> Plan:

@@ -8,6 +8,7 @@ from gnuradio.wiforce.estimation.press_evidence import Suspicion
 from gnuradio.wiforce.estimation.sensor_readout import RETUNED
 from gnuradio.wiforce.estimation.tare_request import TareState
 from gnuradio.wiforce.io.readings import GroupCounts, Reading
+from wiforce_app.live_requests import TareLog
 from wiforce_app.radio_keeper import OPENING, RECONNECTING, RUNNING
 from wiforce_app.run_clock import ClockComparison, RunClock
 from wiforce_app.run_health import RunHealth
@@ -178,3 +179,36 @@ def test_status_names_what_is_wrong(change, problem):
     answer = {"state": "reading", "reason": "", "sensors": {"arm": sensor}}
     (sensor if change.keys() & sensor.keys() else answer).update(change)
     assert problems_of(answer, 2.0) == ([] if problem is None else [problem])
+
+
+def test_tag_lost_device_is_not_reported_as_a_silent_tag():
+    """The operator would look for the fault at the tag."""
+    run = Run()
+    run.read(2.0)
+    for step in range(50):
+        run.health.note(Reading(round(run.now_s + 0.1 * step, 3), "arm", flags=("gap",)))
+    run.now_s += 5.0
+    run.read(0.5, touch=None)  # clocks are sought
+    assert run.said == []
+    run.read(0.6, touch=None)
+    assert run.said == ["arm is not received since 2.00 s; its readings are empty until it returns"]
+
+
+def test_tare_log_flood_of_requests_writes_few_lines_and_answers_all():
+    """Each of 2000 requests wrote a line of the journal."""
+    said, answered, now_s = [], [], 0.0
+    waiting = []
+    session = SimpleNamespace(reader=SimpleNamespace(tare=lambda force, done: waiting.append(done)))
+    tares = TareLog(session, said.append, now=lambda: now_s)
+    for _ in range(50):
+        now_s += 0.01
+        for _ in range(40):
+            tares.request(True, answered.append)
+        state = TareState("complete", forced=True)
+        while waiting:
+            waiting.pop()(state)
+    assert len(answered) == 2000 and said == ["tare complete (forced)"]
+    now_s += 60.0
+    tares.request(False)
+    waiting.pop()(TareState("refused", "arm is touched"))
+    assert said[1:] == ["tare refused: arm is touched"]

@@ -58,6 +58,10 @@ def test_stream_ten_million_samples_at_full_rate_all_correct(software_usrp, tmp_
     assert times == {0: START_S * RATE}
     assert len(values) == 10_000_000
     assert np.array_equal(values, START_S * RATE + np.arange(10_000_000))
+    # Delays are measured from these times.
+    device_s, host_s = np.transpose(device.command("sent")["sent_s"])
+    assert np.all(np.diff(device_s) > 0) and np.all(np.diff(host_s) >= 0)
+    assert device_s[0] < START_S + 0.1 and device_s[-1] >= START_S + 10_000_000 / RATE
 
 
 def test_stream_overflow_new_time_states_the_loss(software_usrp, tmp_path, capfd):

@@ -2,14 +2,15 @@
 """``gr-wiforce bench live``: delay of readings behind the samples, on the software N210."""
 
 import json
+import os
 import random
-import resource
 import socket
 import subprocess
 import sys
 import tempfile
 import threading
 import time
+from bisect import bisect_left
 from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -20,6 +21,7 @@ import numpy as np
 from ..markdown import markdown_table
 from ..options import IntegerRange
 from ..progress import progress
+from .device_process import DeviceProcess
 
 # Sample rate in Msps and what else a scene of about a hundred readings per second needs.
 _SETTINGS = {
@@ -30,7 +32,6 @@ _REFERENCE_S = 0.5
 _PRESS = "press arm 3 40"
 _HELD_S, _PAUSE_S = 0.3, 0.35
 _START_LIMIT_S = 30.0
-_TRIES = 20
 _RUN = "from wiforce_app.main import run; raise SystemExit(run())"
 
 
@@ -42,25 +43,33 @@ class Row:
     ----------
     msps, group_ms : float
         Sample rate in Msps, length of a phase group in ms.
+    speed : float
+        Seconds of signal per second. Below 1, the software N210 took longer for the samples of a
+        group than the group lasts, and so did the wait for the next group.
     readings : int
         Readings whose delay was measured.
     delay_ms, delay_95_ms, delay_99_ms : float
-        Time from the last sample of a group to its message in another process: median and
-        quantiles.
+        Time from the last sample of a group, as it was sent by the device, to the group's message
+        in another process: median and quantiles.
+    work_ms, work_95_ms : float
+        The part of it that follows the last sample of the next group, which a reading waits for.
     presses : int
         Presses among them.
     press_ms, press_95_ms : float
         Time from the command to press to the first message with a touch.
     cores : float
-        Processor time of the live reader over time, its start included.
+        Processor time of the live reader per second of signal.
     """
 
     msps: float
     group_ms: float
+    speed: float
     readings: int
     delay_ms: float
     delay_95_ms: float
     delay_99_ms: float
+    work_ms: float
+    work_95_ms: float
     presses: int
     press_ms: float
     press_95_ms: float
@@ -98,16 +107,20 @@ def live(as_json, presses, latency, msps):
 
 def table(rows):
     """Rows as a table in Markdown."""
-    head = ["Msps", "group (ms)", "readings", "delay (ms)", "95 %", "99 %"]
+    head = ["Msps", "group (ms)", "speed", "readings", "delay (ms)", "95 %", "99 %"]
+    head += ["of it after the next group (ms)", "95 %"]
     head += ["presses", "press to message (ms)", "95 %", "cores"]
     cells = [
         [
             f"{row.msps:g}",
             f"{row.group_ms:.2f}",
+            f"{row.speed:.2f}",
             str(row.readings),
             f"{row.delay_ms:.1f}",
             f"{row.delay_95_ms:.1f}",
             f"{row.delay_99_ms:.1f}",
+            f"{row.work_ms:.1f}",
+            f"{row.work_95_ms:.1f}",
             str(row.presses),
             f"{row.press_ms:.1f}",
             f"{row.press_95_ms:.1f}",
@@ -140,78 +153,104 @@ def _measure(msps, presses, latency, step):
     with tempfile.TemporaryDirectory(prefix="wiforce-live-") as folder:
         scene = Path(folder) / "scene.yaml"
         scene.write_text(json.dumps(scene_of(msps)), encoding="utf-8")
-        with _Device(scene) as device, _live_reader(scene, device, latency) as (port, reader):
-            messages = _Messages(port, device.clock)
-            with closing(messages):
-                pressed = _press(device, messages, presses, step)
-            before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        with _device(scene) as device, _live_reader(scene, device, latency) as (port, reader):
+            with closing(_Messages(port)) as messages:
+                messages.wait_for(touched=False)
+                run, rng, sent, pressed = _Run(device, reader.pid), random.Random(1), [], []
+                for _ in range(presses):
+                    pressed.append(_press(device, messages, rng))
+                    sent += device.command("sent")["sent_s"]
+                    step(1)
+                speed, cores = run.speed_and_cores()
             reader.terminate()
             reader.wait()
-            after = resource.getrusage(resource.RUSAGE_CHILDREN)
-            ran_s = time.monotonic() - messages.started_s
-    delays_ms = 1e3 * (np.array(messages.delays_s) - group_s / 2)
+    delays_ms = 1e3 * delays_s(messages.readings, sent, group_s / 2)
+    work_ms = 1e3 * delays_s(messages.readings, sent, 3 / 2 * group_s)
     return Row(
         float(msps),
         1e3 * group_s,
+        round(speed, 3),
         len(delays_ms),
         *np.round(np.quantile(delays_ms, [0.5, 0.95, 0.99]), 2).tolist(),
+        *np.round(np.quantile(work_ms, [0.5, 0.95]), 2).tolist(),
         presses,
         *np.round(1e3 * np.quantile(pressed, [0.5, 0.95]), 2).tolist(),
-        round((sum(after[:2]) - sum(before[:2])) / ran_s, 3),
+        round(cores, 3),
     )
 
 
-def _press(device, messages, presses, step):
-    """Seconds from every command to press to the first message with a touch."""
-    rng = random.Random(1)
-    delays_s = []
-    for _ in range(presses):
-        messages.wait_for(touched=False)
-        time.sleep(_PAUSE_S + rng.uniform(0, 0.1))
-        sent_s = time.monotonic()
-        device.command(_PRESS)
-        delays_s.append(messages.wait_for(touched=True) - sent_s)
-        time.sleep(_HELD_S)
-        device.command("release arm")
-        step(1)
-    return delays_s
+def delays_s(readings, sent, after_s):
+    """Delays of messages behind the samples that the device had sent.
+
+    Parameters
+    ----------
+    readings : list of tuple of (float, float)
+        When a message arrived, and the device time at the centre of its group, in s.
+    sent : list of tuple of (float, float)
+        Device times up to which samples had been sent, rising, and when that was, in s.
+    after_s : float
+        The delay is counted from the sample so long after the centre.
+
+    Returns
+    -------
+    ndarray
+        Without the readings whose samples are not in ``sent``.
+    """
+    delays = []
+    for arrived_s, centre_s in readings:
+        at = bisect_left(sent, centre_s + after_s - 1e-9, key=lambda step: step[0])
+        if 0 < at < len(sent):
+            delays.append(arrived_s - sent[at][1])
+    return np.array(delays)
 
 
-class _Device:
-    """A software N210 in a process of its own, and the relation of its time to ours."""
+def _press(device, messages, rng):
+    """Seconds from a command to press to the first message with a touch."""
+    messages.wait_for(touched=False)
+    time.sleep(_PAUSE_S + rng.uniform(0, 0.1))
+    sent_s = time.monotonic()
+    device.command(_PRESS)
+    delay_s = messages.wait_for(touched=True) - sent_s
+    time.sleep(_HELD_S)
+    device.command("release arm")
+    return delay_s
 
-    def __init__(self, scene):
-        command = [sys.executable, "-c", _RUN, "emulate", str(scene), "--bind"]
-        for _ in range(_TRIES):
-            self.address = f"127.0.{random.randrange(1, 255)}.{random.randrange(1, 255)}"
-            pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
-            self._process = subprocess.Popen([*command, self.address], text=True, **pipes)
-            if self._process.stdout.readline().startswith("listening"):
-                break
-            _, reason = self._process.communicate()
-            if "is in use" not in reason:
-                raise click.ClickException(reason.strip())
-        self._lock = threading.Lock()
 
-    def __enter__(self):
-        return self
+@contextmanager
+def _device(scene):
+    try:
+        device = DeviceProcess(scene)
+    except RuntimeError as error:
+        raise click.ClickException(str(error)) from error
+    with device:
+        yield device
 
-    def __exit__(self, *_):
-        self._process.terminate()
-        self._process.communicate()
 
-    def command(self, line):
-        """The answer to a line of its control, as a dict."""
-        with self._lock:
-            self._process.stdin.write(line + "\n")
-            self._process.stdin.flush()
-            return json.loads(self._process.stdout.readline())
+class _Run:
+    """Signal, time and processor time since it was made."""
 
-    def clock(self):
-        """Device time minus ours, in s."""
-        sent_s = time.monotonic()
-        device_s = self.command("status")["device_time_s"]
-        return device_s - (sent_s + time.monotonic()) / 2
+    def __init__(self, device, pid):
+        self._device, self._pid = device, pid
+        self._begin = self._now()
+
+    def _now(self):
+        signal_s = self._device.command("status")["streaming_s"]
+        return np.array([signal_s, time.monotonic(), _processor_s(self._pid)])
+
+    def speed_and_cores(self):
+        """Seconds of signal per second, processor time per second of signal."""
+        signal_s, time_s, processor_s = self._now() - self._begin
+        return signal_s / time_s, processor_s / signal_s
+
+
+def _processor_s(pid):
+    """Processor time of a process and its children, in s."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    ticks = int(fields[11]) + int(fields[12])  # utime and stime, proc(5)
+    own_s = ticks / os.sysconf("SC_CLK_TCK")
+    tasks = Path(f"/proc/{pid}/task").iterdir()
+    children = [child for task in tasks for child in (task / "children").read_text().split()]
+    return own_s + sum(_processor_s(int(child)) for child in children)
 
 
 @contextmanager
@@ -222,7 +261,7 @@ def _live_reader(scene, device, latency):
         port = free.getsockname()[1]
     frames = "recv_frame_size=8000,send_frame_size=8000"
     command = [sys.executable, "-c", _RUN, "live", "--scene", str(scene), "--zmq", str(port)]
-    command += ["--args", f"addr={device.address},type=usrp2,{frames}"]
+    command += ["--args", f"{device.args},{frames}"]
     command += ["-o", str(scene.with_name("readings.csv")), "--latency", latency]
     command += ["--tx-gain", "15", "--rx-gain", "15"]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
@@ -238,12 +277,16 @@ def _live_reader(scene, device, latency):
 
 
 class _Messages:
-    """Messages of a live reader as they arrive."""
+    """Messages of a live reader as they arrive.
 
-    def __init__(self, port, clock):
-        self.delays_s = []
-        self.started_s = time.monotonic()
-        self._clock = clock
+    Attributes
+    ----------
+    readings : list of tuple of (float, float)
+        When each arrived, by `time.monotonic`, and the device time at the centre of its group.
+    """
+
+    def __init__(self, port):
+        self.readings = []
         self._touched, self._at_s = None, 0.0
         self._changed = threading.Condition()
         self._ended = threading.Event()
@@ -255,22 +298,17 @@ class _Messages:
 
         with zmq.Context() as context, context.socket(zmq.SUB) as socket_:
             socket_.connect(f"tcp://127.0.0.1:{port}")
-            socket_.subscribe("")
-            offset_s, asked_s = self._clock(), time.monotonic()
+            socket_.subscribe('{"message": "reading"')
             while not self._ended.is_set():
-                if not socket_.poll(100):
-                    continue
-                message = socket_.recv_json()
-                arrived_s = time.monotonic()
-                self._note(message, arrived_s, offset_s)
-                if arrived_s - asked_s > 0.1 and not socket_.poll(0):
-                    offset_s, asked_s = self._clock(), time.monotonic()
+                if socket_.poll(100):
+                    message = socket_.recv_json()
+                    self._note(message, time.monotonic())
 
-    def _note(self, message, arrived_s, offset_s):
+    def _note(self, message, arrived_s):
         # The first readings were held back for the reference.
         if message.get("device_time_s") is None or message["time_s"] < 2 * _REFERENCE_S:
             return
-        self.delays_s.append(arrived_s + offset_s - message["device_time_s"])
+        self.readings.append((arrived_s, message["device_time_s"]))
         with self._changed:
             self._touched, self._at_s = bool(message["touch"]), arrived_s
             self._changed.notify_all()

@@ -2,6 +2,7 @@
 """Block: samples that other processes send one after the other, as one continuous stream."""
 
 import socket
+import struct
 import time
 from collections import deque
 
@@ -19,10 +20,12 @@ from ..io.sample_packets import (
     unpack_counts,
     unpack_tags,
 )
+from .frame_search import FrameSearch, Tag
 from .resumed_time import ResumedTime
 from .stream_time import time_value
 
 _WAIT_S = 0.1
+_WAIT = struct.pack("@ll", 0, round(1e6 * _WAIT_S))  # a timeval
 _DONE = -1
 
 
@@ -39,9 +42,15 @@ class sample_receiver(gr.sync_block):
         Samples per second.
     frame_length : int
         Samples per sounding frame; a gap keeps the frame timing.
+    search : FrameSearch, optional
+        The output begins with the first frame that it finds; with the first sample without it.
 
     Attributes
     ----------
+    received : int
+        Samples received in all streams.
+    peak : int
+        Largest magnitude of I or Q that was put out since it was last set to 0.
     idle_s : float
         Seconds since the last sample was received.
     called_s : float
@@ -55,14 +64,18 @@ class sample_receiver(gr.sync_block):
     >>> receiver.attach(ours)  # theirs is given to a sample_sender
     """
 
-    def __init__(self, sample_rate: float, frame_length: int) -> None:
+    def __init__(
+        self, sample_rate: float, frame_length: int, search: FrameSearch | None = None
+    ) -> None:
         gr.sync_block.__init__(self, "sample_receiver", in_sig=None, out_sig=[(np.int16, 2)])
         self._times = ResumedTime(sample_rate, frame_length)
         self._waiting: deque[socket.socket] = deque()
         self._stream: socket.socket | None = None
+        self._search = search
         self._left = 0  # samples of the packet at hand
-        self._packet_start = 0  # output item of its first sample
+        self._packet_start = 0  # its first sample, of those received
         self._tags: deque[SampleTag] = deque()
+        self.received = self.peak = 0
         self._begins = self._finished = False
         self.called_s = self._heard_s = time.monotonic()
 
@@ -86,17 +99,45 @@ class sample_receiver(gr.sync_block):
     def work(self, _: list[Array], output_items: list[Array]) -> int:
         self.called_s = time.monotonic()
         finished = self._finished  # before streams are looked for, which may still be attached
-        if self._stream is None and not self._take_next_stream():
+        if not self._holds and self._stream is None and not self._take_next_stream():
             return _DONE if finished else 0
         try:
-            count = self._read(output_items[0])
+            return self._put_out(output_items[0])
         except TimeoutError:
             return 0
         except (EOFError, OSError):
             self._drop_stream()
             return 0
-        self._heard_s = time.monotonic()
+
+    @property
+    def _holds(self) -> bool:
+        return self._search is not None and self._search.holds
+
+    def _put_out(self, out: Array) -> int:
+        """Put out a part of a packet, or of what the search held; the number of samples."""
+        search, first = self._search, 0
+        if search is not None:
+            # The scheduler pauses a source that puts out nothing, which would lose samples.
+            while search.offset is None and not self._finished:
+                self._search_on(search, len(out))
+            if search.offset is None:
+                self._search_on(search, len(out))
+                return 0
+            if search.holds:
+                return search.put_out(self, out)
+            first = search.offset
+        count, tags = self._read(out)
+        for item, key, value in tags:
+            self.add_item_tag(0, item - first, key, value)
+        if count:
+            items = out[:count]
+            self.peak = max(self.peak, int(items.max()), -int(items.min()))
         return count
+
+    def _search_on(self, search: FrameSearch, most: int) -> None:
+        items = np.empty((min(search.wanted, most), 2), np.int16)
+        count, tags = self._read(items)
+        search.take(items[:count], tags)
 
     def stop(self) -> bool:
         self._drop_stream()
@@ -110,7 +151,9 @@ class sample_receiver(gr.sync_block):
                 time.sleep(_WAIT_S / 5)
             return False
         self._stream = self._waiting.popleft()
-        self._stream.settimeout(_WAIT_S)
+        # With a timeout of Python's, a call would return whatever part of a packet is there.
+        self._stream.settimeout(None)
+        self._stream.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _WAIT)
         self._begins = True
         return True
 
@@ -122,21 +165,22 @@ class sample_receiver(gr.sync_block):
         self._left = 0
         self._tags.clear()
 
-    def _read(self, out: Array) -> int:
-        """Read a part of a packet; the number of samples."""
+    def _read(self, out: Array) -> tuple[int, list[Tag]]:
+        """Read a part of a packet; the number of samples, and their tags."""
         if self._left == 0:
             self._left, tags = unpack_counts(self._bytes(HEAD_BYTES))
-            self._packet_start = self.nitems_written(0)
+            self._packet_start = self.received
             self._tags.extend(unpack_tags(self._bytes(tags * TAG_BYTES)))
         count = min(len(out), self._left)
         data = out[:count].view(np.uint8).data.cast("B")
-        received = self._fill(data)
-        count = received // SAMPLE_BYTES
+        count = self._fill(data) // SAMPLE_BYTES
         self._left -= count
+        tags_of = self._take_tags(count)
+        self.received += count
+        self.called_s = self._heard_s = time.monotonic()
         if count:
-            self._put_tags(count)
             self._times.received(count)
-        return count
+        return count, tags_of
 
     def _bytes(self, count: int) -> bytes:
         data = bytearray(count)
@@ -158,10 +202,10 @@ class sample_receiver(gr.sync_block):
         received = 0
         while received < len(data):
             try:
-                count = self._stream.recv_into(data[received:])
-            except TimeoutError:
+                count = self._stream.recv_into(data[received:], 0, socket.MSG_WAITALL)
+            except BlockingIOError:
                 if received == 0 and self._left == 0:
-                    raise
+                    raise TimeoutError from None
                 self.called_s = time.monotonic()  # it waits for samples all the same
                 continue
             except OSError:
@@ -173,30 +217,34 @@ class sample_receiver(gr.sync_block):
             raise EOFError
         return received
 
-    def _put_tags(self, count: int) -> None:
-        """Tag the items that are put out now."""
-        first = self.nitems_written(0)
-        due = []
+    def _take_tags(self, count: int) -> list[Tag]:
+        """Tags of the samples that were read now."""
+        if not count:
+            return []
+        first, due, tags = self.received, [], []
         while self._tags and self._packet_start + self._tags[0].sample < first + count:
             due.append(self._tags.popleft())
         if self._begins:
             self._begins = False
-            self._put_beginning(first, due)
+            tags += self._beginning(first, due)
         for tag in due:
             item = self._packet_start + tag.sample
             if tag.key == names.RX_TIME:
                 value = time_value(*self._times.of(item, (tag.seconds, tag.value)))
             else:
                 value = pmt.from_double(tag.value)
-            self.add_item_tag(0, item, pmt.intern(tag.key), value)
+            tags.append((item, pmt.intern(tag.key), value))
+        return tags
 
-    def _put_beginning(self, first: int, due: list[SampleTag]) -> None:
+    def _beginning(self, first: int, due: list[SampleTag]) -> list[Tag]:
+        """Tags of a stream that begins with a sample; its own time is removed from ``due``."""
         resumes = self._times.started
         mine = [tag for tag in due if tag.key == names.RX_TIME and tag.sample == 0]
         times = self._times.begin((mine[0].seconds, mine[0].value) if mine else None)
         for tag in mine:
             due.remove(tag)
-        for item, value in enumerate(times, first):
-            self.add_item_tag(0, item, pmt.intern(names.RX_TIME), time_value(*value))
+        key = pmt.intern(names.RX_TIME)
+        tags = [(item, key, time_value(*value)) for item, value in enumerate(times, first)]
         if resumes:
-            self.add_item_tag(0, first, pmt.intern(names.RETUNED), pmt.from_uint64(1))
+            tags.append((first, pmt.intern(names.RETUNED), pmt.from_uint64(1)))
+        return tags

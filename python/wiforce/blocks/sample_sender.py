@@ -2,6 +2,8 @@
 """Block: sends samples with their device tags to another process."""
 
 import socket
+import struct
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -13,7 +15,7 @@ from ..estimation.groups import Array
 from ..io.sample_packets import TAG_KEYS, SampleTag, pack_head
 from ..wiforce_python import rx_time_value
 
-_WAIT_S = 0.1
+_WAIT = struct.pack("@ll", 0, 100_000)  # a timeval, 0.1 s
 # As far as the system allows: with a larger buffer, the processes wait for each other less often.
 _BUFFER_BYTES = 1 << 20
 _DONE = -1
@@ -26,6 +28,9 @@ class sample_sender(gr.sync_block):
     ----------
     stream : socket.socket
         Connected; a ``sample_receiver`` reads the other end.
+    interval_s : float
+        Time from one packet to the next, at least. What arrives meanwhile is sent together: the
+        processor time of both processes depends on the number of packets.
 
     Attributes
     ----------
@@ -43,11 +48,14 @@ class sample_sender(gr.sync_block):
     0
     """
 
-    def __init__(self, stream: socket.socket) -> None:
+    def __init__(self, stream: socket.socket, interval_s: float = 0.0) -> None:
         gr.sync_block.__init__(self, "sample_sender", in_sig=[(np.int16, 2)], out_sig=None)
-        stream.settimeout(_WAIT_S)
+        # With a timeout of Python's, a call would send whatever part finds room at once.
+        stream.settimeout(None)
+        stream.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, _WAIT)
         stream.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER_BYTES)
-        self._stream = stream
+        self._stream, self._interval_s = stream, interval_s
+        self._next_s = 0.0
         self.sent = 0
         self.waiting = self.ended = False
 
@@ -59,10 +67,14 @@ class sample_sender(gr.sync_block):
         items = input_items[0]
         head = pack_head(len(items), self._tags(len(items)))
         data = np.ascontiguousarray(items).view(np.uint8).data.cast("B")
-        if not (self._send(memoryview(head)) and self._send(data)):
+        if not self._send([memoryview(head), memoryview(data)]):
             self.ended = True
             return _DONE
         self.sent += len(items)
+        early_s = self._next_s - time.monotonic()
+        if early_s > 0:
+            time.sleep(early_s)
+        self._next_s = time.monotonic() + self._interval_s
         return len(items)
 
     def stop(self) -> bool:
@@ -76,17 +88,22 @@ class sample_sender(gr.sync_block):
             if key in TAG_KEYS and (value := _plain(tag.value)) is not None:
                 yield SampleTag(key, tag.offset - first, *value)
 
-    def _send(self, data: memoryview) -> bool:
+    def _send(self, parts: list[memoryview]) -> bool:
         """Whether all of it was sent."""
-        while data and not self.ended:
+        while parts and not self.ended:
             try:
-                data = data[self._stream.send(data) :]
+                count = self._stream.sendmsg(parts)
                 self.waiting = False
-            except TimeoutError:
+            except BlockingIOError:
                 self.waiting = True
+                continue
             except OSError:  # the other process has gone
                 return False
-        return not data
+            while parts and count >= len(parts[0]):
+                count -= len(parts.pop(0))
+            if parts:
+                parts[0] = parts[0][count:]
+        return not parts
 
 
 def _plain(value: Any) -> tuple[int, float] | None:

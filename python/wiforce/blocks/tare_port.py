@@ -8,8 +8,8 @@ from typing import Any
 import pmt
 
 from .. import names
+from ..estimation.stream_tares import StreamTares
 from ..estimation.tare_request import TareState
-from ..stream import StreamTares
 
 _REQUEST, _CANCEL = "request", "cancel"
 

@@ -24,6 +24,7 @@ class Readout:
     """Gives the readings of all sensors of a run.
 
     Readings are one group late, because a transition is detected by comparison with the neighbours.
+    The first group of a touch is a transition in any case, and is given at once.
 
     Parameters
     ----------

@@ -23,6 +23,9 @@ _DISTURBED = 1.5
 class TransitionFlags:
     """Adds the flag ``transition``; a group is given when the following one has been received.
 
+    Where a touch begins on every sensor that is received, the flag is certain whatever follows, and
+    the group is given at once.
+
     Examples
     --------
     >>> level = np.array([1.0, 1.0, 0.9, 1.0, 1.0])
@@ -45,12 +48,19 @@ class TransitionFlags:
         if not len(groups):
             return groups
         kept = [] if self._waiting is None else [self._waiting]
+        before = self._before if self._waiting is None else _Window.of(self._waiting)
+        last = _Window.of(groups[-1:])
+        if _begins(_Window.of(groups[-2:-1]) if len(groups) > 1 else before, last):
+            given, self._waiting = Groups.concatenate([*kept, groups]), None
+            flagged = self._flagged(given, _Window.of(given))
+            self._before = last
+            return flagged
         # One group at a time is given as it was kept, without copies of its arrays.
         given = Groups.concatenate([*kept, groups[:-1]])
         self._waiting = groups[-1:]
         if not len(given):
             return given
-        window = _Window.of(given).join(_Window.of(self._waiting))
+        window = _Window.of(given).join(last)
         flagged = self._flagged(given, window)
         self._before = window.rows(slice(-2, -1))
         return flagged
@@ -89,6 +99,14 @@ class _Window(NamedTuple):
 
     def rows(self, rows: slice) -> _Window:
         return _Window(*(values[rows] for values in self))
+
+
+def _begins(before: _Window | None, group: _Window) -> bool:
+    """Whether a touch begins in a group on every sensor that is received."""
+    if before is None or group.number[0] - before.number[0] != 1:
+        return False
+    begins = (before.touch == 0) & (group.touch == 1)
+    return bool(begins.any() and np.all(begins | (group.touch < 0)))
 
 
 def _changes(groups: _Window) -> Array:

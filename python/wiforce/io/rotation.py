@@ -269,13 +269,15 @@ def open_rotating(
     Raises
     ------
     InputError
-        As :func:`open_writer`, and for a rotation of standard output.
+        As :func:`open_writer`, and where standard output is to be renamed or appended to.
 
     Examples
     --------
     >>> type(open_rotating("grip.csv", Rotation())).__name__
     'ReadingsWriter'
     """
+    if append and path is None:
+        raise InputError("--append", "needs a file as output: -o OUT.csv or OUT.jsonl")
     if not rotation:
         return open_writer(path, inputs, also, append)
     if path is None:

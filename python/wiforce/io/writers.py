@@ -2,6 +2,7 @@
 """Files of readings, written a row at a time: CSV or JSON lines."""
 
 import csv
+import fcntl
 import json
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -131,7 +132,8 @@ class ReadingsWriter:
         Raises
         ------
         InputError
-            When the file cannot be opened, or has other columns than those that are appended.
+            When the file cannot be opened, another process is writing to it, or it has other
+            columns than those that are appended.
         OutputError
             When it cannot be written to.
         """
@@ -139,9 +141,9 @@ class ReadingsWriter:
             return self
         if self._path is not None:
             try:
-                if self._append and Path(self._path).is_file():
-                    self._complete_bytes = prepare_append(self._path, self._header)
-                self._file = open(self._path, "ab" if self._append else "wb", buffering=0)
+                self._file = open(self._path, "ab", buffering=0)
+                if Path(self._path).is_file():
+                    self._prepare(self._path, self._file)
             except InputError:
                 raise
             except (OSError, ValueError) as error:
@@ -151,6 +153,21 @@ class ReadingsWriter:
         if not self._complete_bytes:
             self._put(self._header)
         return self
+
+    def _prepare(self, path: str | Path, file: FileIO) -> None:
+        """Empty a regular file or prepare to append, unless another run writes to it."""
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            file.close()
+            self._file = None
+            raise InputError(path, "is being written to by another process") from None
+        except OSError:
+            pass  # a file system without locks
+        if self._append:
+            self._complete_bytes = prepare_append(path, self._header)
+        else:
+            file.truncate(0)
 
     @property
     def size_bytes(self) -> int:
