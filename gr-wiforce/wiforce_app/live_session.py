@@ -109,9 +109,9 @@ class LiveSession:
         self._link = link
         self._attached += 1
         if not self._running:
-            self._running = True
             self._started_s = time.monotonic()
             self._flowgraph.start()
+            self._running = True
 
     def stop(self) -> None:
         """End in good order: `on_reading` has been called for all samples received."""
@@ -146,12 +146,13 @@ class LiveSession:
     @property
     def samples(self) -> int:
         """Number of samples received since the first frame."""
-        return self.meter.nitems_read(0)
+        # GNU Radio replaces the counts of a block while it starts: reading them then may crash.
+        return self.meter.nitems_read(0) if self._running else 0
 
     @property
     def samples_received(self) -> int:
         """Number of samples received, those before the first frame included."""
-        return self.alignment.nitems_read(0)
+        return self.alignment.nitems_read(0) if self._running else 0
 
     @property
     def samples_lost(self) -> int:
