@@ -35,8 +35,8 @@ class ServerKeys:
 
     Examples
     --------
-    >>> _ = create_keys("keys")
-    >>> keys = ServerKeys.load("keys")
+    >>> _ = create_keys("server_keys")
+    >>> keys = ServerKeys.load("server_keys")
     >>> len(keys.secret), keys.clients.name
     (40, 'clients')
     """
@@ -135,9 +135,9 @@ class ClientKeys:
 
     Examples
     --------
-    >>> _ = create_keys("keys")
-    >>> keys = ClientKeys.load("keys")
-    >>> keys == ClientKeys.load("keys/client.key_secret")
+    >>> _ = create_keys("client_keys")
+    >>> keys = ClientKeys.load("client_keys")
+    >>> keys == ClientKeys.load("client_keys/client.key_secret")
     True
     >>> import zmq
     >>> with zmq.Context() as context, context.socket(zmq.SUB) as subscriber:
