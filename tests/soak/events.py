@@ -75,8 +75,8 @@ class Events:
             self._tare_without_samples()
         self.losses += 1
         world.wait(_LONG_BREAK_S if self.losses == 5 else rng.uniform(*self._breaks_s))
-        device.absent = False
         device.start_again()
+        device.absent = False
         world.go_on_anywhere(rng)
         world.begin_stream()
         world.play_slot()
@@ -186,7 +186,7 @@ class Events:
         world = self._world
         if world.retuned:
             return self.tare()
-        world.play(self._rng.uniform(PRESS_S - 0.3, PRESS_S - 0.1), loop := self._pressed())
+        world.play(self._rng.uniform(PRESS_S - 0.2, PRESS_S - 0.1), loop := self._pressed())
         request = world.tare()
         world.play_slot(loop)
         world.expect("reading", tare="failed", doubt="")
@@ -227,11 +227,14 @@ class Events:
         request = world.tare()
         world.play(0.2)
         world.leave()
+        world.allow("reading", "reference", "lost")
+        world.device.absent = True
         world.device.lose("cannot be reached any more")
         world.wait(3.0)
         world.expect("lost", tare="failed")
         self._answered(request, "failed", "no groups are received")
         world.device.start_again()
+        world.device.absent = False
         world.go_on_anywhere(self._rng)
         world.begin_stream()
         world.play_slot()
@@ -305,8 +308,8 @@ class Events:
             report = world.health.report()
             if report["state"] != "waiting":
                 world.report(f"reports {report['state']} without a device")
-        world.device.absent = False
         world.device.start_again()
+        world.device.absent = False
         world.go_on_anywhere(self._rng)
         world.begin_stream()
         world.play(0.45)
