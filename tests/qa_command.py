@@ -74,6 +74,20 @@ def test_version_option_prints_version_of_build():
         (["simulate", "no\nne.yaml", "x"], "no ne.yaml: cannot be read"),
         (["emulate", "--air", "cable", "--speed", "nan"], "speed: must be positive and finite"),
         (["live", "--scene", "demo", "--args", "x", "--zmq", "\u00b2"], "--zmq: must be a port"),
+        (
+            ["live", "--scene", "demo", "--args", "x", "--control", "tcp://0.0.0.0:5556"],
+            "--control: needs --zmq-keys for an address beyond loopback",
+        ),
+        (
+            ["live", "--scene", "demo", "--args", "x", "--zmq-keys", "keys"],
+            "--zmq-keys: needs --zmq or --control",
+        ),
+        (
+            ["live", "--scene", "demo", "--args", "x", "--zmq", "5555", "--zmq-keys", "none"],
+            "none/server.key_secret: does not exist; `gr-wiforce keys FOLDER` makes keys",
+        ),
+        (["status", "5556", "--zmq-keys", "none"], "none: does not exist"),
+        (["keys", "keys", "--client", "server"], "--client: must be letters"),
         (["bench", "speed", "--only", "x"], "got 'x'"),
         (["bench", "speed", "--megabytes", "99999999999"], "both recordings must fit on the disk"),
         (["bench", "stress", "--page", "no/page.md"], "folder does not exist"),

@@ -12,7 +12,8 @@ import pytest
 import zmq
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.readings import Reading
-from gnuradio.wiforce.io.zmq_sockets import Later, ReadingsPublisher, Replies, answer_words, request
+from gnuradio.wiforce.io.zmq_request import request
+from gnuradio.wiforce.io.zmq_sockets import Later, ReadingsPublisher, Replies, answer_words
 
 
 @pytest.fixture

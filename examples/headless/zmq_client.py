@@ -1,16 +1,28 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Print the touches that `gr-wiforce live --zmq 5555` publishes."""
+"""Print the touches that `gr-wiforce live --zmq 5555` publishes.
+
+With `--zmq-keys`, the client needs keys: NAME.key_secret, with server.key beside it.
+"""
 
 import json
 import sys
+from pathlib import Path
 
 import zmq
+from zmq.auth import load_certificate
 
 endpoint = sys.argv[1] if len(sys.argv) > 1 else "tcp://127.0.0.1:5555"
-if len(sys.argv) > 2 or "://" not in endpoint:
-    sys.exit("usage: zmq_client.py [ENDPOINT], for example: zmq_client.py tcp://127.0.0.1:5555")
+if len(sys.argv) > 3 or "://" not in endpoint:
+    sys.exit(
+        "usage: zmq_client.py [ENDPOINT [NAME.key_secret]], "
+        "for example: zmq_client.py tcp://127.0.0.1:5555"
+    )
 subscriber = zmq.Context().socket(zmq.SUB)
+if len(sys.argv) == 3:
+    secret = Path(sys.argv[2])
+    subscriber.curve_publickey, subscriber.curve_secretkey = load_certificate(secret)
+    subscriber.curve_serverkey, _ = load_certificate(secret.with_name("server.key"))
 subscriber.connect(endpoint)
 subscriber.subscribe('{"message": "reading"')
 while True:

@@ -9,7 +9,8 @@ import click
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.capture_files import recording_stem
 from gnuradio.wiforce.io.rotation import Rotation, open_rotating
-from gnuradio.wiforce.io.zmq_sockets import ReadingsPublisher, endpoint_of
+from gnuradio.wiforce.io.zmq_keys import ServerKeys
+from gnuradio.wiforce.io.zmq_sockets import ReadingsPublisher, endpoint_of, is_loopback
 from gnuradio.wiforce.scene import load_scene
 
 from .log import FORMATS, LEVELS, log
@@ -45,6 +46,12 @@ FAILED, BAD_INPUT = 1, 2
     "--control",
     metavar="ENDPOINT",
     help="Accept requests (tare, status, stop) by ZMQ: PORT or tcp://ADDRESS:PORT.",
+)
+@click.option(
+    "--zmq-keys",
+    type=click.Path(),
+    metavar="FOLDER",
+    help="Encrypt both, and accept the clients whose keys are in FOLDER (gr-wiforce keys).",
 )
 @tracked_presses
 @click.option(
@@ -84,6 +91,7 @@ def live(
     record,
     zmq_endpoint,
     control,
+    zmq_keys,
     tracked,
     latency,
     duration,
@@ -100,21 +108,42 @@ def live(
     scene = load_scene(scene_path)
     if record is not None:
         record = recording_stem(record, "--record")
-    for endpoint, option in ((zmq_endpoint, "--zmq"), (control, "--control")):
-        if endpoint is not None:
-            endpoint_of(endpoint, option)
+    keys = _checked_keys(zmq_endpoint, control, zmq_keys)
     request = radio_request(args, scene, receive_s=RECEIVE_S[latency], **radio)
     rotation = Rotation.of(rotate, keep)
     also = ("run", "time_utc")
     try:
         with open_rotating(output, rotation, scene.files, also, append) as writer:
-            with _Outputs(writer, zmq_endpoint) as outputs:
+            with _Outputs(writer, zmq_endpoint, keys) as outputs:
                 session = _make_session(scene, request, outputs, tracked, record)
-                _run(session, request, outputs, control, duration, reconnect)
+                _run(session, request, outputs, control, keys, duration, reconnect)
     except DeviceLost as lost:
         log.error(f"{lost}; all readings until then are kept")
         return FAILED
     return 0
+
+
+def _checked_keys(zmq_endpoint, control, folder):
+    """Keys for both endpoints, or None; endpoints that nobody protects are refused or reported."""
+    given = {
+        option: endpoint_of(endpoint, option)
+        for option, endpoint in (("--zmq", zmq_endpoint), ("--control", control))
+        if endpoint is not None
+    }
+    if folder is not None:
+        if not given:
+            raise InputError("--zmq-keys", "needs --zmq or --control", folder)
+        return ServerKeys.load(folder)
+    for option, endpoint in given.items():
+        if is_loopback(endpoint):
+            continue
+        if option == "--control":
+            raise InputError(option, "needs --zmq-keys for an address beyond loopback", endpoint)
+        log.warning(
+            f"{option} {endpoint}: everybody who reaches this address can read and subscribe; "
+            "--zmq-keys encrypts, and accepts known clients only"
+        )
+    return None
 
 
 def radio_request(args, scene, tx_gain, rx_gain, **settings):
@@ -144,13 +173,13 @@ def _make_session(scene, request, outputs, tracked, record):
 class _Outputs:
     """The outputs of a run: a file and, optionally, ZMQ."""
 
-    def __init__(self, writer, zmq_endpoint):
+    def __init__(self, writer, zmq_endpoint, keys):
         self._writer = writer
         self._publisher = None
         self.health = None
         self.seen = lambda reading: None
         if zmq_endpoint is not None:
-            self._publisher = ReadingsPublisher(zmq_endpoint)
+            self._publisher = ReadingsPublisher(zmq_endpoint, keys=keys)
 
     def __enter__(self):
         return self
@@ -179,7 +208,7 @@ class _Outputs:
             self._publisher.send(kind, report)
 
 
-def _run(session, request, outputs, control, duration, reconnect):
+def _run(session, request, outputs, control, keys, duration, reconnect):
     """Run the session until a signal, a request or `duration` ends it.
 
     Raises
@@ -218,7 +247,7 @@ def _run(session, request, outputs, control, duration, reconnect):
     requests = None
     if control:
         requests = serve_requests(
-            control, tares, watch.status, stop=lambda: ending.request("request")
+            control, tares, watch.status, stop=lambda: ending.request("request"), keys=keys
         )
     try:
         with Heartbeat(health.report, lambda report: outputs.send("heartbeat", report)):

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 
 from gnuradio.wiforce.estimation.tare_request import TareState
+from gnuradio.wiforce.io.zmq_keys import ServerKeys
 from gnuradio.wiforce.io.zmq_sockets import Later, Replies, answer_words
 
 from .live_session import LiveSession
@@ -51,7 +52,11 @@ class TareLog:
 
 
 def serve_requests(
-    endpoint: str, tares: TareLog, status: Callable[[], dict], stop: Callable[[], None]
+    endpoint: str,
+    tares: TareLog,
+    status: Callable[[], dict],
+    stop: Callable[[], None],
+    keys: ServerKeys | None = None,
 ) -> Replies:
     """Accept requests on a ZMQ socket.
 
@@ -63,6 +68,7 @@ def serve_requests(
         Returns the answer to ``status``.
     stop : callable
         Ends the run.
+    keys : ServerKeys, optional
 
     Returns
     -------
@@ -90,4 +96,4 @@ def serve_requests(
         "status": status,
         "stop": end,
     }
-    return Replies(endpoint, answer_words(words))
+    return Replies(endpoint, answer_words(words), keys=keys)

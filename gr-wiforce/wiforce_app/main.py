@@ -27,6 +27,7 @@ COMMANDS = {
     "read": "Read force and location from a capture.",
     "live": "Read force and location live from a USRP.",
     "status": "Print the health of a live reader.",
+    "keys": "Make keys for ZMQ beyond this machine.",
     "check": "Check a USRP before a measurement, or the files of a capture.",
     "calibrate": "Make a sensor model from known presses.",
     "transfer": "Transfer a sensor model to another carrier.",

@@ -4,7 +4,8 @@
 import json
 
 import click
-from gnuradio.wiforce.io.zmq_sockets import request
+from gnuradio.wiforce.io.zmq_keys import ClientKeys
+from gnuradio.wiforce.io.zmq_request import request
 
 from .options import FiniteRange
 
@@ -28,14 +29,22 @@ from .options import FiniteRange
     metavar="S",
     help="Time to wait for the answer.",
 )
-def status(endpoint, as_json, max_age, timeout):
+@click.option(
+    "--zmq-keys",
+    type=click.Path(),
+    metavar="PATH",
+    help="Keys of this client, where the reader has --zmq-keys: NAME.key_secret with server.key "
+    "beside it, or their folder.",
+)
+def status(endpoint, as_json, max_age, timeout, zmq_keys):
     """Print the health of a live reader.
 
     ENDPOINT is the one given to `live --control`: PORT or tcp://ADDRESS:PORT. The exit status is 0
     if the reader is reading, and every sensor was read within --max-age and without doubt about
-    its reference; otherwise 1.
+    its reference; otherwise 1. It is 2 where the reader does not accept the keys.
     """
-    text = request(endpoint, "status", timeout)
+    keys = None if zmq_keys is None else ClientKeys.load(zmq_keys)
+    text = request(endpoint, "status", timeout, keys=keys)
     answer = {} if text is None else json.loads(text)
     problems = problems_of(answer, max_age) if answer else [f"no answer within {timeout:g} s"]
     if as_json:

@@ -11,7 +11,8 @@ import pytest
 import zmq
 from fuzzing import LIMIT_BYTES, peak_memory
 from gnuradio.wiforce.estimation.frame import MARGIN
-from live_runs import GAINS, SLOW_GROUP_S, ask, connected, free_ports, live, rows_of
+from gnuradio.wiforce.io.zmq_keys import ClientKeys, create_keys
+from live_runs import GAINS, SLOW_GROUP_S, ask, command, connected, free_ports, live, rows_of
 from mutations import mutated
 
 REQUESTS, LONG_REQUESTS = 200, 10_000
@@ -114,3 +115,39 @@ def fuzz_with_requests(scene, device, count, seed):
     rows = list(csv.DictReader(output.splitlines()))
     assert abs(len(rows) - read_s / SLOW_GROUP_S) <= 2
     assert f"{len(rows)} groups: {sum(not row['flags'] for row in rows)} clear" in said
+
+
+def test_live_with_keys_lets_only_known_clients_read_ask_and_tare(
+    slow_scene, slow_device, tmp_path
+):
+    """Beyond loopback, whoever reaches the ports could otherwise stop a robot's reader."""
+    keys = tmp_path / "keys"
+    assert command("keys", keys)[0] == 0
+    create_keys(tmp_path / "other")
+    readings_port, control_port = free_ports(2)
+    options = ["--zmq", readings_port, "--control", f"tcp://0.0.0.0:{control_port}"]
+    options += ["--zmq-keys", keys, "-o", tmp_path / "out.csv"]
+    with (
+        live(slow_device.args, slow_scene, *options) as process,
+        zmq.Context() as context,
+        context.socket(zmq.SUB) as known,
+        context.socket(zmq.SUB) as unknown,
+    ):
+        ClientKeys.load(keys).apply(known)
+        for subscriber in (known, unknown):
+            subscriber.setsockopt(zmq.RCVTIMEO, 60_000)
+            subscriber.connect(f"tcp://127.0.0.1:{readings_port}")
+            subscriber.subscribe('{"message": "reading"')
+        assert json.loads(known.recv())["sensor"] == "arm"
+        status, said, _ = command("status", control_port, "--zmq-keys", keys, "--timeout", 30)
+        assert status in (0, 1) and said.startswith("run ")
+        for options, cause in (
+            ([], "--zmq-keys: is missing: the server accepts clients with keys only"),
+            (["--zmq-keys", tmp_path / "other"], "its server.key is another server's"),
+        ):
+            status, said, complaint = command("status", control_port, *options)
+            assert (status, said) == (2, "") and cause in complaint
+        assert not unknown.poll(0)
+        process.send_signal(signal.SIGTERM)
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == 0 and "tare" not in said

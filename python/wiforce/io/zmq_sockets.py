@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """ZMQ sockets: readings out, requests in, on loopback by default."""
 
+import ipaddress
 import json
 import re
 import threading
@@ -10,6 +11,7 @@ from typing import Any
 
 from ..errors import InputError
 from .readings import Reading
+from .zmq_keys import ServerKeys
 
 
 def endpoint_of(text: str, option: str) -> str:
@@ -43,6 +45,30 @@ def endpoint_of(text: str, option: str) -> str:
     return f"{address}:{port}"
 
 
+def is_loopback(endpoint: str) -> bool:
+    """Whether only programs of this machine can connect to an endpoint.
+
+    Parameters
+    ----------
+    endpoint : str
+        As :func:`endpoint_of` gives it.
+
+    Returns
+    -------
+    bool
+
+    Examples
+    --------
+    >>> is_loopback("tcp://127.0.0.1:5555"), is_loopback("tcp://*:5555")
+    (True, False)
+    """
+    host = endpoint.removeprefix("tcp://").rpartition(":")[0].strip("[]")
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:  # a name: of a host, or of a network interface
+        return host == "localhost"
+
+
 def _is_port(text: str) -> bool:
     return re.fullmatch("[0-9]{1,5}", text) is not None and 0 < int(text) < 65536
 
@@ -55,6 +81,8 @@ _LONGEST_SUBSCRIPTION = 48
 _MOST_SUBSCRIPTIONS = 1000
 # Subscriptions of a peer that may wait while nothing is sent.
 _WAITING_SUBSCRIPTIONS = 100
+# The limit holds for the messages of a CURVE handshake too, which have some 300 bytes.
+_LONGEST_HANDSHAKE = 1024
 _REBIND_S = 5.0
 # Requests that wait for an answer; more are refused.
 _MOST_WAITING = 100
@@ -66,12 +94,13 @@ class _Endpoint:
     kind = ""
     longest = _LONGEST_REQUEST
 
-    def __init__(self, endpoint: str, option: str) -> None:
+    def __init__(self, endpoint: str, option: str, keys: ServerKeys | None) -> None:
         try:
             import zmq
         except ImportError as error:
             raise InputError(option, "needs pyzmq (python3-zmq)", endpoint) from error
-        self._context = zmq.Context()
+        self._context, self._keys = zmq.Context(), keys
+        self._authenticator = keys.authenticate(self._context) if keys is not None else None
         self._socket = self._open()
         try:
             self._socket.bind(endpoint_of(endpoint, option))
@@ -86,12 +115,18 @@ class _Endpoint:
         import zmq
 
         opened = self._context.socket(getattr(zmq, self.kind))
-        opened.setsockopt(zmq.MAXMSGSIZE, self.longest)
+        longest = self.longest
+        if self._keys is not None:
+            self._keys.apply(opened)
+            longest = max(longest, _LONGEST_HANDSHAKE)
+        opened.setsockopt(zmq.MAXMSGSIZE, longest)
         return opened
 
     def close(self) -> None:
         """Give the endpoint back; what was just sent still has a moment to leave."""
         self._socket.close(linger=200)
+        if self._authenticator is not None:
+            self._authenticator.stop()
         self._context.term()
 
 
@@ -106,6 +141,8 @@ class ReadingsPublisher(_Endpoint):
         As for :func:`endpoint_of`.
     option : str
         Name of the option, for messages.
+    keys : ServerKeys, optional
+        Encrypt, and accept authorised clients only.
 
     Raises
     ------
@@ -121,10 +158,12 @@ class ReadingsPublisher(_Endpoint):
     kind = "XPUB"
     longest = _LONGEST_SUBSCRIPTION
 
-    def __init__(self, endpoint: str, option: str = "--zmq") -> None:
+    def __init__(
+        self, endpoint: str, option: str = "--zmq", keys: ServerKeys | None = None
+    ) -> None:
         self._address, self._subscriptions = endpoint_of(endpoint, option), 0
         self._lock = threading.Lock()
-        super().__init__(endpoint, option)
+        super().__init__(endpoint, option, keys)
 
     def publish(self, reading: Reading, more: Mapping[str, Any]) -> None:
         """Send one reading: the keys of a JSON line, and more.
@@ -219,6 +258,8 @@ class Replies(_Endpoint):
         From the text of a request to that of its answer, or to a :class:`Later`.
     option : str
         Name of the option, for messages.
+    keys : ServerKeys, optional
+        Encrypt, and accept authorised clients only.
 
     Raises
     ------
@@ -234,11 +275,15 @@ class Replies(_Endpoint):
     kind = "ROUTER"
 
     def __init__(
-        self, endpoint: str, answer: Callable[[str], str | Later], option: str = "--control"
+        self,
+        endpoint: str,
+        answer: Callable[[str], str | Later],
+        option: str = "--control",
+        keys: ServerKeys | None = None,
     ) -> None:
         self._answer = answer
         self._later: list[tuple[list[bytes], Later]] = []
-        super().__init__(endpoint, option)
+        super().__init__(endpoint, option, keys)
 
     def fileno(self) -> int:
         """Descriptor that becomes readable when requests may have come in."""
@@ -312,48 +357,3 @@ def answer_words(
         return result if isinstance(result, Later) else json.dumps({"ok": True, **result})
 
     return answer
-
-
-def request(endpoint: str, word: str, timeout_s: float, option: str = "ENDPOINT") -> str | None:
-    """Ask a :class:`Replies` for something.
-
-    Parameters
-    ----------
-    endpoint : str
-        As for :func:`endpoint_of`.
-    word : str
-    timeout_s : float
-        Time to wait for the answer.
-    option : str
-        Name of the parameter, for messages.
-
-    Returns
-    -------
-    str or None
-        The answer; None when there is none in time.
-
-    Raises
-    ------
-    InputError
-        When pyzmq is missing or the endpoint is none.
-
-    Examples
-    --------
-    >>> request("5556", "status", timeout_s=0.01) is None
-    True
-    """
-    address = endpoint_of(endpoint, option)
-    try:
-        import zmq
-    except ImportError as error:
-        raise InputError(option, "needs pyzmq (python3-zmq)", endpoint) from error
-    with zmq.Context() as context, context.socket(zmq.REQ) as client:
-        client.setsockopt(zmq.LINGER, 0)
-        try:
-            client.connect(address)
-        except zmq.ZMQError as error:
-            raise InputError(option, f"cannot be connected to ({error})", endpoint) from error
-        client.send_string(word)
-        if not client.poll(max(1, round(1000 * timeout_s))):
-            return None
-        return str(client.recv_string())

@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A live session while its flowgraph starts, without a device."""
+
+import socket
+from types import SimpleNamespace
+
+from gnuradio.wiforce.scene import load_scene
+from wiforce_app.live_session import LiveSession
+from wiforce_app.radio_request import RadioRequest
+
+
+def test_session_counts_no_samples_until_its_flowgraph_runs():
+    """The heartbeat's thread read counts that GNU Radio replaced meanwhile, and crashed."""
+    scene = load_scene("demo")
+    session = LiveSession(scene, RadioRequest.of_scene(scene, "played"), lambda reading: None)
+    asked, seen = [], []
+
+    def count(_):
+        asked.append(True)
+        return 7
+
+    session.meter = session.alignment = SimpleNamespace(nitems_read=count)
+
+    def start():
+        seen.append((session.samples, session.samples_received, session.behind_s))
+
+    session._flowgraph = SimpleNamespace(start=start)
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        session.attach(SimpleNamespace(take_samples=lambda: ours))
+    assert seen == [(0, 0, 0.0)] and not asked
+    assert (session.samples, session.samples_received) == (7, 7)

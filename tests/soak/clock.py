@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Time that passes as signal is played, for a reader that is faster than its device would be."""
+
+import time
+from functools import partial
+
+_PAUSE_S = 2e-4
+
+
+class PlayedTime:
+    """Stands in for the module ``time`` where the live reader asks for it.
+
+    Attributes
+    ----------
+    now_s : float
+        Steady time.
+    utc_offset_s : float
+        What is added for UTC; changes when somebody sets the host's clock.
+    """
+
+    CLOCK_BOOTTIME = time.CLOCK_BOOTTIME
+
+    def __init__(self):
+        self.now_s, self.utc_offset_s = 1000.0, 1.8e9
+
+    def monotonic(self):
+        return self.now_s
+
+    def time(self):
+        return self.now_s + self.utc_offset_s
+
+    def clock_gettime(self, _):
+        return self.now_s
+
+    def sleep(self, _):
+        time.sleep(_PAUSE_S)
+
+    def __getattr__(self, name):
+        return getattr(time, name)
+
+    def install(self, link, on_health):
+        """Let the live reader use this time, and a device of ours.
+
+        Parameters
+        ----------
+        link : callable
+            Makes what stands in for a RadioLink.
+        on_health : callable
+            Called with the RunHealth of each run.
+        """
+        from gnuradio.wiforce.blocks import resumed_time, sample_receiver
+        from gnuradio.wiforce.io import rotation
+        from wiforce_app import (
+            live,
+            live_session,
+            radio_keeper,
+            run_health,
+            service_report,
+            watch,
+        )
+
+        for module in (resumed_time, sample_receiver, live_session, run_health):
+            module.time = self
+        made_health = run_health.RunHealth
+
+        def health(*arguments, **options):
+            made = made_health(*arguments, **options, now=self.monotonic)
+            on_health(made)
+            return made
+
+        run_health.RunHealth = health
+        radio_keeper.RadioKeeper = partial(radio_keeper.RadioKeeper, link=link, now=self.monotonic)
+        watch.Watch = partial(watch.Watch, now=self.monotonic)
+        service_report.ServiceReport = partial(service_report.ServiceReport, now=self.monotonic)
+        rotation.RotatingWriter = partial(rotation.RotatingWriter, now=self.time)
+        # These pauses are in the time of the machine.
+        live._LOOK_S = run_health._LOOK_S = 0.03
