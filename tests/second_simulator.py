@@ -183,7 +183,7 @@ def simulate(case, rng):
     for first in range(0, int(case.duration_s * RATE / FRAME) // GROUP * GROUP, GROUP):
         start = (first + np.arange(GROUP)) * FRAME / RATE
         t = start[:, None] + inside
-        received = np.empty((GROUP, FRAME), np.complex64)
+        received = np.empty((GROUP, FRAME), np.complex128)
         received[:] = still
         for tag, late, phase in zip(case.tags, by_tag, start_phases, strict=True):
             psi = np.deg2rad(phases(tag, *pressed(tag, start + 16e-6)))
@@ -194,17 +194,17 @@ def simulate(case, rng):
         for mover in movers:
             received[:, :ACTIVE] += mover.late[:ACTIVE] * mover.gain(t)
         normal = rng.standard_normal((GROUP, FRAME, 2), dtype=np.float32)
-        received += np.float32(noise / np.sqrt(2)) * normal.view(np.complex64)[..., 0]
-        yield np.float32(scale) * received
+        received += noise / np.sqrt(2) * normal.view(np.complex64)[..., 0]
+        yield scale * received
 
 
 def write_capture(blocks, path):
     """14-bit codes in the upper bits of ci16, and SigMF metadata."""
     with open(f"{path}.sigmf-data", "wb") as stream:
         for block in blocks:
-            codes = block.reshape(-1).astype(np.complex64).view(np.float32) * np.float32(8192)
+            codes = block.reshape(-1).view(block.real.dtype) * block.real.dtype.type(8192)
             np.clip(np.rint(codes, out=codes), -8192, 8191, out=codes)
-            (codes * np.float32(4)).astype("<i2").tofile(stream)
+            (codes.astype("<i2") * np.int16(4)).tofile(stream)
     meta = {
         "global": {
             "core:datatype": "ci16_le",
