@@ -13,6 +13,15 @@ from software_usrp import software_usrp  # noqa: F401
 
 ROOT = Path(__file__).parent
 TIMEOUT_S = 120
+# Files of ten seconds and more, by the time they take.
+LONGEST = (
+    *("qa_live_reconnect", "qa_live_ends", "qa_live_examples", "qa_guided_live"),
+    *("qa_live_recording", "qa_live_health", "qa_live_presses", "qa_programs", "qa_streams"),
+    *("qa_live_requests", "qa_live_room", "qa_rooms_read", "qa_examples", "qa_interference"),
+    *("qa_files", "qa_faults", "qa_running", "qa_estimation_separation", "qa_golden"),
+    *("qa_read", "qa_outside_captures", "qa_estimation_pulses", "qa_receiver", "qa_fuzz"),
+    *("qa_bench_tradeoff", "qa_read_output", "qa_capture_scene", "qa_reader", "qa_bench_speed"),
+)
 # Threads slow down matrices as small as ours. Must be set before NumPy is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Workers and hundreds of processes import the same files: without their bytecode each compiles them
@@ -50,12 +59,14 @@ def pytest_configure(config):
 
 
 def pytest_collection_modifyitems(items):
-    """Alternate files that wait for a device with files that compute, to keep all cores busy.
+    """Sort files: the longest first, waiting for a device and computing in turn.
 
-    Workers take whole files in this order. Folders with longer files come first.
+    Workers take whole files in this order. All cores are busy while some tests wait, and no long
+    file is left for the end.
     """
+    rank = {name: number for number, name in enumerate(LONGEST)}
     waiting, computing = {}, {}
-    for item in sorted(items, key=lambda item: item.path.parent == ROOT):
+    for item in sorted(items, key=lambda item: rank.get(item.path.stem, len(rank))):
         files = waiting if item.path.parent.name == "usrp" else computing
         files.setdefault(item.path, []).append(item)
     pairs = zip_longest(waiting.values(), computing.values(), fillvalue=[])

@@ -16,21 +16,30 @@ T = WAVEFORM.snapshot_period_s
 TA = WAVEFORM.averaging_s
 
 
+def _both_on(cycles, delay_cycles, duty):
+    """Whether each switch is on: near whole cycles, and near odd quarters."""
+    near_quarter = cycles - (delay_cycles + 0.25)
+    first = np.abs(cycles - np.rint(cycles)) < duty[0] / 2
+    return first, np.abs(near_quarter - np.rint(2 * near_quarter) / 2) < duty[1] / 4
+
+
 def switches_on(cycles, delay_cycles=0.0, duty=(0.25, 0.25)):
     """Whether each switch is on at these instants, straight from the signal model; (..., 2)."""
-    first = np.abs((cycles + 0.5) % 1 - 0.5) < duty[0] / 2
-    lagging = cycles - delay_cycles
-    near_quarter = np.abs((lagging - 0.25 + 0.25) % 0.5 - 0.25) < duty[1] / 4
-    return np.stack([first, near_quarter], axis=-1).astype(float)
+    return np.stack(_both_on(cycles, delay_cycles, duty), axis=-1).astype(float)
 
 
 def averaged_switches(
     centre_cycles, width_cycles, delay_cycles=0.0, points=4001, duty=(0.25, 0.25)
 ):
     """Both switches averaged over windows by counting ``points`` instants; (n, 2)."""
-    inside = (np.arange(points) + 0.5) / points - 0.5
-    instants = np.asarray(centre_cycles)[:, None] + width_cycles * inside
-    return switches_on(instants, delay_cycles, duty).mean(axis=1)
+    centre_cycles = np.asarray(centre_cycles)
+    inside = width_cycles * ((np.arange(points) + 0.5) / points - 0.5)
+    averaged = np.empty((len(centre_cycles), 2))
+    for start in range(0, len(averaged), 256):  # as much as fits into a cache
+        part = slice(start, start + 256)
+        on = _both_on(centre_cycles[part, None] + inside, delay_cycles, duty)
+        averaged[part] = np.transpose([np.count_nonzero(each, axis=1) for each in on]) / points
+    return averaged
 
 
 def make_plan(clocks_hz=(1000.0,), group_length=625, clutter_hz=0.0, reference_groups=12, **more):

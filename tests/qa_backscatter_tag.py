@@ -69,7 +69,7 @@ def level_db(line):
 
 def test_input_passes_with_unit_gain_and_the_tag_lies_as_far_below_as_told():
     tag = wiforce.backscatter_tag(**QUIET)
-    received = run(tag, 5000)
+    received = run(tag, 2500)
     frames = received.reshape(-1, FRAME)
     mean = frames.mean(axis=0)[64:320]
     wanted = sent(1)[64:320]
@@ -93,8 +93,8 @@ def test_snr_counts_from_the_amplitude_of_the_input(amplitude):
 
 def test_force_and_location_turn_the_ends_as_the_sensor_model_says():
     model = load_sensor("line-900mhz")
-    before = ends(run(wiforce.backscatter_tag(**QUIET), 5000))
-    after = ends(run(wiforce.backscatter_tag(**QUIET, force_n=4.0, location_mm=30.0), 5000))
+    before = ends(run(wiforce.backscatter_tag(**QUIET), 2500))
+    after = ends(run(wiforce.backscatter_tag(**QUIET, force_n=4.0, location_mm=30.0), 2500))
     turned = model.phases_deg(4.0, 30.0) - model.untouched_deg()
     wanted = np.exp(1j * np.deg2rad(turned))
     # Line 1 is end 1 alone. On line 4 end 1 has nothing: c1[4] = 0.
@@ -105,9 +105,9 @@ def test_force_and_location_turn_the_ends_as_the_sensor_model_says():
 def test_a_press_while_running_starts_where_the_stream_stands():
     tag = wiforce.backscatter_tag(**QUIET)
     probe = Probe(1_000_000, lambda: (tag.set_location_mm(30.0), tag.set_force_n(4.0)))
-    received = run(tag, 4000, probe=probe)
-    pressed = run(wiforce.backscatter_tag(**QUIET, force_n=4.0, location_mm=30.0), 4000)
-    untouched = run(wiforce.backscatter_tag(**QUIET), 4000)
+    received = run(tag, 2100, probe=probe)
+    pressed = run(wiforce.backscatter_tag(**QUIET, force_n=4.0, location_mm=30.0), 2100)
+    untouched = run(wiforce.backscatter_tag(**QUIET), 2100)
     assert (tag.force_n(), tag.location_mm()) == (4.0, 30.0)
     at = probe.done_at
     start = np.argmax(np.abs(received - untouched) > 1e-4)

@@ -37,7 +37,7 @@ class Switched:
         self.channel = 1 + 0.3 * draw[0] / np.sqrt(2)
         self.snapshots = np.outer(np.sum(waves * ends, axis=1), self.channel)
         noise = 0.225 * 10 ** (-snr_db / 20) / np.sqrt(2)
-        self.snapshots += noise * (rng.standard_normal((len(t), 62, 2)) @ [1, 1j])
+        self.snapshots += noise * rng.standard_normal((len(t), 62, 2)).view(complex)[..., 0]
         self.table = design_weights([CLOCK_HZ], LENGTH, T, 0.0, 12)
         self.stage = EndSeparator(
             self.table, [TagClock(CLOCK_HZ, tolerance_ppm)], WAVEFORM, derotated=False
@@ -86,7 +86,7 @@ def test_pulses_of_two_tags_are_told_apart():
     rng = np.random.default_rng(3)
     duties = (0.244, 0.257), (0.255, 0.246)
     t = np.arange(12 * LENGTH) * T
-    snapshots = 0.05 * (rng.standard_normal((len(t), 62, 2)) @ [1, 1j])
+    snapshots = 0.05 * rng.standard_normal((len(t), 62, 2)).view(complex)[..., 0]
     for clock_hz, duty in zip((1000.0, 1400.0), duties, strict=True):
         cycles = clock_hz * (1 + 20e-6) * t + rng.random()
         waves = averaged_switches(cycles, clock_hz * TA, points=401, duty=duty)

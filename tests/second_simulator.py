@@ -217,8 +217,9 @@ def write_capture(blocks, path):
     """14-bit codes in the upper bits of ci16, and SigMF metadata."""
     with open(f"{path}.sigmf-data", "wb") as stream:
         for block in blocks:
-            codes = np.round(block.reshape(-1).view(float) * 8192)
-            (np.clip(codes, -8192, 8191).astype("<i2") * 4).astype("<i2").tofile(stream)
+            codes = block.reshape(-1).view(block.real.dtype) * block.real.dtype.type(8192)
+            np.clip(np.rint(codes, out=codes), -8192, 8191, out=codes)
+            (codes.astype("<i2") * np.int16(4)).tofile(stream)
     meta = {
         "global": {
             "core:datatype": "ci16_le",

@@ -74,7 +74,7 @@ def within_frames(values, first, count):
     """From values at frame edges to linear ones at the active samples, (count, 344)."""
     begin = values[first : first + count, None]
     end = values[first + 1 : first + count + 1, None]
-    return begin + (end - begin) * INSIDE
+    return begin + (end - begin) * INSIDE.astype(values.real.dtype)
 
 
 def random_walk(rng, frames, per_sqrt_s, ends=1):
@@ -121,7 +121,7 @@ class Switches:
         half = 2 * (cycles - self.delay_s * self.clock_hz) - 0.5
         to_second = np.abs(half - np.round(half)) / 2
         return [
-            np.clip(0.5 + (width - distance) * slope, 0, 1)
+            np.clip(0.5 + (width - distance) * slope, 0, 1).astype(np.float32)
             for distance, width in (
                 (to_first, self.duty[0] / 2),
                 (to_second, self.duty[1] / 4),
@@ -148,12 +148,12 @@ class SwitchedTag:
         count = len(block)
         t = (first + np.arange(count)) * FRAME_S + 16e-6
         psi = phases(self.tag, *pressed(self.tag, t)) + self.drift_deg[first : first + count]
-        ends = np.exp(1j * np.deg2rad(psi))
+        ends = np.exp(1j * np.deg2rad(psi)).astype(np.complex64)
         s1, s2 = self.switches.on(first, count)
         self.reflection = s1 * ends[:, :1] + s2 * ends[:, 1:]  # of this block
         if self.tag.off:
-            self.reflection += (1 - s1 - s2) * self.tag.off
-        block[:, :ACTIVE] += self.late[:ACTIVE] * self.reflection
+            self.reflection += (1 - s1 - s2) * np.complex64(self.tag.off)
+        block[:, :ACTIVE] += self.late[:ACTIVE].astype(np.complex64) * self.reflection
 
 
 @dataclass

@@ -18,8 +18,8 @@ class Scatterers(Effect):
     def set_paths(self, air, later_s, gains):
         """Gains (scatterers, frames + 1) of unit total power, and how much later each
         arrives than by way of the tag."""
-        self.late = [air.path(later, self.level_db) for later in later_s]
-        self.gains = gains
+        self.late = [air.path(later, self.level_db).astype(np.complex64) for later in later_s]
+        self.gains = np.asarray(gains, np.complex64)
         self.peak = sum(np.abs(path).max() for path in self.late) / np.sqrt(len(self.late))
 
     def add(self, block, first):

@@ -227,14 +227,15 @@ class Capture:
         """Received samples, 3 dB below full scale: arrays (625, 720)."""
         scale = 10 ** (-3 / 20) / self.peak
         for first in range(0, self.frames, GROUP):
-            block = np.empty((GROUP, FRAME), complex)
+            block = np.empty((GROUP, FRAME), np.complex64)
             block[:] = self.still
             for source in (self.tag, *self.effects):
                 source.add(block, first)
-            block += self.air.noise * radio.normal(self.noise_rng, block.size).reshape(block.shape)
+            noise = radio.normal(self.noise_rng, block.size).reshape(block.shape)
+            block += np.float32(self.air.noise) * noise
             for effect in self.effects:
                 block = effect.receive(block, first, self.peak)
-            yield scale * block
+            yield np.float32(scale) * block
 
 
 def scene_of(room):

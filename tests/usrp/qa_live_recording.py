@@ -2,11 +2,10 @@
 """Recordings of live runs at the full rate: what they hold, and when readings came."""
 
 import json
-import subprocess
-import sys
 
 import numpy as np
 import pytest
+from command_runs import run_command
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.scene import load_scene
 from live_runs import (
@@ -51,8 +50,7 @@ def test_live_onset_reported_within_a_tenth_of_a_second(recorded):
 def test_live_recording_reads_as_the_live_run(recorded, tmp_path):
     scene, capture, live_rows = recorded
     output = tmp_path / "read.csv"
-    command = [sys.executable, "-m", "wiforce_app.main", "read", str(capture)]
-    subprocess.run([*command, "--scene", str(scene), "-o", str(output)], check=True, timeout=60)
+    run_command("read", capture, "--scene", scene, "-o", output).check_returncode()
     read = rows_of(output)
     # The recorder may be a few samples ahead of the reader when the run is stopped.
     assert 0 <= len(read) - len(live_rows) <= 1
@@ -81,7 +79,7 @@ def test_live_killed_at_full_rate_keeps_all_but_the_last_second(software_usrp, t
     device = software_usrp(scene)
     output, name = tmp_path / "out.jsonl", tmp_path / "run"
     with live(device.args, scene, *GAINS, "-o", output, "--record", name) as process:
-        wait_until(lambda: streaming_s(device) > 2.2)
+        wait_until(lambda: streaming_s(device) > 1.6)
         end_s = streaming_s(device)
         process.kill()
     times = [json.loads(line)["time_s"] for line in output.read_text().splitlines()]

@@ -3,7 +3,7 @@
 
 session_runs.py timed SCENE ARGS NAME SECONDS   records, prints when which reading came
 session_runs.py on_request SCENE ARGS NAME      starts at a line of input; prints what it read
-session_runs.py repeated SCENE ARGS             starts and stops, prints what is held open
+session_runs.py repeated SCENE ARGS TIMES       starts and stops, prints what is held open
 session_runs.py refused OPTIONS ...             `live` with each of these lists; their statuses
 """
 
@@ -62,9 +62,9 @@ def on_request(scene, args, name):
     print(json.dumps({"time_s": times, "gaps": run.session.gaps}))
 
 
-def repeated(scene, args):
+def repeated(scene, args, times):
     held = []
-    for _ in range(5):
+    for _ in range(int(times)):
         run = Run(scene, args, lambda reading: None)
         run.until(lambda session: session.samples > 0)
         del run
