@@ -182,7 +182,7 @@ class World:
             self._check_ended()
         run, link, first = self.run, self.device.link, self.run.received == 0
         self.position -= self.position % FRAME  # both directions start together
-        written = self.session.source.nitems_written(0)
+        received = self.session.source.received
         count = 20 * FRAME
         if not first:
             self.run.note(LOST, 0)
@@ -194,7 +194,7 @@ class World:
         self.allow("waiting", "lost", "acquiring", "reference", "reading")
         self._send(self._codes(STILL, count), STILL)
         link.started = True
-        if not wait_for(lambda: self.session.source.nitems_written(0) > written):
+        if not wait_for(lambda: self.session.source.received > received):
             self._check_ended()
             raise RuntimeError("no samples are taken")
 
@@ -266,12 +266,11 @@ class World:
     def _is_settled(self):
         session, received = self.session, self.run.received
         fold, groups = session.reader.fold, session.reader.groups
-        aligned = session.alignment.nitems_written(0)
+        aligned = session.source.nitems_written(0)
         offset = session.alignment.offset
         return (
-            session.alignment.nitems_read(0) == received
+            session.source.received == received
             and (offset is None or aligned == received - offset)
-            and session.meter.nitems_read(0) == aligned
             and aligned - fold.nitems_read(0) < FRAME
             and groups.nitems_read(0) == fold.nitems_written(0)
         )

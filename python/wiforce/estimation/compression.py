@@ -28,7 +28,7 @@ _LEAST = 0.003
 _LEAST_SHARE = 1e-3
 # Standard deviations by which the result must exceed that of the offset, which is uncertain where
 # others transmit in the guards.
-_SIGNIFICANT = 5.0
+_SIGNIFICANT = 2.5
 
 
 @dataclass(frozen=True, eq=False)
