@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Whole presses show mistakes that no single reading shows."""
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -148,3 +149,17 @@ def test_near_path_noise_slow_gain_and_presses_add_nothing():
     follow(path, noise * np.r_[np.full(58, 1.05), 0.8, 0.9])  # the press began in the last two
     path.touch_begins(PERIOD_S * 60)
     assert path.std_deg == 0
+
+
+def test_evidence_of_a_press_of_hours_is_bounded_and_finds_the_same(sensor):
+    """A gripper that holds an object for a day must not fill the memory."""
+    line, model = sensor
+    ratios, touch = presses(replace(line, swapped=True))
+    ratios, touch = np.repeat(ratios, 500, axis=0), np.repeat(touch, 500)
+    tracemalloc.start()
+    evidence, _ = judged(model, ratios[:14_000], touch[:14_000], batch=500)  # inside a press
+    kept = tracemalloc.get_traced_memory()[0]
+    tracemalloc.stop()
+    assert kept < 2e6  # 10 000 readings take five times as much
+    evidence, _ = judged(model, ratios, touch, batch=500)
+    assert [each.kind for each in evidence.suspicions] == (["swapped ends"] if line.lean else [])

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 # Readings of a press that are compared, spread evenly over it, and the presses that are remembered.
 _READINGS, _PRESSES = 32, 12
+# Readings that are kept of a press that lasts; of a longer one every second, fourth, ... is.
+_KEPT = 1024
 _LEAST_READINGS = 6
 # Time beside the beginning and the end of a press that is not used.
 _MARGIN_S = 0.036
@@ -116,6 +118,7 @@ class PressEvidence:
         self._untouched = np.array(model.untouched_deg(frequency_hz))
         self._margin = math.ceil(_MARGIN_S / group_period_s)
         self._open: list[tuple[Array, Array, Array]] = []
+        self._seen, self._stride = 0, 1  # readings of the press, of which each stride-th is kept
         self._presses: deque[_Press] = deque(maxlen=_PRESSES)
         self._ratios: deque[Array] = deque(maxlen=_PRESSES)
         self._readings = self._unexplained = 0
@@ -124,10 +127,7 @@ class PressEvidence:
 
     @property
     def doubted(self) -> bool:
-        """Whether the presses are those of the sensor with its ends swapped, or of one with
-
-        another off state: all its readings are inconsistent.
-        """
+        """Whether the ends are swapped or have another off state: no reading is consistent."""
         return self._swapped or self._other_off
 
     def take(
@@ -173,13 +173,28 @@ class PressEvidence:
             elif touched == 1 and clear[row]:
                 self._readings += 1
                 self._unexplained += bool(unexplained[row])
-                self._open.append((ratios[row], phases[row], std[row]))
+                self._keep(ratios[row], phases[row], std[row])
             doubted[row] = self.doubted and touched == 1
         return doubted
 
+    def _keep(self, ratios: Array, phases: Array, std: Array) -> None:
+        if self._seen % self._stride == 0:
+            # Copies, because a row of a batch would keep all of it in memory.
+            self._open.append((ratios.copy(), phases.copy(), std.copy()))
+        self._seen += 1
+        if len(self._open) > _KEPT:
+            self._open, self._stride = self._open[::2], 2 * self._stride
+
+    def _take_open(self) -> list[tuple[Array, Array, Array]]:
+        """What was kept of the press that ends, without its beginning and end."""
+        margin = math.ceil(self._margin / self._stride)
+        press = self._open[margin : len(self._open) - margin]
+        self._open, self._seen, self._stride = [], 0, 1
+        return press
+
     def reset(self) -> None:
         """Forget the presses so far, for a new reference."""
-        self._open = []
+        self._take_open()
         self._presses.clear()
         self._ratios.clear()
         self._readings = self._unexplained = 0
@@ -227,8 +242,7 @@ class PressEvidence:
 
     def _close(self) -> None:
         """End a press."""
-        press = self._open[self._margin : len(self._open) - self._margin]
-        self._open = []
+        press = self._take_open()
         if len(press) >= _LEAST_READINGS:
             self._compare(press)
         self.suspicions = self._suspicions()
