@@ -72,7 +72,7 @@ def test_the_interval_holds_the_median():
 
 
 def test_rows_and_latency_as_json():
-    command = "gr-wiforce bench speed --json --runs 3 --megabytes 20 --latency-seconds 0.1"
+    command = "gr-wiforce bench speed --json --runs 3 --megabytes 20 --latency-seconds 0.2"
     done = subprocess.run(
         [*command.split(), "--only", "file-sc16"], capture_output=True, text=True, timeout=110
     )
