@@ -151,6 +151,14 @@ def test_near_path_noise_slow_gain_and_presses_add_nothing():
     assert path.std_deg == 0
 
 
+def test_near_path_one_group_that_another_sensor_disturbs_is_no_hand():
+    """A press of a second sensor changes one group of this one; seen in a flowgraph of two."""
+    path = NearPath(PERIOD_S)
+    follow(path, np.r_[np.ones(30), 1.2, np.ones(5)])
+    path.touch_begins(PERIOD_S * 36)
+    assert path.std_deg == 0
+
+
 def test_evidence_of_a_press_of_hours_is_bounded_and_finds_the_same(sensor):
     """A gripper that holds an object for a day must not fill the memory."""
     line, model = sensor

@@ -45,8 +45,8 @@ class NearPath:
 
     Notes
     -----
-    The largest deviation of the common magnitude estimates |h|. At an unknown angle, the phase of
-    1 + h has the standard deviation |h| / sqrt(2).
+    The second largest deviation of the common magnitude estimates |h|. At an unknown angle, the
+    phase of 1 + h has the standard deviation |h| / sqrt(2).
 
     Examples
     --------
@@ -148,11 +148,12 @@ class NearPath:
         self._touched, self._skipped = True, 0
         self._coming.clear()
         recent = [group for group in self._kept if time_s - group[0] <= _COMING_S]
-        if not recent:
+        if len(recent) < 2:
             return  # the hand has not gone away since the last touch
         before = [group[1] for group in self._kept if time_s - group[0] > _COMING_S]
         level = median(before) if len(before) >= _LEAST_GROUPS else 0.0
-        largest = max(recent, key=lambda group: abs(group[1] - level))
+        # A press of another sensor may disturb a single group; a hand takes several to come.
+        largest = sorted(recent, key=lambda group: abs(group[1] - level))[-2]
         size = abs(largest[1] - level)
         noise = _SIGNIFICANT * max(largest[3], median(group[3] for group in recent))
         # The path is that of both ends.
