@@ -45,8 +45,8 @@ class NearPath:
 
     Notes
     -----
-    The second largest deviation of the common magnitude estimates |h|. At an unknown angle, the
-    phase of 1 + h has the standard deviation |h| / sqrt(2).
+    The largest deviation of the common magnitude estimates |h|. At an unknown angle, the phase of
+    1 + h has the standard deviation |h| / sqrt(2).
 
     Examples
     --------
@@ -148,14 +148,17 @@ class NearPath:
         self._touched, self._skipped = True, 0
         self._coming.clear()
         recent = [group for group in self._kept if time_s - group[0] <= _COMING_S]
-        if len(recent) < 2:
+        if not recent:
             return  # the hand has not gone away since the last touch
         before = [group[1] for group in self._kept if time_s - group[0] > _COMING_S]
         level = median(before) if len(before) >= _LEAST_GROUPS else 0.0
-        # A press of another sensor may disturb a single group; a hand takes several to come.
-        largest = sorted(recent, key=lambda group: abs(group[1] - level))[-2]
-        size = abs(largest[1] - level)
-        noise = _SIGNIFICANT * max(largest[3], median(group[3] for group in recent))
+        usual = median(group[3] for group in recent)
         # The path is that of both ends.
-        comes = size > max(noise, 2 * largest[2])
-        self.std_deg = math.degrees(size) / math.sqrt(2) if comes else 0.0
+        sizes = [
+            size
+            for _, common, half_difference, noise in recent
+            if (size := abs(common - level))
+            > max(_SIGNIFICANT * max(noise, usual), 2 * half_difference)
+        ]
+        # A press of another sensor may disturb a single group; a hand takes several to come.
+        self.std_deg = math.degrees(max(sizes)) / math.sqrt(2) if len(sizes) > 1 else 0.0
