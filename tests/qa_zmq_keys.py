@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""ZMQ sockets with CURVE keys: who may read and ask, and what everybody else is told."""
+"""ZMQ sockets with CURVE keys: who may read and ask, and which errors others get."""
 
 import json
 import socket

@@ -11,6 +11,8 @@ import math
 from collections import deque
 from collections.abc import Sequence
 
+from ..signal.carrier import wrapped
+
 # Distances in groups over which changes are compared. Short ones show fast drift soon, long ones
 # slow drift, which the noise of single groups hides.
 _LAGS = (1, 4, 12)
@@ -113,8 +115,8 @@ class DriftRate:
             before_s, before, noise = self._recent[-1 - lag]
             if time_s - before_s > (lag + 0.5) * self._period_s:
                 continue  # groups are missing
-            change1 = 180.0 - (180.0 - (first - before[0])) % 360.0
-            change2 = 180.0 - (180.0 - (second - before[1])) % 360.0
+            change1 = wrapped(first - before[0])
+            change2 = wrapped(second - before[1])
             if abs(change1) > _EVENT_DEG or abs(change2) > _EVENT_DEG:
                 self.interrupt()
                 return
@@ -133,7 +135,7 @@ class DriftRate:
         first = newest[0][1]
         means, variances = [], []
         for end in (0, 1):
-            turned = [180.0 - (180.0 - (p[end] - first[end])) % 360.0 for _, p, _ in newest]
+            turned = [wrapped(p[end] - first[end]) for _, p, _ in newest]
             means.append(first[end] + sum(turned) / len(newest))
             variances.append(sum(std[end] ** 2 for _, _, std in newest) / len(newest) ** 2)
         return sum(time_s for time_s, _, _ in newest) / len(newest), means, variances
@@ -144,7 +146,7 @@ class DriftRate:
         after: tuple[float, list[float], list[float]],
     ) -> None:
         """Learn from what a touch hid: a change of the untouched phases from before to after."""
-        changes = [180.0 - (180.0 - (after[1][i] - before[1][i])) % 360.0 for i in (0, 1)]
+        changes = [wrapped(after[1][i] - before[1][i]) for i in (0, 1)]
         if max(map(abs, changes)) > _EVENT_DEG:
             return  # the tag was moved
         for end, change in enumerate(changes):

@@ -7,7 +7,8 @@ import math
 from collections import deque
 from typing import NamedTuple
 
-from .touch import COMMON_STDS, wrapped
+from ..signal.carrier import wrapped
+from .touch import COMMON_STDS
 
 # A motion changes both phases by at least 1 deg within eight groups, with a difference of at most a
 # quarter of the change, and the estimated location jumps by at least 0.4 mm and four standard

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from ..signal.carrier import wrapped
+
 # Groups of evidence that a release needs: a single one may be a press that changes inside it.
 _RELEASE_GROUPS = 3
 # Squared standard deviations within which a state counts as a known one (chi-square of two phases:
@@ -143,7 +145,6 @@ def distance_squared(change_deg: _Pair, spreads_deg: _Pair) -> float:
 
 def _difference(phases_deg: _Pair, others_deg: _Pair) -> _Pair:
     first, second = (
-        180.0 - (180.0 - (phase - other)) % 360.0
-        for phase, other in zip(phases_deg, others_deg, strict=True)
+        wrapped(phase - other) for phase, other in zip(phases_deg, others_deg, strict=True)
     )
     return first, second

@@ -8,6 +8,8 @@ from collections import deque
 
 import numpy as np
 
+from ..signal.carrier import wrapped
+
 # docs/estimation.md, section "Thresholds", states what other values of these constants cost.
 # The tare averages one second of groups, without the newest two: a press that begins slowly is
 # recognised as a touch only after its first groups.
@@ -91,8 +93,8 @@ class SlowTare:
             arg R of both ends and its standard deviation, in degrees.
         """
         first, second = self.drift_deg
-        change1 = 180.0 - (180.0 - (phases_deg[0] - first)) % 360.0
-        change2 = 180.0 - (180.0 - (phases_deg[1] - second)) % 360.0
+        change1 = wrapped(phases_deg[0] - first)
+        change2 = wrapped(phases_deg[1] - second)
         variance = max(std_deg[0] ** 2 + std_deg[1] ** 2, 1e-12)
         group = (time_s, first + change1, second + change2, variance**-0.5)
         if abs(change1 - change2) > max(_OUTLIER_STDS * math.hypot(*std_deg), _OUTLIER_DEG):

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..io.readings import WEAK_PHASE_DEG
+from ..signal.carrier import wrapped
 from .drift import DriftRate
 from .groups import Array
 from .reference_doubt import ReferenceDoubt, distance_squared
@@ -41,26 +42,6 @@ _JUMP_GROUPS = 4
 # the time after which a clock is acquired again, which does not disturb the phases.
 SILENT_S = 1.0
 FORCED = "its reference was forced while it seemed to be touched"
-
-
-def wrapped(angle: float) -> float:
-    """Wrap a single angle to (-180, 180] deg, faster than ``signal.carrier.wrap_deg`` for arrays.
-
-    Parameters
-    ----------
-    angle : float
-        In degrees.
-
-    Returns
-    -------
-    float
-
-    Examples
-    --------
-    >>> wrapped(190.0), wrapped(-180.0)
-    (-170.0, 180.0)
-    """
-    return 180.0 - (180.0 - angle) % 360.0
 
 
 class TouchDecision(NamedTuple):

@@ -52,3 +52,23 @@ def wrap_deg(angle: ArrayLike) -> np.ndarray:
     array([-170.,  180.,    0.])
     """
     return 180.0 - np.mod(180.0 - np.asarray(angle, float), 360.0)
+
+
+def wrapped(angle: float) -> float:
+    """Wrap a single angle to (-180, 180] deg, faster than :func:`wrap_deg` for arrays.
+
+    Parameters
+    ----------
+    angle : float
+        In degrees.
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> wrapped(190.0), wrapped(-180.0)
+    (-170.0, 180.0)
+    """
+    return 180.0 - (180.0 - angle) % 360.0
