@@ -98,11 +98,12 @@ class ProfileCheck:
         self._subcarriers = waveform.subcarriers
         self._reference: Array | None = None
         self._other: Array = np.empty(0)
-        self._mean, self._groups = [1.0] * ends, [0] * ends
+        self._ends = ends
+        self.reset()
 
     def reset(self) -> None:
         """Forget the groups so far, for a new reference."""
-        self._mean, self._groups = [1.0] * len(self._mean), [0] * len(self._groups)
+        self._mean, self._groups = [1.0] * self._ends, [0] * self._ends
 
     def process(
         self,
