@@ -9,6 +9,7 @@ from itertools import zip_longest
 from pathlib import Path
 
 import pytest
+import wiforce_app  # noqa: F401  how OpenBLAS is used, before NumPy is imported
 from software_usrp import software_usrp  # noqa: F401
 
 ROOT = Path(__file__).parent
@@ -22,8 +23,6 @@ LONGEST = (
     *("qa_read", "qa_outside_captures", "qa_estimation_pulses", "qa_receiver", "qa_fuzz"),
     *("qa_bench_tradeoff", "qa_read_output", "qa_capture_scene", "qa_reader", "qa_bench_speed"),
 )
-# Threads slow down matrices as small as ours. Must be set before NumPy is imported.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Workers and hundreds of processes import the same files: without their bytecode each compiles them
 # again, pytest with rewritten assertions in several seconds.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)

@@ -12,6 +12,7 @@ import click
 import pytest
 from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
+from wiforce_app import blas
 from wiforce_app import main as app
 
 
@@ -200,3 +201,33 @@ def test_command_in_a_test_does_what_its_process_does(tmp_path, arguments, statu
         files = sorted(path.name for path in folder.iterdir())
         found.append((done.returncode, done.stdout, done.stderr, files))
     assert found[0] == found[1] and found[0][0] == status
+
+
+@pytest.mark.parametrize(
+    ("flags", "kernels"),
+    [("fpu sse2 avx2 fma", "Haswell"), ("fpu sse2 avx avx2", None), ("", None)],
+)
+def test_blas_settings_by_processor(tmp_path, flags, kernels):
+    cpuinfo = tmp_path / "cpuinfo"
+    cpuinfo.write_text(f"processor\t: 0\nflags\t\t: {flags}\n")
+    chosen = blas.settings(cpuinfo)
+    assert chosen["OPENBLAS_NUM_THREADS"] == "1"
+    assert chosen.get("OPENBLAS_CORETYPE") == kernels
+
+
+@pytest.mark.skipif(
+    blas.settings().get("OPENBLAS_CORETYPE") is None, reason="needs a processor with AVX2"
+)
+def test_command_uses_stated_kernels_of_blas():
+    used = subprocess.run(
+        [sys.executable, "-c", _ARCHITECTURE], capture_output=True, text=True, timeout=60
+    )
+    assert used.stdout.split() in (["Haswell"], [])  # none where NumPy has another library
+
+
+_ARCHITECTURE = """
+import wiforce_app, numpy, threadpoolctl
+for library in threadpoolctl.threadpool_info():
+    if library["internal_api"] == "openblas":
+        print(library["architecture"])
+"""

@@ -3,5 +3,8 @@
 
 import os
 
-# Threads only slow down matrices as small as ours. To be set before NumPy is imported.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+from .blas import settings
+
+# To be set before NumPy is imported.
+for _name, _value in settings().items():
+    os.environ.setdefault(_name, _value)

@@ -9,6 +9,7 @@ certain groups whatever the batches are, so the division into batches does not c
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
@@ -29,13 +30,17 @@ _LOST_S = 0.5
 # Longest gap over which a clock is predicted: drifting by 0.5 ppm/s it may then be wrong by
 # d t^2 / 2 = 0.1 cycles at 1 kHz.
 _BRIDGED_S = 20.0
-# An operating point is used for this long, at least this many groups, as long as no clock is
-# further from it than this many radians. Noise, a mean over two seconds, changes little meanwhile.
+# An operating point is used for this long, at least this many groups, as long as every clock is
+# near it. Noise, a mean over two seconds, changes little meanwhile.
 # At least the last number of groups is expanded at once.
 _POINT_S = 1.0
 _POINT_GROUPS = 16
-_POINT_RAD = 0.003
 _LEAST_REACH = 4
+# How far a clock may be from its operating point, in radians. The second-order expansion of J errs
+# by n^2 d^3 / 6 at a distance d, where n = 3 is a typical harmonic: at the limit, by this many
+# standard deviations of the clock's phase.
+_POINT_RAD = (0.003, 0.01)
+_POINT_STDS = 1e-3
 
 
 @dataclass(frozen=True)
@@ -69,12 +74,20 @@ class TrackedClocks:
 
 @dataclass(frozen=True)
 class _OperatingPoint:
-    """Clocks and noise before a group, by which groups are evaluated up to ``stop``."""
+    """Clocks and noise before a group, by which groups are evaluated up to ``stop``.
+
+    It serves clocks that are not further from it than ``reach_rad``, each by its own.
+    """
 
     stop: int
     trackers: list[ClockTracker]
+    reach_rad: list[float]
     inverse_noise: Array
     noise_level: float
+
+    def serves(self, ahead: Sequence[float]) -> bool:
+        """Whether clocks that are ahead of it by so much are near enough."""
+        return all(abs(each) <= reach for each, reach in zip(ahead, self.reach_rad, strict=True))
 
 
 @dataclass(frozen=True)
@@ -196,7 +209,7 @@ class ClockTracking:
             self._errors(expansion, point.inverse_noise),
         )
         before = [copy(tracker) for tracker in trackers], [tag.last_seen_s for tag in locked]
-        path, received = self._filter(groups.center_s, measured)
+        path, received = self._filter(groups.center_s, measured, point)
         count = len(received)
         if count < len(groups):
             self._reach = max(count, _LEAST_REACH)
@@ -214,10 +227,12 @@ class ClockTracking:
             if len(noise) < count:
                 for tag, tracker, last_seen_s in zip(locked, *before, strict=True):
                     tag.tracker, tag.last_seen_s = tracker, last_seen_s
-                path, received = self._filter(groups.center_s[: len(noise)], measured)
+                path, received = self._filter(groups.center_s[: len(noise)], measured, point)
         return TrackedClocks(path, received, noise)
 
-    def _filter(self, center_s: Array, measured: _Measurement) -> tuple[ClockPath, Array]:
+    def _filter(
+        self, center_s: Array, measured: _Measurement, point: _OperatingPoint
+    ) -> tuple[ClockPath, Array]:
         """Update the trackers by one group after the other, as long as the point serves.
 
         Parameters
@@ -226,6 +241,8 @@ class ClockTracking:
             Centres of groups, at least one.
         measured : _Measurement
             Of at least these groups.
+        point : _OperatingPoint
+            That they were measured at.
 
         Returns
         -------
@@ -242,10 +259,7 @@ class ClockTracking:
         received = np.zeros(phase.shape, bool)
         for row, time_s in enumerate(center_s.tolist()):
             ahead = _ahead(trackers, assumed[row], time_s)
-            if row and (
-                max(map(abs, ahead), default=0.0) > _POINT_RAD
-                or any(_expired(tag, time_s) for tag in locked)
-            ):
+            if row and (not point.serves(ahead) or any(_expired(tag, time_s) for tag in locked)):
                 return ClockPath(phase[:row], rate[:row]), received[:row]
             for i, tracker in enumerate(trackers):
                 values, error = likelihoods[row][i], errors[row][i] if errors else None
@@ -261,11 +275,12 @@ class ClockTracking:
         point = self._point
         if point is not None and group < point.stop:
             phases = [tracker.predict(time_s)[0] for tracker in point.trackers]
-            if max(map(abs, _ahead(trackers, phases, time_s)), default=0.0) <= _POINT_RAD:
+            if point.serves(_ahead(trackers, phases, time_s)):
                 return point
         before, noise = [copy(each) for each in trackers], self._noise
         stop = group + self._point_groups
-        self._point = _OperatingPoint(stop, before, noise.inverse, noise.level)
+        reach_rad = [_reach_rad(tracker) for tracker in before]
+        self._point = _OperatingPoint(stop, before, reach_rad, noise.inverse, noise.level)
         return self._point
 
     def _expand(self, groups: GroupTones, assumed: ClockPath) -> tuple[PhaseExpansion, Array, int]:
@@ -291,6 +306,12 @@ class ClockTracking:
         if not self._search.jointly or not self._model.locked:
             return None
         return np.stack(phase_errors(*expansion.information(inverse_noise)), axis=2)
+
+
+def _reach_rad(tracker: ClockTracker) -> float:
+    """How far a clock may be from where it is now for the expansion of J to hold."""
+    error_rad = _POINT_STDS * math.sqrt(tracker.variances[0])
+    return min(max((6 / 9 * error_rad) ** (1 / 3), _POINT_RAD[0]), _POINT_RAD[1])
 
 
 def _expired(tag: TrackedTag, time_s: float) -> bool:
