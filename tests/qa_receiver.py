@@ -158,7 +158,7 @@ def test_receiver_noise_that_changes_in_a_batch_does_not_depend_on_the_batches(
     noise = rng.standard_normal((*groups.tones.shape, 2)) @ (1, 1j)
     level = np.std(groups.tones[1:] - groups.tones[:-1], axis=(0, 2))[:, None]
     groups.tones[60:] += share * level * noise[60:]
-    groups.tones[100:] += 2 * level * noise[100:]
+    groups.tones[97:] += 2 * level * noise[97:]
     seen, follow = set(), NoiseEstimate.follow
 
     def note(*arguments):
