@@ -16,7 +16,7 @@ APPLICATION = ROOT / "gr-wiforce"
 LAYERS = (
     {"blocks"},
     {"recording", "stream"},
-    {"receiver"},
+    {"receiver", "recorded_groups"},
     {"planning"},
     {"simulation"},
     {"scene", "gui"},

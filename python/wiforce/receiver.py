@@ -19,6 +19,9 @@ from .estimation.tare_request import TareRequests, TareState
 from .io.readings import GroupCounts, Reading
 from .planning.plan import Plan, PlanOrScene, as_plan
 
+# Tag over static path, with two antennas, where no survey has measured it: a strong tag.
+_TAG_RATIO = 0.1
+
 
 class Receiver:
     """Reads force and location from the tones of phase groups.
@@ -260,6 +263,8 @@ def make_readout(
     """
     period_s, carrier_hz = plan.group_period_s, plan.center_frequency_hz
     surveyed = plan.surveyed_snr_db or [None] * len(plan.sensors)
+    two_antennas = plan.require_scene().environment.receive_antennas > 1
+    tag_ratios = plan.tag_ratios or [_TAG_RATIO if two_antennas else 0.0] * len(plan.sensors)
     sensors = {
         s.name: SensorReadout(
             s.model,
@@ -269,8 +274,9 @@ def make_readout(
             tracked,
             s.drift_deg_per_sqrt_s,
             snr_db,
+            tag_ratio,
         )
-        for s, snr_db in zip(plan.sensors, surveyed, strict=True)
+        for s, snr_db, tag_ratio in zip(plan.sensors, surveyed, tag_ratios, strict=True)
     }
     ratios = estimator_named(plan.estimator).ratios
     return Readout(sensors, period_s, ratios, on_groups, first_group, counts)

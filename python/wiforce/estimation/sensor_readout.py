@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..io.readings import ESTIMATES, WEAK_FORCE_N, WEAK_PHASE_DEG, Flag, flag_bits
+from .antennas import curvature_deg
 from .groups import Array, Groups
 from .motion import TouchedMotion
 from .near_path import NearPath
@@ -93,6 +94,8 @@ class SensorReadout:
         Stated random walk of the untouched phases; learned when not given.
     surveyed_snr_db : float, optional
         SNR of line 1 of the tag against the noise between the lines.
+    tag_ratio : float
+        Amplitude of the tag over that of the static path, for two antennas; 0 for one.
 
     Attributes
     ----------
@@ -123,10 +126,11 @@ class SensorReadout:
         tracked: bool = False,
         drift_deg_per_sqrt_s: float | None = None,
         surveyed_snr_db: float | None = None,
+        tag_ratio: float = 0.0,
     ) -> None:
         self._model = model
         self._frequency_hz = frequency_hz
-        self._surveyed_snr_db = surveyed_snr_db
+        self._surveyed_snr_db, self._tag_ratio = surveyed_snr_db, tag_ratio
         self._period_s = group_period_s
         self._off = np.asarray(off_reflection, complex)
         self._untouched = np.array(model.untouched_deg(frequency_hz))
@@ -167,6 +171,8 @@ class SensorReadout:
         )
         near = self._near_path.process(groups.index, renewed, touch, ratios, std)
         std = np.hypot(np.hypot(std, drifting), near[:, None])
+        if self._tag_ratio:
+            std = np.hypot(std, curvature_deg(ratios, self._tag_ratio))
         level = ratios * scale * np.exp(-1j * np.radians(drift))
         with np.errstate(invalid="ignore"):
             phases, slope = corrected_phase_deg(level, self._untouched, self._off)

@@ -35,8 +35,10 @@ _LOBE_BINS = 4.5
 # round at 1e-10 of full scale, single precision at 1e-15.
 _ROUNDING = 1e-20
 # Power over the floor that noise does not reach: the mean over 62 subcarriers and both signs has a
-# standard deviation of 9 %.
+# standard deviation of 9 %. Where the noise of subcarriers is not independent, this many standard
+# deviations of a chi-squared variable.
 _SIGNIFICANT = 1.6
+_SIGNIFICANT_STDS = 5.6
 # Lines of a tag that are expected below this part of the floor need not be masked.
 _INVISIBLE = 0.1
 # Side lobes of the window, and how much stronger a tag's lines may be than ideal switches make
@@ -74,6 +76,8 @@ class Survey:
         T, in s.
     static_power : float
         Power of the static channel, per subcarrier and snapshot, in the same units.
+    significant : float
+        Power over the floor that noise does not reach.
 
     Examples
     --------
@@ -97,12 +101,18 @@ class Survey:
     clocks: tuple[ClockLine, ...]
     snapshot_period_s: float
     static_power: float = 0.0
+    significant: float = _SIGNIFICANT
 
     @property
     def line_power(self) -> Array:
         """Power of line 1 of each tag in the units of ``excess``, (S,); 0 where none stands out."""
         heights = np.array([line.height for line in self.clocks])
         return heights * _ENBW / len(self.frequency_hz) / 2
+
+    @property
+    def least_power(self) -> float:
+        """Power of a line from which on it stands out of the noise, in the same units."""
+        return (self.significant - 1) * _ENBW / len(self.frequency_hz) / 2
 
     @property
     def snr_db(self) -> tuple[float, ...]:
@@ -155,7 +165,7 @@ class Survey:
 
     def moving_hz(self) -> float:
         """Highest frequency up to which the spectrum stays above noise from zero on, in Hz."""
-        above = self.spectrum - 1 > _SIGNIFICANT - 1 + _OWN_MARGIN * self.own
+        above = self.spectrum - 1 > self.significant - 1 + _OWN_MARGIN * self.own
         known = np.arange(len(above)) >= int(2 * _LOBE_BINS)  # behind the rest of the static part
         for source in self.sources:
             if source.kind == "line":
@@ -230,14 +240,17 @@ def survey_channel(
     frequency_hz = np.arange(half + 1) / (count * period_s)
     found = find_clocks(frequency_hz, spectrum, clocks)
     own = _own_lines(frequency_hz, found, waveform)
-    above = spectrum - 1 > _SIGNIFICANT - 1 + _OWN_MARGIN * own
+    significant = _significant(spectrum, channel.shape[1])
+    above = spectrum - 1 > significant - 1 + _OWN_MARGIN * own
     excess = np.where(above, spectrum - 1, 0) / count
     excess[: int(2 * _LOBE_BINS)] = 0
     lines = _take_lines(frequency_hz, spectrum, excess, count)
-    least = (_SIGNIFICANT - 1 + _OWN_MARGIN * own) * _ENBW / count
+    least = (significant - 1 + _OWN_MARGIN * own) * _ENBW / count
     sources = identify(lines, float(frequency_hz[1]), least, waveform, mains_hz)
     static_power = float(np.mean((still.real**2 + still.imag**2) / floor))
-    return Survey(frequency_hz, spectrum, own, excess, sources, found, period_s, static_power)
+    return Survey(
+        frequency_hz, spectrum, own, excess, sources, found, period_s, static_power, significant
+    )
 
 
 def survey_samples(
@@ -307,6 +320,22 @@ def survey_folded(
     bins = waveform.bins
     channel = np.fft.fft(folded, axis=1)[:, bins] * waveform.equalizer()[bins]
     return survey_channel(channel, waveform, clocks, mains_hz)
+
+
+def _significant(spectrum: Array, subcarriers: int) -> float:
+    """Power over the floor that noise does not reach.
+
+    Phase noise within a frame, which remains in the ratio of two antennas, is the same on all
+    subcarriers, so their mean varies more. The lower half of the spectrum shows by how much, since
+    lines do not reach it; the approximation is that of E. B. Wilson and M. M. Hilferty (1931).
+    """
+    low, middle = np.quantile(spectrum, (0.159, 0.5))
+    looks = (middle / max(middle - low, 1e-9)) ** 2
+    if looks > subcarriers:
+        return _SIGNIFICANT
+    return float(
+        max(_SIGNIFICANT, (1 - 1 / (9 * looks) + _SIGNIFICANT_STDS / (3 * looks**0.5)) ** 3)
+    )
 
 
 def _take_lines(frequency_hz: Array, spectrum: Array, excess: Array, count: int) -> list[RoomLine]:

@@ -91,6 +91,9 @@ class Plan:
     surveyed_snr_db : tuple of float
         SNR of line 1 of each tag in a survey; empty where there was none, or where other tags are
         solved for, whose residual is known to remain on the lines.
+    tag_ratios : tuple of float
+        Amplitude of each tag over that of the static path, which bends the ratio of two antennas;
+        empty for one antenna, and where no survey has measured it.
 
     Examples
     --------
@@ -114,6 +117,7 @@ class Plan:
     compression: Compression | None = field(default=None, repr=False)
     room: RoomNoise | None = field(default=None, repr=False)
     surveyed_snr_db: tuple[float, ...] = ()
+    tag_ratios: tuple[float, ...] = ()
 
     @property
     def clocks_hz(self) -> tuple[float, ...]:

@@ -20,8 +20,7 @@ def surveyed_snapshots(plan: Plan) -> int:
     Returns
     -------
     int
-        0 where there is no survey: the reference is shorter than 0.1 s, or the snapshots are
-        ratios of two antennas, which show the movers of both.
+        0 where there is no survey: the reference is shorter than 0.1 s.
 
     Examples
     --------
@@ -29,10 +28,9 @@ def surveyed_snapshots(plan: Plan) -> int:
     >>> surveyed_snapshots(plan("demo"))
     8192
     """
-    scene = plan.require_scene()
     period_s = plan.waveform.snapshot_period_s
-    longest = int(min(scene.reference_s, LONGEST_S) / period_s)
-    if scene.environment.receive_antennas > 1 or longest < 1:
+    longest = int(min(plan.require_scene().reference_s, LONGEST_S) / period_s)
+    if longest < 1:
         return 0
     # A power of two is quicker to transform.
     count = 1 << (longest.bit_length() - 1)
@@ -50,7 +48,7 @@ def survey_reference(plan: Plan, snapshots: np.ndarray, folded: np.ndarray) -> S
         Indices of snapshots, rising, 0 for the first one of the reference. Those that do not
         belong to the surveyed part are left out, and so are snapshots that are not finite.
     folded : ndarray of complex, shape (n, 64)
-        Their folded frames.
+        Their folded frames; of two antennas, those of their ratio.
 
     Returns
     -------

@@ -15,6 +15,7 @@ from ..estimation.survey import Survey
 from ..estimation.tracked_tag import TagClock
 from ..signal.lines import CLUTTER_MARGIN
 from ..signal.room_noise import RoomNoise, room_noise
+from ..signal.switching import harmonics
 from ..signal.weights import ToneTable
 from .plan import Plan
 
@@ -68,6 +69,9 @@ def adapted(plan: Plan, survey: Survey | None) -> Plan:
     clocks = tuple(map(measured, plan.clocks, survey.clocks))
     if clocks != plan.clocks:
         plan = plan.with_clocks(clocks)
+    two_antennas = plan.require_scene().environment.receive_antennas > 1
+    if two_antennas:
+        plan = replace(plan, tag_ratios=_tag_ratios(plan, survey))
     if plan.estimator != "harmonic":
         return plan
     plan = _with_band(plan, survey)
@@ -83,6 +87,8 @@ def adapted(plan: Plan, survey: Survey | None) -> Plan:
             continue
         plan = more
         solved.append(source)
+    if two_antennas:  # lines of the ratio, such as those of mirror images, are not additive noise
+        return plan
     room = survey.noise(length, clutter_hz, solved)
     if room_noise_of_tones(plan.table, room).max() < NEGLIGIBLE:
         return plan
@@ -266,6 +272,15 @@ def room_noise_of_tones(table: ToneTable, room: RoomNoise) -> np.ndarray:
     excess = 2 * room.autocovariance
     excess[0] = room.autocovariance[0] - 1
     return np.asarray(correlation @ excess / correlation[:, 0])
+
+
+def _tag_ratios(plan: Plan, survey: Survey) -> tuple[float, ...]:
+    """Amplitude of each tag over that of the static path."""
+    power = np.maximum(survey.line_power, survey.least_power) / max(survey.static_power, 1e-300)
+    amplitudes = [
+        harmonics(1, clock.clock_hz * plan.waveform.averaging_s)[0] for clock in plan.clocks
+    ]
+    return tuple((np.sqrt(power) / amplitudes).tolist())
 
 
 def _with_band(plan: Plan, survey: Survey) -> Plan:
