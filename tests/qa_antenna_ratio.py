@@ -121,6 +121,13 @@ def interfered(captures, tmp_path_factory):
     return copied
 
 
+def test_survey_of_two_antennas_states_how_strong_the_tag_is(captures):
+    done = run_command("survey", captures[0])
+    assert "the ratio of two antennas is not linear (tag against static path: -50 dB)" in (
+        done.stdout
+    )
+
+
 def test_bursts_at_one_of_two_antennas_are_rejected(captures, interfered):
     clean, found = readings(captures, captures[1]), readings((interfered,), captures[1])
     assert [r.interference for r in found if not 0.16 < r.interference < 0.3] == []

@@ -46,7 +46,7 @@ def plan(scene, capture_path, datatype, improve, measure, as_json):
         "notes": [note for note in [licence_note(scene)] if note],
     }
     if capture_path is not None:
-        report["room"] = _room(capture_path, datatype, scene, settings)
+        report["room"] = _room(capture_path, datatype, settings)
     if measure:
         from .measure import measure_steps
 
@@ -62,7 +62,7 @@ def plan(scene, capture_path, datatype, improve, measure, as_json):
         _print(report, scene)
 
 
-def _room(capture, datatype, scene, settings):
+def _room(capture, datatype, settings):
     """What a capture's room holds, and what it changes in the plan."""
     from gnuradio.wiforce.io.capture import open_capture
     from gnuradio.wiforce.planning.findings import findings
@@ -72,7 +72,7 @@ def _room(capture, datatype, scene, settings):
 
     recording = open_capture(capture, datatype)
     reader = RecordingReader(recording, settings)
-    listed = findings(surveyed(recording, scene, reader), settings, reader.plan)
+    listed = findings(surveyed(recording, reader), settings, reader.plan)
     return {
         "findings": finding_rows(listed),
         "text": findings_text(listed),

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Findings of a survey as text, shared by the commands that print them."""
 
+import math
 import sys
 from dataclasses import asdict, dataclass, field
 
@@ -187,6 +188,12 @@ def changes_of(plan, adapted):
         changes.append("adds weights that suppress the noise between the lines of the tags")
     if adapted.compression is not None:
         changes.append("adds a correction of the receiver's compression")
+    if adapted.tag_ratios:
+        levels = " and ".join(f"{20 * math.log10(ratio):.0f} dB" for ratio in adapted.tag_ratios)
+        changes.append(
+            "adds to the standard deviations that the ratio of two antennas is not linear "
+            f"(tag against static path: {levels})"
+        )
     return changes
 
 

@@ -51,7 +51,7 @@ def survey(capture, scene_path, datatype, as_json, plot_path):
     settings = plan(scene)
     groups = []
     reader = RecordingReader(recording, settings, on_groups=groups.append)
-    found = surveyed(recording, scene, reader)
+    found = surveyed(recording, reader)
     for difference in differences:
         warn(recording.path, difference)
     next(iter(reader))
@@ -82,7 +82,7 @@ def survey(capture, scene_path, datatype, as_json, plot_path):
         _print(report, listed, tags, scene)
 
 
-def surveyed(recording, scene, reader):
+def surveyed(recording, reader):
     """The survey that a reader has made.
 
     Raises
@@ -91,10 +91,7 @@ def surveyed(recording, scene, reader):
         Where there is none.
     """
     if reader.survey is None:
-        if scene.environment.receive_antennas == 2:
-            rule = "cannot be surveyed: the ratio of two antennas shows movers of both"
-        else:
-            rule = "cannot be surveyed: needs 0.1 s of untouched reference without gaps"
+        rule = "cannot be surveyed: needs 0.1 s of untouched reference without gaps"
         raise InputError(recording.path, rule)
     return reader.survey
 
