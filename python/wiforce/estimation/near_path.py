@@ -100,11 +100,8 @@ class NearPath:
             ``std_deg`` of the touched groups, 0 for others.
         """
         near = np.zeros(len(index))
-        times_s, magnitudes, stds = (
-            index * self._period_s,
-            np.abs(ratios).tolist(),
-            std_deg.tolist(),
-        )
+        times_s, stds = index * self._period_s, std_deg.tolist()
+        magnitudes = np.abs(ratios).tolist()
         for row, touched in enumerate(touch.tolist()):
             if renewed[row]:
                 self.reset()
@@ -152,13 +149,13 @@ class NearPath:
             return  # the hand has not gone away since the last touch
         before = [group[1] for group in self._kept if time_s - group[0] > _COMING_S]
         level = median(before) if len(before) >= _LEAST_GROUPS else 0.0
-        usual = median(group[3] for group in recent)
+        median_noise = median(group[3] for group in recent)
         # The path is that of both ends.
         sizes = [
             size
             for _, common, half_difference, noise in recent
             if (size := abs(common - level))
-            > max(_SIGNIFICANT * max(noise, usual), 2 * half_difference)
+            > max(_SIGNIFICANT * max(noise, median_noise), 2 * half_difference)
         ]
         # A press of another sensor may disturb a single group; a hand takes several to come.
         self.std_deg = math.degrees(max(sizes)) / math.sqrt(2) if len(sizes) > 1 else 0.0

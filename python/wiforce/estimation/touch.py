@@ -212,7 +212,7 @@ class TouchDetector:
             # Noise or interference: the group may be read, but is not used for the tare.
             self._moving = False
             if self._touch:
-                tare.touch_begins()
+                tare.discard_newest()
             return self._decision(moved, released)
         if moved and self._moving:
             tare.shift((first, second))
@@ -222,7 +222,7 @@ class TouchDetector:
             self._untouched_s = time_s
             self._drift.follow(time_s, phases_deg, std_deg)
         if self._touch:
-            tare.touch_begins(forget_outliers=True)
+            tare.discard_newest(forget_outliers=True)
         elif self._moving or not moved:
             tare.follow(time_s, phases_deg, std_deg)
         # A single group may be a press that began inside it; the tare moves with the second.
@@ -267,16 +267,15 @@ class TouchDetector:
 
     def _jumps(self, phases_deg: tuple[float, float], std_deg: tuple[float, float]) -> bool:
         """Whether a group of the reference differs from those right before it."""
-        recent, first = self._referenced, (phases_deg[0], phases_deg[1])
-        self._referenced = deque([*recent, (*first, *std_deg)], maxlen=_JUMP_GROUPS)
+        recent = list(self._referenced)
+        self._referenced.append((*phases_deg, *std_deg))
         if not recent:
             return False
         change, spreads = [], []
         for end in (0, 1):
-            turned = [wrapped(first[end] - group[end]) for group in recent]
-            mean = sum(turned) / len(turned)
+            changes = [wrapped(phases_deg[end] - group[end]) for group in recent]
             noise = math.sqrt(sum(group[2 + end] ** 2 for group in recent)) / len(recent)
-            change.append(mean)
+            change.append(sum(changes) / len(changes))
             spreads.append(math.hypot(std_deg[end], noise, _STATE_SPREAD_DEG))
         return distance_squared((change[0], change[1]), (spreads[0], spreads[1])) > _DISTURBED
 
@@ -313,10 +312,8 @@ class TouchDetector:
         """Whether a touch of the model lies within ``limit`` squared standard deviations."""
         first = wrapped(self._nearest[0] - change[0]) / spreads[0]
         second = wrapped(self._nearest[1] - change[1]) / spreads[1]
-        if (
-            first**2 + second**2 <= limit
-        ):  # usually the nearest point of the previous group suffices
-            return True
+        if first**2 + second**2 <= limit:
+            return True  # in most groups, the nearest point of the one before suffices
         return self._distance(change, spreads) <= limit
 
     def _distance(self, change: tuple[float, float], spreads: Sequence[float]) -> float:
