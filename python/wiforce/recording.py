@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import os
 import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -14,13 +13,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .errors import InputError
-from .estimation.antennas import folded_ratio, ratio_noise
-from .estimation.compression import measure_compression
-from .estimation.folded_groups import FoldedGroups
-from .estimation.groups import Groups, is_clipped
+from .estimation.compression import Compression, measure_compression
+from .estimation.groups import Groups
 from .estimation.press_evidence import Suspicion
 from .estimation.recorded_frames import find_frames, first_frame, require_frames
-from .estimation.snapshot_group import GroupScreen, SnapshotGroup
+from .estimation.recorded_groups import RecordedGroups, RecordedRatio, frame_settings
 from .estimation.survey import Survey
 from .io.capture import Capture, open_capture
 from .io.capture_files import second_antenna
@@ -31,14 +28,12 @@ from .planning.reference_survey import survey_reference, surveyed_snapshots
 from .planning.room import adapted, expecting_snr
 from .receiver import Receiver
 from .scene import Scene, scene_of
-from .signal.waveform import FFT_LENGTH
-from .wiforce_kernels import folded_reader, tone_reader
+from .signal.waveform import Waveform
+from .wiforce_kernels import folded_reader
 
 if TYPE_CHECKING:
     import pandas
 
-# Groups that are read at a time. Larger batches are not faster, smaller ones are slower.
-_BATCH = 256
 # Frames that the receiver's compression is measured in: noise is reduced by 30 dB.
 _COMPRESSION_FRAMES = 1000
 
@@ -144,9 +139,8 @@ class RecordingReader:
     survey : Survey or None
         Of the room, from the untouched reference; the plan is adapted to it. None for two antennas,
         for recordings that are too short, and where none was wanted.
-    source : object
-        Its ``read()`` gives the next Groups of tones, an empty one at the end; ``kernels`` are the
-        readers of the files, by path, and ``captures`` the recordings.
+    source : RecordedGroups or RecordedRatio
+        Gives the tones.
     times_ignored : int
         Implausible ``rx_time`` tags; 0, since a recording has no tags.
 
@@ -192,19 +186,11 @@ class RecordingReader:
         self.survey = survey_recording(recording, plan, frame_offset) if survey else None
         plan = adapted(plan, self.survey)
         if survey and scene.environment.receive_antennas == 1:
-            samples = recording.read(
-                frame_offset + _COMPRESSION_FRAMES * plan.waveform.frame_length
-            )
-            samples = samples[frame_offset : recording.segments[0].length]
-            found = measure_compression(samples, plan.waveform)
+            found = _compression_of(recording, plan.waveform, frame_offset)
             plan = expecting_snr(replace(plan, compression=found), self.survey)
         self.plan = plan
         self.receiver = Receiver(plan, tracked, on_groups=on_groups)
-        self.source: _Tones | _AntennaRatio
-        if scene.environment.receive_antennas == 2:
-            self.source = _AntennaRatio(recording, plan, frame_offset)
-        else:
-            self.source = _Tones(recording, plan, frame_offset)
+        self.source = _groups_of(recording, plan, frame_offset)
 
     def _check_length(self) -> None:
         groups = self.groups
@@ -279,122 +265,23 @@ def survey_recording(recording: Capture, plan: Plan, frame_offset: int) -> Surve
     count = surveyed_snapshots(plan)
     if not count:
         return None
-    found = folded_reader(**_frame_settings(recording, plan, frame_offset)).read(count)
+    found = folded_reader(**frame_settings(recording, plan.waveform, frame_offset)).read(count)
     return survey_reference(plan, found["snapshot"], found["folded"])
 
 
-def _frame_settings(recording: Capture, plan: Plan, frame_offset: int) -> dict[str, Any]:
-    return {
-        "path": os.fsencode(recording.path),
-        "datatype": recording.datatype,
-        "segments": [(s.file_sample, s.global_index, s.length) for s in recording.segments],
-        **plan.waveform.folding,
-        "frame_offset": frame_offset,
-    }
+def _compression_of(
+    recording: Capture, waveform: Waveform, frame_offset: int
+) -> Compression | None:
+    """Compression of the receiver, as measured before the first gap."""
+    samples = recording.read(frame_offset + _COMPRESSION_FRAMES * waveform.frame_length)
+    return measure_compression(samples[frame_offset : recording.segments[0].length], waveform)
 
 
-class _Tones:
-    """Groups of a recording with one antenna, by the kernels."""
-
-    def __init__(self, recording: Capture, plan: Plan, frame_offset: int) -> None:
-        waveform, table = plan.waveform, plan.table
-        self._length = plan.group_length
-        self._folded = FoldedGroups(table, waveform)
-        self._kernel = tone_reader(
-            **_frame_settings(recording, plan, frame_offset),
-            weights=table.weights,
-            factors=waveform.equalizer(),
-            rotation=table.derotation(waveform.sample_rate_hz),
-            bins=waveform.bins,
-        )
-        self.captures: tuple[Capture, ...] = (recording,)
-        self.kernels = {recording.path: self._kernel}
-
-    def read(self) -> Groups:
-        found = self._kernel.read(_BATCH)
-        groups = Groups(
-            found["index"],
-            found["tones"],
-            found["missing"],
-            is_clipped(found["saturated"], self._length),
-            interference=found["rejected"] / self._length,
-        )
-        if found["incomplete"]:
-            weights = np.ones((len(groups), self._length), bool)
-            for row, present, folded in found["incomplete"]:
-                found["tones"][row], weights[row] = self._folded.solve(present, folded)
-            groups.snapshot_weights = weights
-            groups.missing[~weights.any(axis=1)] = self._length
-        return groups
-
-
-class _AntennaRatio:
-    """Groups of the ratio of two antennas, recorded side by side."""
-
-    def __init__(self, recording: Capture, plan: Plan, frame_offset: int) -> None:
-        beside = open_capture(second_antenna(recording.path.with_suffix("")))
-        beside.check_against(plan.require_scene())
-        self._length = plan.group_length
-        self._waveform = plan.waveform
-        self._folded = FoldedGroups(plan.table, plan.waveform)
-        self._screen = GroupScreen(plan.group_length)
-        self.captures = recording, beside
-        self.kernels = {
-            each.path: folded_reader(**_frame_settings(each, plan, frame_offset))
-            for each in self.captures
-        }
-        self._kept: tuple[np.ndarray, ...] = self._read_frames()
-
-    def read(self) -> Groups:
-        """The next groups; a group ends with its last frame, or before a frame of a later one."""
-        while len(self._kept[0]) and self._kept[0][0] // self._length == (
-            self._kept[0][-1] // self._length
-        ):
-            more = self._read_frames()
-            if not len(more[0]):
-                return self._groups(self._frames_before(self._kept[0][-1] + 1))
-            self._kept = tuple(map(np.concatenate, zip(self._kept, more, strict=True)))
-        if not len(self._kept[0]):
-            return Groups(np.zeros(0, np.int64))
-        return self._groups(self._frames_before(self._kept[0][-1]))
-
-    def _frames_before(self, snapshot: int) -> int:
-        """Number of kept frames that belong to groups complete before a snapshot."""
-        whole = snapshot // self._length * self._length
-        return int(np.searchsorted(self._kept[0], whole))
-
-    def _read_frames(self) -> tuple[np.ndarray, ...]:
-        """Index of the frames that both antennas have, ratio folded, its noise, saturation."""
-        first, second = (
-            kernel.read(_BATCH * self._length // 4) for kernel in self.kernels.values()
-        )
-        common, rows, others = np.intersect1d(
-            first["snapshot"], second["snapshot"], return_indices=True
-        )
-        folded = first["folded"][rows], second["folded"][others]
-        ratio = folded_ratio(*folded, self._waveform)
-        noise = ratio_noise(folded, (first["noise"][rows], second["noise"][others]), ratio)
-        return common, ratio, noise, first["saturated"][rows]
-
-    def _groups(self, count: int) -> Groups:
-        """Groups of the first frames that are kept."""
-        if not count:
-            return Groups(np.zeros(0, np.int64))
-        first, self._kept = (
-            tuple(values[:count] for values in self._kept),
-            tuple(values[count:] for values in self._kept),
-        )
-        starts = np.unique(first[0] // self._length, return_index=True)[1]
-        runs = zip(*(np.split(values, starts[1:]) for values in first), strict=True)
-        return self._folded.groups([self._screen.process(self._group(*run)) for run in runs])
-
-    def _group(
-        self, snapshots: np.ndarray, folded: np.ndarray, noise: np.ndarray, saturated: np.ndarray
-    ) -> SnapshotGroup:
-        length = self._length
-        slots = snapshots % length
-        present = np.zeros(length, bool)
-        present[slots] = True
-        every = np.zeros((length, FFT_LENGTH), np.complex64), np.zeros((length, 2))
-        every[0][slots], every[1][slots] = folded, noise
-        return SnapshotGroup(int(snapshots[0] // length), *every, present, int(saturated.sum()))
+def _groups_of(recording: Capture, plan: Plan, frame_offset: int) -> RecordedGroups | RecordedRatio:
+    """What reads the groups of a recording, or of it and that of a second antenna beside it."""
+    scene = plan.require_scene()
+    if scene.environment.receive_antennas == 1:
+        return RecordedGroups(recording, plan.table, plan.waveform, frame_offset)
+    beside = open_capture(second_antenna(recording.path.with_suffix("")))
+    beside.check_against(scene)
+    return RecordedRatio((recording, beside), plan.table, plan.waveform, frame_offset)
