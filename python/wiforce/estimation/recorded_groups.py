@@ -22,7 +22,7 @@ _BATCH = 256
 
 
 def frame_settings(recording: Capture, waveform: Waveform, frame_offset: int) -> dict[str, Any]:
-    """The parameters by which the kernels ``folded_reader`` and ``tone_reader`` find frames.
+    """The parameters by which kernels and ``recording_source`` find the frames of a file.
 
     Parameters
     ----------
