@@ -49,21 +49,6 @@ preamble_fold::sptr for_items(const std::string& item_type, Arguments&&... argum
         std::forward<Arguments>(arguments)...);
 }
 
-// A block that transforms groups; make() is called after the other parameters are
-// checked.
-template <class Make>
-preamble_fold::sptr fold_groups(const kernel::preamble_folder& folder,
-                                double sample_rate,
-                                std::uint64_t frame_offset,
-                                const std::string& item_type,
-                                const Make& make,
-                                int group_length)
-{
-    check(sample_rate, item_type);
-    return for_items<group_fold>(
-        item_type, folder, sample_rate, frame_offset, make(), group_length);
-}
-
 } // namespace
 
 preamble_fold::sptr preamble_fold::make(int frame_length,
@@ -88,12 +73,13 @@ preamble_fold::sptr preamble_fold::tones(const std::vector<std::complex<double>>
                                          const std::string& item_type)
 {
     const kernel::preamble_folder folder(frame_length, first_averaged, repetitions);
-    return fold_groups(
+    check(sample_rate, item_type);
+    return for_items<group_fold>(
+        item_type,
         folder,
         sample_rate,
         frame_offset,
-        item_type,
-        [&] { return std::make_unique<kernel::tone_accumulator>(weights, group_length); },
+        std::make_unique<kernel::tone_accumulator>(weights, group_length),
         group_length);
 }
 
@@ -106,12 +92,13 @@ preamble_fold::sptr preamble_fold::collected(int group_length,
                                              const std::string& item_type)
 {
     const kernel::preamble_folder folder(frame_length, first_averaged, repetitions);
-    return fold_groups(
+    check(sample_rate, item_type);
+    return for_items<group_fold>(
+        item_type,
         folder,
         sample_rate,
         frame_offset,
-        item_type,
-        [&] { return std::make_unique<kernel::collected_snapshots>(group_length); },
+        std::make_unique<kernel::collected_snapshots>(group_length),
         group_length);
 }
 

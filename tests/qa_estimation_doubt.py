@@ -173,6 +173,18 @@ def test_drift_rate_stated_grows_with_the_root_of_time():
     assert rate.std_deg(4.0) == (0.8, 0.8)
 
 
+def test_drift_rate_leaves_out_groups_beside_a_touch():
+    """A press that begins slowly would be learned as drift, and doubt every later reading."""
+    rate = DriftRate(PERIOD_S)
+    for press in range(20):
+        edge = [0.0] * 16 + [1.0, 3.0]  # the press begins in the last two groups
+        for g, level in enumerate(edge + edge[::-1], 60 * press):
+            rate.follow(g * PERIOD_S, (level, 0.0), (0.05, 0.05))
+            if g - 60 * press == len(edge) - 1:
+                rate.interrupt()
+    assert rate.std_deg(1.0) == (0.0, 0.0)
+
+
 def test_drift_across_a_touch_is_learned():
     """What a touch hid shows when it ends, and counts for the next one."""
     rate, rng = DriftRate(PERIOD_S), np.random.default_rng(10)

@@ -154,6 +154,13 @@ def test_touch_press_within_the_reference_is_reported(detector, std_deg):
         assert not any(d.disturbed for d in decisions)
 
 
+def test_touch_slow_press_within_the_reference_is_reported(detector):
+    """No two groups that follow each other differ much, but the mean is not that of untouched."""
+    phases = np.zeros((40, 2))
+    phases[:13, 0] = np.linspace(-12, 12, 13)
+    assert run(detector, phases, 0.05, reference=13)[-1].disturbed
+
+
 def motion_of(forces, locations, turn_deg, std_deg=0.05, seed=7):
     """Whether the tag is said to have moved, group by group of a touch; shape (n,)."""
     noise = std_deg * np.random.default_rng(seed).standard_normal((len(forces), 2))
@@ -181,3 +188,12 @@ def test_motion_step_in_the_middle_of_the_line_is_not_detected():
     """Both cases rotate both ends by the same angle there, so they cannot be distinguished."""
     step = np.where(np.arange(40) < 20, 0.0, 5.0)
     assert not motion_of(np.full(40, 3.0), np.full(40, 40.0), step).any()
+
+
+def test_motion_between_two_touches_is_not_motion_during_the_second():
+    """A tag that was moved while untouched is read from its new place."""
+    motion, std = TouchedMotion(), (0.05, 0.05)
+    for phases, location_mm in (((40.0, 20.0), 25.0), ((35.0, 15.0), 26.0)):
+        found = [motion.update(phases, std, location_mm, 0.05) for _ in range(3)]
+        assert found == [False] * 3
+        motion.forget()

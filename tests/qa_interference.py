@@ -11,10 +11,11 @@ from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.estimation.folded_groups import FoldedGroups
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.noise import NoiseEstimate, Verdict
+from gnuradio.wiforce.estimation.recorded_groups import frame_settings
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.receiver import Receiver
-from gnuradio.wiforce.recording import RecordingReader, _frame_settings
+from gnuradio.wiforce.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.simulation.simulator import simulate
@@ -214,7 +215,7 @@ def read(scene, name):
 
 def read_without_rejection(scene, name):
     settings = plan(scene)
-    reader = folded_reader(**_frame_settings(open_capture(name), settings, 0))
+    reader = folded_reader(**frame_settings(open_capture(name), settings.waveform, 0))
     folded = reader.read(10**6)["folded"]
     count, length = len(folded) // settings.group_length, settings.group_length
     solver, every = FoldedGroups(settings.table, settings.waveform), np.ones(length, bool)

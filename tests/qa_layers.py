@@ -16,7 +16,7 @@ APPLICATION = ROOT / "gr-wiforce"
 LAYERS = (
     {"blocks"},
     {"recording", "stream"},
-    {"receiver", "recorded_groups"},
+    {"receiver"},
     {"planning"},
     {"simulation"},
     {"scene", "gui"},

@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.planning.clock_search import propose_clocks
 from gnuradio.wiforce.planning.clocks import assess_clocks
+from gnuradio.wiforce.planning.proposed_clocks import propose_clocks
 from gnuradio.wiforce.planning.pulses import (
     double_rate_pulses,
     line_coefficients,

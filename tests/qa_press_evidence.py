@@ -62,6 +62,16 @@ def test_evidence_right_file_is_not_suspected(sensor, contact, kinds):
     assert [each.kind for each in evidence.suspicions] == kinds and not doubted.any()
 
 
+def test_evidence_edges_of_a_press_are_left_out(sensor):
+    """In its first and last group a press is a mixture with the untouched sensor."""
+    line, model = sensor
+    ratios, touch = presses(line)
+    edges = (touch == 1) & ((np.roll(touch, 1) == 0) | (np.roll(touch, -1) == 0))
+    ratios[edges] *= 0.3
+    evidence, _ = judged(model, ratios, touch)
+    assert edges.sum() == 4 and evidence.suspicions == []
+
+
 def test_evidence_swapped_ends_are_found_where_the_line_is_not_even(sensor):
     """All locations would be mirrored without any other sign."""
     line, model = sensor

@@ -10,7 +10,7 @@ from gnuradio.wiforce.scene.effects import Lamps, Walker
 from gnuradio.wiforce.simulation.channel import AirChannel
 from gnuradio.wiforce.simulation.mains import MainsLamps
 from gnuradio.wiforce.simulation.person import Person
-from gnuradio.wiforce.simulation.sources import Seeds
+from gnuradio.wiforce.simulation.random_sources import Seeds
 
 RATE = 12.5e6
 FRAME = 720

@@ -4,10 +4,11 @@
 import numpy as np
 import pytest
 from gnuradio import gr, wiforce
+from gnuradio.wiforce.estimation.recorded_groups import frame_settings
 from gnuradio.wiforce.estimation.snapshot_group import SnapshotGroup
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.findings import findings
-from gnuradio.wiforce.recording import RecordingReader, _frame_settings
+from gnuradio.wiforce.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
 from gnuradio.wiforce.stream import StreamReader
@@ -64,7 +65,7 @@ def groups(captures):
     settings = wiforce.plan(SCENE)
     length, found = settings.group_length, {}
     for name in ("quiet", "busy"):
-        frames = _frame_settings(open_capture(captures / name), settings, 0)
+        frames = frame_settings(open_capture(captures / name), settings.waveform, 0)
         got = folded_reader(**frames).read(10**6)
         found[name] = [
             SnapshotGroup(

@@ -6,10 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.estimation.sources import RoomLine
 from gnuradio.wiforce.estimation.survey import survey_channel, survey_samples
 from gnuradio.wiforce.estimation.tracked_tag import TagClock
 from gnuradio.wiforce.planning.findings import findings, level_reference
-from gnuradio.wiforce.planning.plan import plan
+from gnuradio.wiforce.planning.other_clock import other_clock_hz
+from gnuradio.wiforce.planning.plan import Plan, plan
 from gnuradio.wiforce.planning.room import adapted, added_noise, room_noise_of_tones
 from gnuradio.wiforce.signal.room_noise import room_noise
 from gnuradio.wiforce.signal.waveform import sounding_waveform
@@ -345,8 +347,6 @@ def test_whitened_tones_have_unit_variance_in_that_room(disturbed):
 
 def test_added_noise_equals_that_of_covariance():
     """``findings`` judges each line by the plan's weights, ``adapted`` the room as a whole."""
-    from gnuradio.wiforce.estimation.sources import RoomLine
-
     table = design_weights([1040.0], 400, T, 100.0)
     lines = [RoomLine(hertz, power) for hertz, power in zip(LINES, POWER, strict=True)]
     expected = np.einsum("mn,nk,mk->m", table.weights, covariance(400), table.weights.conj()).real
@@ -372,3 +372,22 @@ def test_disturbed_room_has_less_noise_with_its_weights(own_plan):
 def test_mains_of_a_scene_must_be_known():
     with pytest.raises(InputError, match="mains_hz"):
         settings(mains_hz=55)
+
+
+def test_adapted_settings_whose_lines_do_not_separate_are_not_used(own_plan, monkeypatch):
+    """The weights could not be designed, and a room that is read worse would not be read at all."""
+    short = replace(own_plan, clutter_hz=30.0)
+    survey = surveyed(room(walker(80.0, 40.0), 1.5 * square(1300.04, 3)), own_plan)
+    better = adapted(short, survey)
+    assert better.clutter_hz > 30 and better.others
+    monkeypatch.setattr(Plan, "separable", property(lambda _: False))
+    assert adapted(short, survey) is short
+
+
+def test_other_clock_that_does_not_separate_is_not_named(own_plan, monkeypatch):
+    """A tag builder would change the clock, and the scene would be refused."""
+    lines = [RoomLine(1040.0, 1.0)]
+    named = other_clock_hz(own_plan, 0, lines)
+    usable = property(lambda changed: changed.clocks[0].clock_hz != named)
+    monkeypatch.setattr(Plan, "separable", usable)
+    assert other_clock_hz(own_plan, 0, lines) not in (named, None)

@@ -7,7 +7,7 @@ from collections import deque
 from queue import SimpleQueue
 
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.estimation.fixed_tag import fixed_tag_readings
+from gnuradio.wiforce.estimation.uncalibrated_readings import uncalibrated_readings
 from gnuradio.wiforce.sensor.press_measurement import LEAST_GROUPS
 
 # Length of a measurement: a person can hold a press still for half a second.
@@ -19,7 +19,7 @@ _KEPT = 4096
 
 
 class LivePresses:
-    """Collects readings of one sensor, made without its model (see `fixed_tag_readings`).
+    """Collects readings of one sensor, made without its model (see `uncalibrated_readings`).
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class LivePresses:
     def _note(self, groups):
         """Keep the readings of a batch; in the thread of the reader."""
         self._on_groups(groups)
-        self._readings.extend(fixed_tag_readings(groups, *self._made_of))
+        self._readings.extend(uncalibrated_readings(groups, *self._made_of))
 
     def idle(self):
         """Check that the session goes on.

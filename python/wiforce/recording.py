@@ -13,20 +13,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .errors import InputError
-from .estimation.compression import measure_compression
+from .estimation.compression import Compression, measure_compression
 from .estimation.groups import Groups
 from .estimation.press_evidence import Suspicion
 from .estimation.recorded_frames import find_frames, first_frame, require_frames
+from .estimation.recorded_groups import RecordedGroups, RecordedRatio, first_frames
 from .estimation.survey import Survey
 from .io.capture import Capture, open_capture
+from .io.capture_files import second_antenna
 from .io.readings import COLUMNS, NUMBERS, GroupCounts, Reading
 from .planning.plan import Plan, PlanOrScene, as_plan
 from .planning.plan import plan as plan_of
 from .planning.reference_survey import survey_reference, surveyed_snapshots
 from .planning.room import adapted, expecting_snr
 from .receiver import Receiver
-from .recorded_groups import first_frames, groups_of
 from .scene import Scene, scene_of
+from .signal.waveform import Waveform
 
 if TYPE_CHECKING:
     import pandas
@@ -136,8 +138,8 @@ class RecordingReader:
     survey : Survey or None
         Of the room, from the untouched reference; the plan is adapted to it. None for recordings
         that are too short, and where none was wanted.
-    source : object
-        Gives the groups: see ``recorded_groups.groups_of``.
+    source : RecordedGroups or RecordedRatio
+        Gives the tones.
     times_ignored : int
         Implausible ``rx_time`` tags; 0, since a recording has no tags.
 
@@ -183,15 +185,11 @@ class RecordingReader:
         self.survey = survey_recording(recording, plan, frame_offset) if survey else None
         plan = adapted(plan, self.survey)
         if survey and scene.environment.receive_antennas == 1:
-            samples = recording.read(
-                frame_offset + _COMPRESSION_FRAMES * plan.waveform.frame_length
-            )
-            samples = samples[frame_offset : recording.segments[0].length]
-            found = measure_compression(samples, plan.waveform)
+            found = _compression_of(recording, plan.waveform, frame_offset)
             plan = expecting_snr(replace(plan, compression=found), self.survey)
         self.plan = plan
         self.receiver = Receiver(plan, tracked, on_groups=on_groups)
-        self.source = groups_of(recording, plan, frame_offset)
+        self.source = _groups_of(recording, plan, frame_offset)
 
     def _check_length(self) -> None:
         groups = self.groups
@@ -266,4 +264,31 @@ def survey_recording(recording: Capture, plan: Plan, frame_offset: int) -> Surve
     count = surveyed_snapshots(plan)
     if not count:
         return None
-    return survey_reference(plan, *first_frames(recording, plan, frame_offset, count))
+    recordings = _recordings(recording, plan)
+    return survey_reference(plan, *first_frames(recordings, plan.waveform, frame_offset, count))
+
+
+def _compression_of(
+    recording: Capture, waveform: Waveform, frame_offset: int
+) -> Compression | None:
+    """Compression of the receiver, as measured before the first gap."""
+    samples = recording.read(frame_offset + _COMPRESSION_FRAMES * waveform.frame_length)
+    return measure_compression(samples[frame_offset : recording.segments[0].length], waveform)
+
+
+def _groups_of(recording: Capture, plan: Plan, frame_offset: int) -> RecordedGroups | RecordedRatio:
+    """What reads the groups of a recording, or of it and that of a second antenna beside it."""
+    first, *second = _recordings(recording, plan)
+    if not second:
+        return RecordedGroups(first, plan.table, plan.waveform, frame_offset)
+    return RecordedRatio((first, second[0]), plan.table, plan.waveform, frame_offset)
+
+
+def _recordings(recording: Capture, plan: Plan) -> tuple[Capture, ...]:
+    """A recording and, where the scene has two antennas, that of the second one beside it."""
+    scene = plan.require_scene()
+    if scene.environment.receive_antennas == 1:
+        return (recording,)
+    beside = open_capture(second_antenna(recording.path.with_suffix("")))
+    beside.check_against(scene)
+    return recording, beside

@@ -135,7 +135,7 @@ class StreamReader:
                 continue
             self._kept.add(group)
             ready, waiting = self._read(waiting), []
-            self._kept.check(ready, self.plan.group_period_s)
+            self._kept.check(ready)
             readings += ready
             if self._in_tare and self.tares.state.state == "failed":
                 self._kept, self._in_tare = None, False

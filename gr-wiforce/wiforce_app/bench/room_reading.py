@@ -5,7 +5,6 @@ import time
 from dataclasses import dataclass, replace
 
 import numpy as np
-from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.compression import Compression
 from gnuradio.wiforce.estimation.tracked_tag import TagClock
 from gnuradio.wiforce.receiver import Receiver
@@ -119,12 +118,9 @@ def _forced(settings):
     forced = {}
     for ratio in _CLOCK_RATIOS:
         more = replace(settings, others=(TagClock(ratio * max(settings.clocks_hz)),))
-        try:
-            more.check_lines()
-        except InputError:
-            continue
-        forced[UNLISTED_TAGS] = more
-        break
+        if more.separable:
+            forced[UNLISTED_TAGS] = more
+            break
     # One line, as strong as the noise of a snapshot, between the first two of the first tag.
     line_hz = np.array([1.5 * settings.clocks_hz[0]])
     noise = room_noise(

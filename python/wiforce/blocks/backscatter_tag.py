@@ -12,6 +12,7 @@ from ..errors import InputError
 from ..estimation.groups import Array
 from ..scene import load_scene
 from ..simulation.channel import AirChannel
+from .output_buffer import enlarge_output_buffer
 
 # The tag is pressed by calls, and rounding is the receiver's part.
 _WITHOUT_EFFECT = ("presses", "truth_model", "adc_bits")
@@ -129,7 +130,7 @@ class backscatter_tag(gr.sync_block):
         self._force_n, self._location_mm = 0.0, 0.0
         self.set_location_mm(location_mm)
         self.set_force_n(force_n)
-        self._ask_for_buffer(4 * _WORK_ITEMS)
+        enlarge_output_buffer(self, 4 * _WORK_ITEMS)
 
     def set_force_n(self, force_n: float) -> None:
         """Press with this force from now on."""
@@ -162,13 +163,6 @@ class backscatter_tag(gr.sync_block):
     def location_mm(self) -> float:
         """Location that is set, in mm from port 1."""
         return self._location_mm
-
-    def _ask_for_buffer(self, items: int) -> None:
-        """Call set_min_output_buffer without the line that it prints."""
-        level = self.log_level()
-        self.set_log_level("warn")
-        self.set_min_output_buffer(items)
-        self.set_log_level(level)
 
     def _press(self) -> None:
         self._tag.pressed.hold(self._force_n, self._location_mm)

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Block: folded frames of a capture, with its gaps, as its metadata and a scene describe it."""
 
-import os
 from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
+from ..estimation.recorded_groups import frame_settings
 from ..io.capture import Capture, open_capture
 from ..scene import Scene, load_scene
 from ..wiforce_python import recording_source
@@ -51,10 +51,4 @@ def capture_source(
         recording = open_capture(recording, datatype)
     scene = load_scene(scene)
     recording.check_against(scene)
-    return recording_source(
-        path=os.fsencode(recording.path),
-        datatype=recording.datatype,
-        segments=[(s.file_sample, s.global_index, s.length) for s in recording.segments],
-        **scene.waveform().folding,
-        frame_offset=frame_offset,
-    )
+    return recording_source(**frame_settings(recording, scene.waveform(), frame_offset))

@@ -3,7 +3,6 @@
 
 from typing import Any
 
-import numpy as np
 import pmt
 
 from .. import names
@@ -11,6 +10,7 @@ from ..estimation.estimators import estimator_named
 from ..estimation.groups import Array, Groups
 from ..planning.plan import Plan
 from .group_block import GroupBlock, Tags, groups_of
+from .subcarriers import occupied_subcarriers, whole_spectra
 
 
 class conjugate_difference(GroupBlock):
@@ -47,10 +47,8 @@ class conjugate_difference(GroupBlock):
         self.stage.tare()
 
     def take(self, items: Array, tags: Tags) -> tuple[int, Groups]:
-        ends = items.reshape(-1, self._ends, 64)[:, :, self._bins].astype(complex)
+        ends = occupied_subcarriers(items, self._ends, self._bins)
         return len(items), self.stage.process(groups_of(tags).having(ends=ends))
 
     def vectors(self, groups: Groups) -> Array:
-        items = np.zeros((len(groups), self._ends, 64), complex)
-        items[:, :, self._bins] = groups.changes
-        return items.reshape(len(groups), -1)
+        return whole_spectra(groups.changes, self._bins)

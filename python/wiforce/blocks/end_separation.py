@@ -3,7 +3,6 @@
 
 from typing import Any
 
-import numpy as np
 import pmt
 
 from .. import names
@@ -11,6 +10,7 @@ from ..estimation.estimators import estimator_named
 from ..estimation.groups import Array, Groups
 from ..planning.plan import Plan
 from .group_block import GroupBlock, Tags
+from .subcarriers import whole_spectra
 from .tone_input import ToneInput
 
 
@@ -58,6 +58,4 @@ class end_separation(GroupBlock):
         return count, self.stage.process(groups)
 
     def vectors(self, groups: Groups) -> Array:
-        items = np.zeros((*groups.ends.shape[:2], 64), complex)
-        items[:, :, self._bins] = groups.ends
-        return items.reshape(len(groups), -1)
+        return whole_spectra(groups.ends, self._bins)

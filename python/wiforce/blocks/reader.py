@@ -14,12 +14,12 @@ from ..estimation.tare_request import TareState
 from ..io.readings import GroupCounts, Reading
 from ..io.samples import ITEM_TYPES
 from ..planning.findings import Finding
-from ..planning.plan import Plan
-from ..planning.plan import plan as plan_of
+from ..planning.plan import Plan, as_plan
 from ..scene import Scene
 from ..stream import StreamReader
 from ..wiforce_python import phase_group_doppler, preamble_fold
 from .group_reader import group_reader
+from .output_buffer import enlarge_output_buffer
 
 # Groups that the receiver may leave waiting, in seconds of signal.
 _BUFFERED_S = 2.0
@@ -83,7 +83,7 @@ class reader(gr.hier_block2):
             raise InputError("input_type", rule, input_type)
         if frame_offset < 0:
             raise InputError("frame_offset", "must be 0 or more", frame_offset)
-        settings = scene if isinstance(scene, Plan) else plan_of(scene)
+        settings = as_plan(scene)
         antennas = settings.require_scene().environment.receive_antennas
         if antennas > 1 and input_type != "folded":
             rule = "must be 1 where samples come in; two antennas are folded, then antenna_ratio"
@@ -111,7 +111,7 @@ class reader(gr.hier_block2):
                 item_type=input_type,
             )
         # Python pauses now and then: the samples must not wait for it.
-        _enlarge(first, math.ceil(_BUFFERED_S / settings.group_period_s))
+        enlarge_output_buffer(first, math.ceil(_BUFFERED_S / settings.group_period_s))
         self.groups = group_reader(settings, tracked, on_reading)
         if self.fold is not None:
             self.groups.stream.mean_frame = self.fold.mean_frame
@@ -173,11 +173,3 @@ class reader(gr.hier_block2):
             Part of the TareState in which the request ends.
         """
         self.groups.cancel_tare(reason)
-
-
-def _enlarge(block: Any, items: int) -> None:
-    """Call set_min_output_buffer without the line that it prints."""
-    level = block.log_level()
-    block.set_log_level("warn")
-    block.set_min_output_buffer(items)
-    block.set_log_level(level)

@@ -5,6 +5,7 @@ from ..estimation.average import SubcarrierAverage
 from ..estimation.groups import Array, Groups
 from ..planning.plan import Plan
 from .group_block import GroupBlock, Tags, groups_of
+from .subcarriers import occupied_subcarriers
 
 
 class subcarrier_average(GroupBlock):
@@ -31,7 +32,7 @@ class subcarrier_average(GroupBlock):
         GroupBlock.__init__(self, "subcarrier_average", self._ends * 64, self._ends)
 
     def take(self, items: Array, tags: Tags) -> tuple[int, Groups]:
-        changes = items.reshape(-1, self._ends, 64)[:, :, self._bins].astype(complex)
+        changes = occupied_subcarriers(items, self._ends, self._bins)
         return len(items), self.stage.process(groups_of(tags).having(changes=changes))
 
     def vectors(self, groups: Groups) -> Array:

@@ -12,6 +12,7 @@ from ..estimation.folded_groups import FoldedGroups
 from ..estimation.groups import Array, Groups, is_clipped
 from ..planning.plan import Plan
 from .group_block import Tags, count_of
+from .subcarriers import occupied_subcarriers
 
 
 class ToneInput:
@@ -68,7 +69,7 @@ class ToneInput:
         index = np.array([pmt.to_uint64(own[names.GROUP]) for own in tags], np.int64)
         missing = np.array([count_of(own, names.MISSING) for own in tags])
         saturated = np.array([count_of(own, names.SATURATED) for own in tags])
-        tones = items.reshape(-1, self.rows, 64)[:, :, plan.waveform.bins].astype(complex)
+        tones = occupied_subcarriers(items, self.rows, plan.waveform.bins)
         rejected = np.array([count_of(own, names.REJECTED) for own in tags])
         incomplete = missing + rejected > 0
         weights = np.ones((len(index), group_length), bool)

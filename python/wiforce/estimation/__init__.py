@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Phase estimation: tone weights, tag clocks, separation of the ends, and the bound. Numpy only."""
+"""The receiver's stages from tones to force and location, and what comes before them."""

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..signal.waveform import FFT_LENGTH, PREAMBLE_LENGTH, Waveform
+from .frame import whole_frames
 from .groups import Array, Groups
 
 # Samples behind the preamble in which its echoes fade and filters ring, samples before the next one
@@ -132,7 +133,7 @@ def _mean_frame(samples: Array, waveform: Waveform) -> Array | None:
     length = waveform.frame_length
     if len(samples) < length:
         return None
-    frames = samples[: len(samples) // length * length].reshape(-1, length)
+    frames = whole_frames(samples, length)
     mean: Array = frames.mean(axis=0)
     return mean
 

@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Sequence
 
 from ..signal.carrier import wrapped
+from .touch_margin import TouchMargin
 
 # Distances in groups over which changes are compared. Short ones show fast drift soon, long ones
 # slow drift, which the noise of single groups hides.
@@ -25,12 +26,16 @@ _LEAST_CHANGES = 4
 _CERTAIN = 0.5
 # Standard deviations of the mean square at which the upper limit lies.
 _UPPER = 2.0
-# Groups next to a touch that are not used: a press that begins or ends slowly looks like drift.
+# Groups next to a touch that are not used.
 _MARGIN_GROUPS = 2
 # Untouched groups before and after a touch that are compared.
 _ACROSS_GROUPS = 4
 # A change beyond this, in degrees, is an event and not drift.
 _EVENT_DEG = 5.0
+
+
+# Time, phases of both ends and their standard deviations.
+_Group = tuple[float, Sequence[float], Sequence[float]]
 
 
 class DriftRate:
@@ -65,11 +70,8 @@ class DriftRate:
         self._period_s = group_period_s
         self._stated = stated_deg
         self._keep = 1 - group_period_s / _MEMORY_S
-        self._recent: deque[tuple[float, Sequence[float], Sequence[float]]] = deque(
-            maxlen=max(_LAGS) + 1
-        )
-        self._coming: deque[tuple[float, Sequence[float], Sequence[float]]] = deque()
-        self._skipped = _MARGIN_GROUPS
+        self._recent: deque[_Group] = deque(maxlen=max(_LAGS) + 1)
+        self._margin = TouchMargin[_Group](_MARGIN_GROUPS)
         self._before: tuple[float, list[float], list[float]] | None = None
         # Time, squared change and its noise from before a touch to after it, of both ends.
         self._across = ([0.0, 0.0], [0.0, 0.0], [0.0, 0.0])
@@ -81,8 +83,7 @@ class DriftRate:
         if len(self._recent) >= _ACROSS_GROUPS:
             self._before = self._newest()
         self._recent.clear()
-        self._coming.clear()
-        self._skipped = 0
+        self._margin.touch()
 
     def follow(self, time_s: float, phases_deg: Sequence[float], std_deg: Sequence[float]) -> None:
         """Take an untouched group.
@@ -96,12 +97,8 @@ class DriftRate:
         """
         if self._stated is not None:
             return
-        if self._skipped < _MARGIN_GROUPS:
-            self._skipped += 1
-            return
-        self._coming.append((time_s, phases_deg, std_deg))
-        if len(self._coming) > _MARGIN_GROUPS:
-            self._compare(*self._coming.popleft())
+        if (group := self._margin.take((time_s, phases_deg, std_deg))) is not None:
+            self._compare(*group)
 
     def _compare(
         self, time_s: float, phases_deg: Sequence[float], std_deg: Sequence[float]
@@ -135,8 +132,8 @@ class DriftRate:
         first = newest[0][1]
         means, variances = [], []
         for end in (0, 1):
-            turned = [wrapped(p[end] - first[end]) for _, p, _ in newest]
-            means.append(first[end] + sum(turned) / len(newest))
+            changes = [wrapped(p[end] - first[end]) for _, p, _ in newest]
+            means.append(first[end] + sum(changes) / len(newest))
             variances.append(sum(std[end] ** 2 for _, _, std in newest) / len(newest) ** 2)
         return sum(time_s for time_s, _, _ in newest) / len(newest), means, variances
 

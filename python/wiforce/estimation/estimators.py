@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from ..errors import InputError
 from ..signal.waveform import Waveform
 from ..signal.weights import ToneTable
 from .groups import Array, Groups
-from .paper import PaperSeparator, SidebandSeparator
+from .paper import LineSeparator
 from .reference import ConjugateDifference
 from .separation import EndSeparator
 from .tracked_tag import TagClock
@@ -24,8 +25,8 @@ class Estimator:
 
     Attributes
     ----------
-    separator : type
-        Stage from tones to the ends' channels.
+    separator : callable
+        Makes the stage from tones to the ends' channels; see :meth:`separation`.
     rectangular : bool
         Whether tones are plain Fourier sums over the group instead of the scene's weights.
     against : str
@@ -40,7 +41,7 @@ class Estimator:
     ('previous', 'untouched')
     """
 
-    separator: type
+    separator: Callable[..., EndSeparator | LineSeparator]
     rectangular: bool = False
     against: str = "untouched"
     ratios: str = "change"
@@ -52,7 +53,7 @@ class Estimator:
         waveform: Waveform,
         derotated: bool,
         others: Sequence[TagClock] = (),
-    ) -> EndSeparator | PaperSeparator | SidebandSeparator:
+    ) -> EndSeparator | LineSeparator:
         """Make the stage that separates the ends.
 
         Parameters
@@ -62,7 +63,7 @@ class Estimator:
 
         Returns
         -------
-        EndSeparator, PaperSeparator or SidebandSeparator
+        EndSeparator or LineSeparator
         """
         more = {"others": others} if others else {}
         return self.separator(table, clocks, waveform, derotated, **more)
@@ -93,8 +94,8 @@ class Estimator:
 
 ESTIMATORS = {
     "harmonic": Estimator(EndSeparator),
-    "sideband": Estimator(SidebandSeparator, ratios="square"),
-    "paper": Estimator(PaperSeparator, rectangular=True, against="previous", ratios="step"),
+    "sideband": Estimator(partial(LineSeparator, squared=True), ratios="square"),
+    "paper": Estimator(LineSeparator, rectangular=True, against="previous", ratios="step"),
 }
 
 

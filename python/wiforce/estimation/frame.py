@@ -21,6 +21,27 @@ _QUIET_DISTANCE = PREAMBLE_LENGTH + 10
 _LEAST_QUIET = 8
 
 
+def whole_frames(samples: Array, frame_length: int) -> Array:
+    """Cut samples into frames, without what remains after the last whole one.
+
+    Parameters
+    ----------
+    samples : ndarray, shape (n,)
+        Any values, one per sample.
+    frame_length : int
+
+    Returns
+    -------
+    ndarray, shape (n // frame_length, frame_length)
+
+    Examples
+    --------
+    >>> whole_frames(np.arange(7), 3).tolist()
+    [[0, 1, 2], [3, 4, 5]]
+    """
+    return samples[: len(samples) // frame_length * frame_length].reshape(-1, frame_length)
+
+
 def find_frame_offset(samples: Array, waveform: Waveform) -> int | None:
     """Find the sample at which the first frame of a stream begins.
 
@@ -51,7 +72,7 @@ def find_frame_offset(samples: Array, waveform: Waveform) -> int | None:
     100
     """
     length = waveform.frame_length
-    frames = samples[: len(samples) // length * length].reshape(-1, length)
+    frames = whole_frames(samples, length)
     finite = np.isfinite(frames).all(axis=1)
     if not finite.any():
         return None

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..signal.waveform import FFT_LENGTH, PREAMBLE_LENGTH, Waveform
+from .frame import whole_frames
 from .groups import Array
 
 # Samples in which the period is searched: 90 frames of the default length, 15 ms of processing.
@@ -264,7 +265,7 @@ def repeats_every_frame(samples: Array, waveform: Waveform) -> bool:
     length = waveform.frame_length
     finite = np.where(np.isfinite(samples), samples, 0)
     match = _correlation(finite, symbol_of(waveform))
-    match = match[: len(match) // length * length].reshape(-1, length)
+    match = whole_frames(match, length)
     if len(match) < _LEAST_FRAMES:
         return False
     product = np.abs(np.mean(match[1:] * match[:-1].conj(), axis=0))
@@ -297,7 +298,7 @@ def likeness_of_mean(samples: Array, waveform: Waveform) -> float:
     1.0
     """
     length = waveform.frame_length
-    frames = samples[: len(samples) // length * length].reshape(-1, length)
+    frames = whole_frames(samples, length)
     frames = frames[np.isfinite(frames).all(axis=1)]
     if not len(frames):
         return 0.0

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..signal.waveform import PREAMBLE_LENGTH, Waveform
-from .frame import MARGIN
+from .frame import MARGIN, whole_frames
 from .groups import Array
 
 # Samples after the preamble that may hold echoes: 1.9 us at 12.5 Msps, 580 m of path.
@@ -70,7 +70,7 @@ def measure_levels(samples: Array, waveform: Waveform) -> Levels:
     -20.0
     """
     length = waveform.frame_length
-    frames = samples[: len(samples) // length * length].reshape(-1, length)
+    frames = whole_frames(samples, length)
     parts = np.abs(samples.real), np.abs(samples.imag)
     clipped = np.mean((parts[0] >= _CLIPPED) | (parts[1] >= _CLIPPED))
     guard = frames[:, PREAMBLE_LENGTH + MARGIN + _ECHOES : length - MARGIN]

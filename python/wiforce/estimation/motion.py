@@ -42,11 +42,12 @@ class TouchedMotion:
     """
 
     def __init__(self) -> None:
-        self.forget()
+        self._recent: deque[_Touched] = deque(maxlen=_MOTION_GROUPS)
+        self._moved = self._begun = False
 
     def forget(self) -> None:
         """Forget the groups of a touch that has ended."""
-        self._recent: deque[_Touched] = deque(maxlen=_MOTION_GROUPS)
+        self._recent.clear()
         self._moved = self._begun = False
 
     def update(

@@ -16,10 +16,11 @@ from statistics import median
 import numpy as np
 
 from .groups import Array
+from .touch_margin import TouchMargin
 
 # Untouched groups of this long before a touch show the hand, those before them the level without.
 _COMING_S, _LEVEL_S = 0.5, 2.0
-# Groups next to a touch that are not used: a press that begins in a group is in part of it.
+# Groups next to a touch that are not used.
 _MARGIN_GROUPS = 2
 _LEAST_GROUPS = 4
 # Standard deviations of the magnitude's noise that are more than noise: the largest of 14 groups
@@ -65,15 +66,14 @@ class NearPath:
         self._kept: deque[_Group] = deque(
             maxlen=max(_LEAST_GROUPS, round(_LEVEL_S / group_period_s))
         )
-        self._coming: deque[_Group] = deque()
-        self._skipped = _MARGIN_GROUPS
+        self._margin = TouchMargin[_Group](_MARGIN_GROUPS)
         self._touched = False
         self.std_deg = 0.0
 
     def reset(self) -> None:
         """Forget the groups so far, for a new reference."""
         self._kept.clear()
-        self._coming.clear()
+        self._margin.clear()
         self._touched, self.std_deg = False, 0.0
 
     def process(
@@ -100,11 +100,8 @@ class NearPath:
             ``std_deg`` of the touched groups, 0 for others.
         """
         near = np.zeros(len(index))
-        times_s, magnitudes, stds = (
-            index * self._period_s,
-            np.abs(ratios).tolist(),
-            std_deg.tolist(),
-        )
+        times_s, stds = index * self._period_s, std_deg.tolist()
+        magnitudes = np.abs(ratios).tolist()
         for row, touched in enumerate(touch.tolist()):
             if renewed[row]:
                 self.reset()
@@ -126,14 +123,11 @@ class NearPath:
             |R| of both ends, and the standard deviations of their phases in degrees.
         """
         self._touched = False
-        if self._skipped < _MARGIN_GROUPS:
-            self._skipped += 1
-            return
         first, second = math.log(magnitudes[0]), math.log(magnitudes[1])
         noise = math.radians(math.hypot(*std_deg)) / 2
-        self._coming.append((time_s, (first + second) / 2, abs(first - second) / 2, noise))
-        if len(self._coming) > _MARGIN_GROUPS:
-            self._kept.append(self._coming.popleft())
+        group = time_s, (first + second) / 2, abs(first - second) / 2, noise
+        if (clear := self._margin.take(group)) is not None:
+            self._kept.append(clear)
 
     def touch_begins(self, time_s: float) -> None:
         """Judge the groups before a touch.
@@ -145,20 +139,20 @@ class NearPath:
         """
         if self._touched:
             return
-        self._touched, self._skipped = True, 0
-        self._coming.clear()
+        self._touched = True
+        self._margin.touch()
         recent = [group for group in self._kept if time_s - group[0] <= _COMING_S]
         if not recent:
             return  # the hand has not gone away since the last touch
         before = [group[1] for group in self._kept if time_s - group[0] > _COMING_S]
         level = median(before) if len(before) >= _LEAST_GROUPS else 0.0
-        usual = median(group[3] for group in recent)
+        median_noise = median(group[3] for group in recent)
         # The path is that of both ends.
         sizes = [
             size
             for _, common, half_difference, noise in recent
             if (size := abs(common - level))
-            > max(_SIGNIFICANT * max(noise, usual), 2 * half_difference)
+            > max(_SIGNIFICANT * max(noise, median_noise), 2 * half_difference)
         ]
         # A press of another sensor may disturb a single group; a hand takes several to come.
         self.std_deg = math.degrees(max(sizes)) / math.sqrt(2) if len(sizes) > 1 else 0.0

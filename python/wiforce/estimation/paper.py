@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The published estimator and the sideband product, for comparison; neither tracks the clock.
-
-Both have the interface of :class:`separation.EndSeparator`.
-"""
+"""The published estimator and the sideband product, for comparison; neither tracks the clock."""
 
 from __future__ import annotations
 
@@ -21,18 +18,48 @@ from .tracked_tag import TagClock
 _LINES = (1, 4)
 # Groups that the noise is averaged over: 2.3 s of default groups, as in noise.py.
 _NOISE_GROUPS = 64
+# Noise is divided by, and may be absent in simulations.
+_LEAST_NOISE = 1e-300
 
 
-class _LineReader:
-    """Lines +-1 and +-4 of every tag, and the noise from the difference within each pair.
+class LineSeparator:
+    """Reads end 1 on line 1 of each tag, and end 2 on line 4 (paper, section 3.3).
+
+    Has the interface of :class:`separation.EndSeparator`. The noise is learned from the difference
+    of lines +m and -m, which have the same channel.
 
     Parameters
     ----------
     table : ToneTable
+        Weights of the run.
     clocks : sequence of TagClock
+        In the order in which the table was designed.
     waveform : Waveform
+        As it was sent.
     derotated : bool
         Has no effect on phases.
+    squared : bool
+        Give the product P(+m) P(-m), the square of each end's channel, instead of P(+m).
+
+    Raises
+    ------
+    InputError
+        When the table lacks a line of a tag.
+
+    Notes
+    -----
+    P(+m) contains the rotation of the tag's clock: a constant offset o rotates end 1 by 2 pi fs o
+    per second and end 2 by four times that. The paper compares each group with the previous one;
+    the changes accumulate over a run. In the product the clock's phase cancels. Half the angle of
+    the resulting ratio is the change of the end's phase, modulo 180 deg.
+
+    Examples
+    --------
+    >>> from gnuradio import wiforce
+    >>> plan = wiforce.plan("demo", estimator="paper")
+    >>> separator = LineSeparator(plan.table, plan.clocks, plan.waveform)
+    >>> separator.process(Groups([0], np.ones((1, len(plan.table.tones), 62)))).ends.shape
+    (1, 2, 62)
     """
 
     def __init__(
@@ -41,21 +68,22 @@ class _LineReader:
         clocks: Sequence[TagClock],
         waveform: Waveform,
         derotated: bool = True,
+        squared: bool = False,
     ) -> None:
-        self._table = table
+        self._table, self._squared = table, squared
         self._period_s = table.group_length * table.snapshot_period_s
         self._tags = len(clocks)
-        pairs = [(tag, m) for tag in range(len(clocks)) for m in _LINES]
-        self._upper = [self._row(tag, m) for tag, m in pairs]
-        self._lower = [self._row(tag, -m) for tag, m in pairs]
+        pairs = [(tag, end) for tag in range(len(clocks)) for end in range(len(_LINES))]
+        self._upper = [self._row(tag, _LINES[end]) for tag, end in pairs]
+        self._lower = [self._row(tag, -_LINES[end]) for tag, end in pairs]
         self._hertz = np.array([[table.tones[row].frequency_hz] for row in self._upper])
         coefficients = [
-            harmonics(m, clocks[tag].clock_hz * waveform.averaging_s)[_LINES.index(m)]
-            for tag, m in pairs
+            harmonics(_LINES[end], clocks[tag].clock_hz * waveform.averaging_s)[end]
+            for tag, end in pairs
         ]
         self._coefficients = np.array(coefficients)[:, None]
         self._line_power = self._coefficients[0, 0] ** 2
-        self._noise_level, self._noise_groups = 0.0, 0
+        self._noise_level, self._noise_groups = _LEAST_NOISE, 0
 
     def _row(self, tag: int, harmonic: int) -> int:
         for row, tone in enumerate(self._table.tones):
@@ -81,8 +109,8 @@ class _LineReader:
                 ends[row], gain[row], power = self._take(int(groups.index[row]), tones, weights)
                 ratio = self._line_power * power / self._noise_level
                 snr_db[row] = 10 * np.log10(np.maximum(ratio, 1e-12))
-            noise[row] = max(self._noise_level, 1e-300)
-        clocks = np.zeros((count, self._tags))
+            noise[row] = self._noise_level
+        nominal = np.zeros((count, self._tags))
         return groups.having(
             tones=None,
             snapshot_weights=None,
@@ -91,10 +119,10 @@ class _LineReader:
             noise=noise,
             snr_db=snr_db,
             locked=np.tile(usable[:, None], self._tags),
-            clock_phase=clocks,
-            clock_offset_ppm=clocks,
-            clock2_delay=clocks,
-            overlapping=clocks > 0,
+            clock_phase=nominal,
+            clock_offset_ppm=nominal,
+            clock2_delay=nominal,
+            overlapping=nominal > 0,
         )
 
     def flush(self) -> Groups:
@@ -111,15 +139,16 @@ class _LineReader:
         return None if partial is None else partial.weights
 
     def _take(self, index: int, tones: Array, weights: Array) -> tuple[Array, Array, Array]:
-        """Ends, their gain and the power of the channels of one group."""
-        turns = self._hertz * (index + 0.5) * self._period_s % 1.0
-        turn = np.exp(-2j * np.pi * turns)
-        upper = tones[self._upper] * turn / self._coefficients
-        lower = tones[self._lower] * turn.conj() / self._coefficients
+        """Values of the ends of one group, their variance over that of H, and their power."""
+        cycles = self._hertz * (index + 0.5) * self._period_s % 1.0
+        rotation = np.exp(-2j * np.pi * cycles)
+        upper = tones[self._upper] * rotation / self._coefficients
+        lower = tones[self._lower] * rotation.conj() / self._coefficients
         line_gain = np.sum(np.abs(weights[self._upper]) ** 2, axis=1)
         line_gain = line_gain / self._coefficients[:, 0] ** 2
         self._learn_noise(upper, lower, line_gain)
-        return self._read(upper, lower, line_gain)
+        read = self._squares if self._squared else self._channels
+        return read(upper, lower, line_gain)
 
     def _learn_noise(self, upper: Array, lower: Array, gain: Array) -> None:
         """Both lines of a pair have the same channel: their difference is noise."""
@@ -129,81 +158,13 @@ class _LineReader:
         level = np.mean(apart / gain[:, None]) * upper.shape[1] / (upper.shape[1] - 1)
         self._noise_groups = min(self._noise_groups + 1, _NOISE_GROUPS)
         self._noise_level += (level - self._noise_level) / self._noise_groups
-        self._noise_level = max(self._noise_level, 1e-300)
+        self._noise_level = max(self._noise_level, _LEAST_NOISE)
 
-    def _read(self, upper: Array, lower: Array, gain: Array) -> tuple[Array, Array, Array]:
-        """Values of the ends, their variance over that of H, and the power of the channels."""
-        raise NotImplementedError
-
-
-class PaperSeparator(_LineReader):
-    """End 1 from line +1 of each tag, end 2 from line +4 (paper, section 3.3).
-
-    The rotation of the tag's clock remains in the result: a constant offset o rotates end 1 by
-    2 pi fs o per second and end 2 by four times that. The paper compares each group with the
-    previous one; the changes accumulate over a run.
-
-    Parameters
-    ----------
-    table : ToneTable
-        Weights of the run.
-    clocks : sequence of TagClock
-        In the order in which the table was designed.
-    waveform : Waveform
-        As it was sent.
-    derotated : bool
-        Has no effect on phases.
-
-    Raises
-    ------
-    InputError
-        When the table lacks a line of a tag.
-
-    Examples
-    --------
-    >>> from gnuradio import wiforce
-    >>> plan = wiforce.plan("demo", estimator="paper")
-    >>> separator = PaperSeparator(plan.table, plan.clocks, plan.waveform)
-    >>> separator.process(Groups([0], np.ones((1, len(plan.table.tones), 62)))).ends.shape
-    (1, 2, 62)
-    """
-
-    def _read(self, upper: Array, lower: Array, gain: Array) -> tuple[Array, Array, Array]:
+    def _channels(self, upper: Array, _: Array, gain: Array) -> tuple[Array, Array, Array]:
         power = np.mean(np.abs(upper) ** 2, axis=1) - gain * self._noise_level
         return upper, gain, power
 
-
-class SidebandSeparator(_LineReader):
-    """The square of each end's channel, P(+m) P(-m), in which the clock's phase cancels.
-
-    Half the angle of the resulting ratio is the change of the end's phase, modulo 180 deg.
-
-    Parameters
-    ----------
-    table : ToneTable
-        Weights of the run.
-    clocks : sequence of TagClock
-        In the order in which the table was designed.
-    waveform : Waveform
-        As it was sent.
-    derotated : bool
-        Has no effect on phases.
-
-    Raises
-    ------
-    InputError
-        When the table lacks a line of a tag.
-
-    Examples
-    --------
-    >>> from gnuradio import wiforce
-    >>> plan = wiforce.plan("demo", estimator="sideband")
-    >>> separator = SidebandSeparator(plan.table, plan.clocks, plan.waveform)
-    >>> separator.process(Groups([0], np.ones((1, len(plan.table.tones), 62)))).ends.shape
-    (1, 2, 62)
-    """
-
-    def _read(self, upper: Array, lower: Array, gain: Array) -> tuple[Array, Array, Array]:
+    def _squares(self, upper: Array, lower: Array, gain: Array) -> tuple[Array, Array, Array]:
         noise = gain * self._noise_level
         power = (np.mean(np.abs(upper) ** 2, axis=1) + np.mean(np.abs(lower) ** 2, axis=1)) / 2
         # The noise of a product grows with it: its mean is weighted by the product's own energy.

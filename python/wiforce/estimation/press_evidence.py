@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -44,6 +45,10 @@ _OFF, _DOUBTED_OFF, _OFF_STDS = 0.05, 0.1, 5.0
 _AMPLITUDE = 0.03
 
 
+# Ratios, phases and standard deviations of a group.
+_Group = tuple[Array, ...]
+
+
 class Suspicion(NamedTuple):
     """A mistake that presses suggest.
 
@@ -72,6 +77,44 @@ class _Press(NamedTuple):
     moves: bool
 
 
+class _OpenPress:
+    """Readings of a press that has not ended, thinned evenly where it lasts."""
+
+    def __init__(self) -> None:
+        self._kept: list[_Group] = []
+        self._seen, self._stride = 0, 1  # readings, of which each stride-th is kept
+
+    def __bool__(self) -> bool:
+        return bool(self._kept)
+
+    def add(self, *group: Array) -> None:
+        """Take ratios, phases and standard deviations of a group, (2,) each."""
+        if self._seen % self._stride == 0:
+            # Copies, because a row of a batch would keep all of it in memory.
+            self._kept.append(tuple(values.copy() for values in group))
+        self._seen += 1
+        if len(self._kept) > _KEPT:
+            self._kept, self._stride = self._kept[::2], 2 * self._stride
+
+    def inner(self, margin: int) -> list[_Group]:
+        """What is kept without so many groups at the beginning and at the end."""
+        margin = math.ceil(margin / self._stride)
+        return self._kept[margin : len(self._kept) - margin]
+
+
+@dataclass
+class _Record:
+    """What the presses since a reference have shown."""
+
+    presses: deque[_Press] = field(default_factory=lambda: deque(maxlen=_PRESSES))
+    ratios: deque[Array] = field(default_factory=lambda: deque(maxlen=_PRESSES))
+    readings: int = 0
+    unexplained: int = 0
+    swapped: bool = False
+    other_off: bool = False
+    suspicions: list[Suspicion] = field(default_factory=list)
+
+
 class PressEvidence:
     """Collects the presses of one sensor.
 
@@ -84,11 +127,6 @@ class PressEvidence:
         G_off / rho of both switches, as stated.
     group_period_s : float
         Length of a group, in s.
-
-    Attributes
-    ----------
-    suspicions : list of Suspicion
-        By the presses that have ended; empty where all is well. Another list after each press.
 
     Examples
     --------
@@ -117,18 +155,18 @@ class PressEvidence:
         self._off = np.broadcast_to(np.asarray(off_reflection, complex), 2)
         self._untouched = np.array(model.untouched_deg(frequency_hz))
         self._margin = math.ceil(_MARGIN_S / group_period_s)
-        self._open: list[tuple[Array, Array, Array]] = []
-        self._seen, self._stride = 0, 1  # readings of the press, of which each stride-th is kept
-        self._presses: deque[_Press] = deque(maxlen=_PRESSES)
-        self._ratios: deque[Array] = deque(maxlen=_PRESSES)
-        self._readings = self._unexplained = 0
-        self._swapped = self._other_off = False
-        self.suspicions: list[Suspicion] = []
+        self._open = _OpenPress()
+        self._record = _Record()
+
+    @property
+    def suspicions(self) -> list[Suspicion]:
+        """By the presses that have ended; empty where all is well. Another list after each."""
+        return self._record.suspicions
 
     @property
     def doubted(self) -> bool:
         """Whether the ends are swapped or have another off state: no reading is consistent."""
-        return self._swapped or self._other_off
+        return self._record.swapped or self._record.other_off
 
     def take(
         self,
@@ -171,58 +209,38 @@ class PressEvidence:
             if touched == 0 and self._open:
                 self._close()
             elif touched == 1 and clear[row]:
-                self._readings += 1
-                self._unexplained += bool(unexplained[row])
-                self._keep(ratios[row], phases[row], std[row])
+                self._record.readings += 1
+                self._record.unexplained += bool(unexplained[row])
+                self._open.add(ratios[row], phases[row], std[row])
             doubted[row] = self.doubted and touched == 1
         return doubted
 
-    def _keep(self, ratios: Array, phases: Array, std: Array) -> None:
-        if self._seen % self._stride == 0:
-            # Copies, because a row of a batch would keep all of it in memory.
-            self._open.append((ratios.copy(), phases.copy(), std.copy()))
-        self._seen += 1
-        if len(self._open) > _KEPT:
-            self._open, self._stride = self._open[::2], 2 * self._stride
-
-    def _take_open(self) -> list[tuple[Array, Array, Array]]:
-        """What was kept of the press that ends, without its beginning and end."""
-        margin = math.ceil(self._margin / self._stride)
-        press = self._open[margin : len(self._open) - margin]
-        self._open, self._seen, self._stride = [], 0, 1
-        return press
-
     def reset(self) -> None:
         """Forget the presses so far, for a new reference."""
-        self._take_open()
-        self._presses.clear()
-        self._ratios.clear()
-        self._readings = self._unexplained = 0
-        self._swapped = self._other_off = False
-        self.suspicions = []
+        self._open, self._record = _OpenPress(), _Record()
 
     def _suspicions(self) -> list[Suspicion]:
-        found, name = [], self._model.name
-        if self._unexplained >= max(_LEAST_UNEXPLAINED, _UNEXPLAINED * self._readings):
+        suspicions, record, name = [], self._record, self._model.name
+        if record.unexplained >= max(_LEAST_UNEXPLAINED, _UNEXPLAINED * record.readings):
             text = (
-                f"{self._unexplained} of {self._readings} touched readings have phases that no "
+                f"{record.unexplained} of {record.readings} touched readings have phases that no "
                 f"calibrated press causes: is {name!r} the model of this sensor?"
             )
-            found.append(Suspicion("other sensor", text))
-        if self._swapped:
+            suspicions.append(Suspicion("other sensor", text))
+        if record.swapped:
             text = (
                 "the ends are swapped: with the cables of both ports exchanged, the locations "
                 "would not move with the force"
             )
-            found.append(Suspicion("swapped ends", text))
+            suspicions.append(Suspicion("swapped ends", text))
         elif self._moving():
-            moving = [abs(press.moved_mm) for press in self._presses if press.moves]
+            moving = [abs(press.moved_mm) for press in record.presses if press.moves]
             text = (
                 f"the location moves with the force, by {np.median(moving):.1f} mm in "
-                f"{len(moving)} of {len(self._presses)} presses: the contact slides, or {name!r} "
+                f"{len(moving)} of {len(record.presses)} presses: the contact slides, or {name!r} "
                 "is not the model of this sensor"
             )
-            found.append(Suspicion("moving location", text))
+            suspicions.append(Suspicion("moving location", text))
         other_off = self._off_states()
         for end, _, size in other_off:
             text = (
@@ -230,36 +248,37 @@ class PressEvidence:
                 f"{abs(self._off[end - 1]):.2f}, or beside a second tag on the same clock: see "
                 "gr-wiforce off-reflection"
             )
-            found.append(Suspicion("off state", text))
+            suspicions.append(Suspicion("off state", text))
         if not other_off and (change := self._amplitude_change()) > _AMPLITUDE:
             text = (
                 f"pressing changes the amplitude by {100 * change:.0f} %: the contact loses some "
                 "of the signal, or the scene states another off state than that of the switches "
                 "(gr-wiforce off-reflection)"
             )
-            found.append(Suspicion("amplitude", text))
-        return found
+            suspicions.append(Suspicion("amplitude", text))
+        return suspicions
 
     def _close(self) -> None:
         """End a press."""
-        press = self._take_open()
+        press, self._open = self._open.inner(self._margin), _OpenPress()
         if len(press) >= _LEAST_READINGS:
             self._compare(press)
-        self.suspicions = self._suspicions()
+        self._record.suspicions = self._suspicions()
 
-    def _compare(self, press: list[tuple[Array, Array, Array]]) -> None:
+    def _compare(self, press: list[_Group]) -> None:
+        record = self._record
         chosen = np.unique(np.linspace(0, len(press) - 1, _READINGS).astype(int))
         ratios, phases, std = (
             np.array(each) for each in zip(*(press[i] for i in chosen), strict=True)
         )
-        self._ratios.append(ratios)
+        record.ratios.append(ratios)
         swapped = self._untouched + (phases - self._untouched)[:, ::-1]
         now, then = self._movement(phases, std), self._movement(swapped, std[:, ::-1])
         if now is not None:
             other = math.inf if then is None else then[0]
-            self._presses.append(_Press(now[0], other, now[1]))
-            self._swapped |= self._fits_swapped()
-        self._other_off |= any(apart > _DOUBTED_OFF for _, apart, _ in self._off_states())
+            record.presses.append(_Press(now[0], other, now[1]))
+            record.swapped |= self._fits_swapped()
+        record.other_off |= any(apart > _DOUBTED_OFF for _, apart, _ in self._off_states())
 
     def _movement(self, phases: Array, std: Array) -> tuple[float, bool] | None:
         """Movement of the location with the force, and whether it is more than noise."""
@@ -282,22 +301,24 @@ class PressEvidence:
         return float(moved), bool(abs(moved) > max(limit, _MOVE_MM))
 
     def _moving(self) -> bool:
-        moving = sum(press.moves for press in self._presses)
-        return moving >= max(_LEAST_PRESSES, _MOST * len(self._presses))
+        presses = self._record.presses
+        moving = sum(press.moves for press in presses)
+        return moving >= max(_LEAST_PRESSES, _MOST * len(presses))
 
     def _fits_swapped(self) -> bool:
         """Whether locations move with force, but would not if the ends were swapped."""
         if not self._moving():
             return False
-        now = sum(abs(press.moved_mm) for press in self._presses)
-        return sum(abs(press.swapped_mm) for press in self._presses) < _STILL * now
+        presses = self._record.presses
+        now = sum(abs(press.moved_mm) for press in presses)
+        return sum(abs(press.swapped_mm) for press in presses) < _STILL * now
 
     def _off_states(self) -> list[tuple[int, float, float]]:
         """Ends with another off state: their number, the distance from what is stated, the size."""
         found: list[tuple[int, float, float]] = []
-        if not self._ratios:
+        if not self._record.ratios:
             return found
-        ratios = np.concatenate(list(self._ratios))
+        ratios = np.concatenate(list(self._record.ratios))
         for end in (0, 1):
             circle = off_circle(ratios[:, end], float(self._untouched[end]))
             if circle is None:
@@ -310,8 +331,9 @@ class PressEvidence:
 
     def _amplitude_change(self) -> float:
         """Largest change of |G| by a press, of both ends; 0 where the off state is right."""
-        if len(self._ratios) < _LEAST_PRESSES:
+        presses = self._record.ratios
+        if len(presses) < _LEAST_PRESSES:
             return 0.0
         start = np.exp(1j * np.radians(self._untouched)) - self._off
-        sizes = [np.abs(self._off + ratios * start).mean(axis=0) - 1 for ratios in self._ratios]
+        sizes = [np.abs(self._off + ratios * start).mean(axis=0) - 1 for ratios in presses]
         return float(np.quantile(np.max(np.abs(sizes), axis=1), _MOST))

@@ -38,6 +38,9 @@ MAINS_HZ = (50.0, 60.0)
 # of its first one do not matter.
 _MOST_HARMONICS = 1000
 _NEGLIGIBLE = 1e-6
+# How far a line of each kind of source may move after the survey, relative to its frequency: the
+# mains drift by some 0.05 %, clocks by less.
+_WIDTH_SHARE = {"lamps": 2e-3, "tag": 2e-4, "line": 5e-4}
 
 
 @dataclass(frozen=True)
@@ -91,6 +94,11 @@ class Source:
     def power(self) -> float:
         """Of its strongest line."""
         return max(line.power for line in (*self.lines, *self.hidden))
+
+    @property
+    def width_share(self) -> float:
+        """How far its lines may move after the survey, relative to their frequency."""
+        return _WIDTH_SHARE[self.kind]
 
 
 @dataclass(frozen=True)

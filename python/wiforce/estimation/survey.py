@@ -18,6 +18,7 @@ from ..signal.room_noise import RoomNoise, room_noise
 from ..signal.switching import line_envelope
 from ..signal.waveform import FFT_LENGTH, Waveform
 from .clock_lines import ClockLine, find_clocks, vertex
+from .frame import whole_frames
 from .groups import Array
 from .sources import MAINS_HZ, RoomLine, Source, identify
 from .tracked_tag import TagClock
@@ -48,9 +49,8 @@ _OWN_MARGIN = 4.0
 _MOST_HARMONICS = 2000
 # A line whose surroundings hold this many times its power is not a line.
 _BROAD = 1.6
-# How far a line may move after the survey: the mains drift by some 0.05 %, clocks by less.
+# How far a line may move after the survey, at least.
 _LINE_WIDTH_HZ = 0.5
-_LINE_WIDTH_SHARE = {"lamps": 2e-3, "tag": 2e-4, "line": 5e-4}
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +146,7 @@ class Survey:
         """
         rows = (self.excess > 0) & (self.frequency_hz > clutter_hz + self.resolution_hz)
         lines = [
-            (line.frequency_hz, line.power, _LINE_WIDTH_SHARE[source.kind])
+            (line.frequency_hz, line.power, source.width_share)
             for source in self.sources
             if source not in without
             for line in (*source.lines, *source.hidden)
@@ -285,7 +285,7 @@ def survey_samples(
     True
     """
     length, first = waveform.frame_length, waveform.first_averaged
-    frames = samples[: len(samples) // length * length].reshape(-1, length)
+    frames = whole_frames(samples, length)
     averaged = frames[:, first : first + waveform.repetitions * FFT_LENGTH]
     folded = averaged.reshape(-1, waveform.repetitions, FFT_LENGTH).mean(axis=1)
     return survey_folded(folded, waveform, clocks, mains_hz)

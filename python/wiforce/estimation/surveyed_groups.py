@@ -67,14 +67,14 @@ class SurveyedGroups:
         """Keep a copy of the next group."""
         self.groups.append(group.copy())
 
-    def check(self, readings: Iterable[Reading], group_period_s: float) -> None:
+    def check(self, readings: Iterable[Reading]) -> None:
         """Leave out all groups up to the last one that was not read as untouched and steady."""
         if not self._unasked:
             return
         for reading in readings:
+            assert reading.group is not None
             if reading.touch != 0 or _UNSTEADY & set(reading.flags):
-                index = int(reading.time_s / group_period_s)
-                self.groups = [group for group in self.groups if group.index > index]
+                self.groups = [group for group in self.groups if group.index > reading.group]
 
     @property
     def first(self) -> int:

@@ -74,8 +74,8 @@ class SlowTare:
         self._outliers.clear()
         self._count = self._next = 0
 
-    def touch_begins(self, forget_outliers: bool = False) -> None:
-        """Discard the newest groups, which may be part of the touch that begins."""
+    def discard_newest(self, forget_outliers: bool = False) -> None:
+        """Discard the groups that are not used yet: a touch may have begun in them."""
         self._recent.clear()
         if forget_outliers:
             self._outliers.clear()

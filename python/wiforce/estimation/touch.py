@@ -11,10 +11,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
 from typing import NamedTuple
-
-import numpy as np
 
 from ..io.readings import WEAK_PHASE_DEG
 from ..signal.carrier import wrapped
@@ -22,6 +19,7 @@ from .drift import DriftRate
 from .groups import Array
 from .reference_doubt import ReferenceDoubt, distance_squared
 from .tare import SlowTare
+from .touch_image import TouchImage
 
 # Systematic spread of the phases within a state, in degrees, added to the noise.
 _STATE_SPREAD_DEG = 1.5
@@ -75,6 +73,29 @@ class TouchDecision(NamedTuple):
     released: bool = False
 
 
+class _ReferenceCheck:
+    """Whether the phases jumped while the reference was measured."""
+
+    def __init__(self) -> None:
+        self.disturbed = False
+        self._recent: deque[tuple[float, float, float, float]] = deque(maxlen=_JUMP_GROUPS)
+
+    def add(self, phases_deg: tuple[float, float], std_deg: tuple[float, float]) -> None:
+        """Compare a group of the reference with those right before it."""
+        recent = list(self._recent)
+        self._recent.append((*phases_deg, *std_deg))
+        if not recent:
+            return
+        change, spreads = [], []
+        for end in (0, 1):
+            changes = [wrapped(phases_deg[end] - group[end]) for group in recent]
+            noise = math.sqrt(sum(group[2 + end] ** 2 for group in recent)) / len(recent)
+            change.append(sum(changes) / len(changes))
+            spreads.append(math.hypot(std_deg[end], noise, _STATE_SPREAD_DEG))
+        distance = distance_squared((change[0], change[1]), (spreads[0], spreads[1]))
+        self.disturbed |= distance > _DISTURBED
+
+
 class TouchDetector:
     """Classifies groups as touched, untouched or moved by the phase changes of both ends.
 
@@ -93,6 +114,7 @@ class TouchDetector:
 
     Examples
     --------
+    >>> import numpy as np
     >>> detector = TouchDetector(np.array([[40.0, 10.0]]), 0.036)
     >>> detector.update(0.018, (0.1, -0.1), (0.05, 0.05)).touch
     0
@@ -106,18 +128,16 @@ class TouchDetector:
         group_period_s: float,
         drift_deg_per_sqrt_s: float | None = None,
     ) -> None:
-        self._image = np.ascontiguousarray(np.asarray(image_deg, float).T)
-        self._nearest = (float(self._image[0, 0]), float(self._image[1, 0]))
+        self._image = TouchImage(image_deg)
         self._tare = SlowTare(group_period_s)
         self._drift = DriftRate(group_period_s, drift_deg_per_sqrt_s)
         self._untouched_s = 0.0
         self._moving = False
-        self._disturbed = False
+        self._reference = _ReferenceCheck()
         self._doubt: ReferenceDoubt | None = None
         self._touch = 0
         self._seen_s = math.nan
         self._last_deg = (0.0, 0.0)
-        self._referenced: deque[tuple[float, float, float, float]] = deque(maxlen=_JUMP_GROUPS)
 
     def tare(self, doubt: ReferenceDoubt | None = None) -> None:
         """Restart with a drift of 0, for a new reference.
@@ -128,10 +148,9 @@ class TouchDetector:
             Whether the sensor may have been touched during the reference.
         """
         self._tare.reset()
-        self._disturbed = False
+        self._reference = _ReferenceCheck()
         self._doubt = doubt
         self._touch = 0
-        self._referenced.clear()
 
     @property
     def touch(self) -> int:
@@ -141,7 +160,7 @@ class TouchDetector:
     @property
     def doubt(self) -> str:
         """Why it is not known which phases are those of the untouched sensor; empty if they are."""
-        if self._disturbed:
+        if self._reference.disturbed:
             return "its phases jumped during the reference"
         return "" if self._doubt is None else self._doubt.reason
 
@@ -157,7 +176,7 @@ class TouchDetector:
         -------
         ReferenceDoubt
         """
-        return ReferenceDoubt(FORCED, self._distance, untouched_deg)
+        return ReferenceDoubt(FORCED, self._image.distance, untouched_deg)
 
     def update(
         self,
@@ -197,8 +216,8 @@ class TouchDetector:
         if in_reference:
             self._touch = 0
             # A press within the reference shifts its mean, and with it every group of it.
-            self._disturbed |= untouched > _DISTURBED and common > COMMON_STDS**2
-            self._disturbed |= self._jumps(phases_deg, std_deg)
+            self._reference.disturbed |= untouched > _DISTURBED and common > COMMON_STDS**2
+            self._reference.add(phases_deg, std_deg)
         else:
             self._touch, moved = self._decide((first, second), spreads, untouched, common)
         released = False
@@ -212,7 +231,7 @@ class TouchDetector:
             # Noise or interference: the group may be read, but is not used for the tare.
             self._moving = False
             if self._touch:
-                tare.touch_begins()
+                tare.discard_newest()
             return self._decision(moved, released)
         if moved and self._moving:
             tare.shift((first, second))
@@ -222,7 +241,7 @@ class TouchDetector:
             self._untouched_s = time_s
             self._drift.follow(time_s, phases_deg, std_deg)
         if self._touch:
-            tare.touch_begins(forget_outliers=True)
+            tare.discard_newest(forget_outliers=True)
         elif self._moving or not moved:
             tare.follow(time_s, phases_deg, std_deg)
         # A single group may be a press that began inside it; the tare moves with the second.
@@ -240,7 +259,7 @@ class TouchDetector:
             return
         self._doubt = ReferenceDoubt(
             "it returned with other phases",
-            self._distance,
+            self._image.distance,
             self._tare.drift_deg,
             groups=1,
             before_deg=self._last_deg if self._touch else None,
@@ -265,21 +284,6 @@ class TouchDetector:
         self._doubt = None
         return doubt.released_to_former
 
-    def _jumps(self, phases_deg: tuple[float, float], std_deg: tuple[float, float]) -> bool:
-        """Whether a group of the reference differs from those right before it."""
-        recent, first = self._referenced, (phases_deg[0], phases_deg[1])
-        self._referenced = deque([*recent, (*first, *std_deg)], maxlen=_JUMP_GROUPS)
-        if not recent:
-            return False
-        change, spreads = [], []
-        for end in (0, 1):
-            turned = [wrapped(first[end] - group[end]) for group in recent]
-            mean = sum(turned) / len(turned)
-            noise = math.sqrt(sum(group[2 + end] ** 2 for group in recent)) / len(recent)
-            change.append(mean)
-            spreads.append(math.hypot(std_deg[end], noise, _STATE_SPREAD_DEG))
-        return distance_squared((change[0], change[1]), (spreads[0], spreads[1])) > _DISTURBED
-
     def drift_std_deg(self, time_s: float) -> tuple[float, float]:
         """Standard deviation of what the phases may have drifted since the last untouched group.
 
@@ -300,31 +304,13 @@ class TouchDetector:
     ) -> tuple[int, bool]:
         """Touch of a group, and whether the tag moved instead."""
         if self._touch:
-            if untouched >= 1 and self._is_within(untouched + _EVIDENCE, change, spreads):
+            if untouched >= 1 and self._image.is_within(untouched + _EVIDENCE, change, spreads):
                 return 1, False
         if untouched < _EVIDENCE:
             return 0, False
-        if common < COMMON_STDS**2 and not self._is_within(common + _EVIDENCE, change, spreads):
+        if common < COMMON_STDS**2 and not self._image.is_within(
+            common + _EVIDENCE, change, spreads
+        ):
             return 0, True
         # Only a touch changes one phase without the other, even if the model does not contain it.
         return 1, False
-
-    def _is_within(self, limit: float, change: tuple[float, float], spreads: list[float]) -> bool:
-        """Whether a touch of the model lies within ``limit`` squared standard deviations."""
-        first = wrapped(self._nearest[0] - change[0]) / spreads[0]
-        second = wrapped(self._nearest[1] - change[1]) / spreads[1]
-        if (
-            first**2 + second**2 <= limit
-        ):  # usually the nearest point of the previous group suffices
-            return True
-        return self._distance(change, spreads) <= limit
-
-    def _distance(self, change: tuple[float, float], spreads: Sequence[float]) -> float:
-        """Squared standard deviations from the nearest touch of the model."""
-        apart = self._image - np.array(change)[:, None]
-        apart -= 360 * np.rint(apart / 360)
-        apart /= np.array(spreads)[:, None]
-        distances = (apart * apart).sum(axis=0)
-        best = int(np.argmin(distances))
-        self._nearest = (float(self._image[0, best]), float(self._image[1, best]))
-        return float(distances[best])

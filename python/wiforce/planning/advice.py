@@ -10,13 +10,13 @@ from ..errors import InputError
 from ..scene import Scene
 from ..signal.waveform import PREAMBLE_LENGTH
 from .bands import outside_band
-from .clock_search import propose_clocks
 from .clocks import ClockReport, assess_clocks
 from .expected import expect
 from .levels import receive_levels, why_not_readable
 from .mains import lamp_multiples, lamp_warnings, lines_near_lamps
 from .plan import Plan
 from .plan import plan as plan_of
+from .proposed_clocks import propose_clocks
 
 # A press that rises within so many groups is blurred by them.
 _GROUPS_PER_RISE = 2

@@ -11,7 +11,7 @@ import numpy as np
 from ..estimation.sources import SLOWEST_TAG_HZ, RoomLine, Source
 from ..estimation.survey import Survey
 from ..signal.lines import aliased_hz
-from .mains import STRONG_LINES
+from .mains import STRONG_LINES, line_numbers
 from .other_clock import other_clock_hz
 from .plan import Plan
 from .ripple import ripple_of
@@ -311,9 +311,8 @@ class _Report:
             ]
             if not near:
                 continue
-            *first, last = map(str, near)
-            lines = f"lines {', '.join(first)} and {last}" if first else f"line {last}"
-            texts += f"; coincides with {lines} of '{_names(plan)[tag]}': readings are uncertain"
+            lines = f"{line_numbers(near)} of '{_names(plan)[tag]}'"
+            texts += f"; coincides with {lines}: readings are uncertain"
             better_hz = other_clock_hz(self._adapted, tag, every)
             if better_hz is not None:
                 texts += f"; choose another clock, for example {better_hz:g} Hz"

@@ -12,7 +12,6 @@ from functools import partial
 
 import numpy as np
 
-from ..errors import InputError
 from ..signal.waveform import Waveform
 from .clocks import WORST_LOSS_DB, assess_clocks
 from .plan import Plan
@@ -92,6 +91,31 @@ def farthest_from_lamps(
     return sorted(map(float, grid), key=order)
 
 
+def nearby_clocks_hz(clock_hz: float, mains_hz: Sequence[float]) -> list[float]:
+    """Clocks within 6 % of a tag's own: crystal and divider can then stay.
+
+    Parameters
+    ----------
+    clock_hz : float
+        Clock of the tag, in Hz.
+    mains_hz : sequence of float
+        Mains frequencies that are possible, in Hz.
+
+    Returns
+    -------
+    list of float
+        In Hz, those farthest from the lines of lamps first.
+
+    Examples
+    --------
+    >>> nearby_clocks_hz(100.0, (50.0, 60.0))
+    [95.0, 105.0, 100.0]
+    """
+    return farthest_from_lamps(
+        (1 - _WITHIN) * clock_hz, (1 + _WITHIN) * clock_hz, mains_hz, clock_hz
+    )
+
+
 def better_clock_hz(
     clocks_hz: Sequence[float],
     tag: int,
@@ -135,7 +159,7 @@ def better_clock_hz(
     others = [hz for i, hz in enumerate(clocks_hz) if i != tag]
     nyquist_hz = 0.5 / waveform.snapshot_period_s
     resolution_hz = 2 * nyquist_hz / group_length
-    for clock_hz in farthest_from_lamps((1 - _WITHIN) * own, (1 + _WITHIN) * own, mains_hz, own):
+    for clock_hz in nearby_clocks_hz(own, mains_hz):
         distance_hz = lamp_distances_hz(clock_hz, mains_hz).min()
         if distance_hz < needed_hz or distance_hz == 0:
             return None
@@ -247,11 +271,28 @@ def _usable(plan: Plan, clocks_hz: Sequence[float]) -> bool:
     clocks = tuple(
         replace(clock, clock_hz=hz) for clock, hz in zip(plan.clocks, clocks_hz, strict=True)
     )
-    try:
-        replace(plan, clocks=clocks).check_lines()
-    except InputError:
-        return False
-    return True
+    return replace(plan, clocks=clocks).separable
+
+
+def line_numbers(lines: Sequence[int]) -> str:
+    """Lines of a tag in words.
+
+    Parameters
+    ----------
+    lines : sequence of int
+        One or more.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> line_numbers([4]), line_numbers([1, 2, 4])
+    ('line 4', 'lines 1, 2 and 4')
+    """
+    *first, last = map(str, lines)
+    return f"lines {', '.join(first)} and {last}" if first else f"line {last}"
 
 
 def lamp_multiples(mains_hz: Sequence[float]) -> str:
@@ -299,11 +340,10 @@ def lamp_warnings(plan: Plan) -> Iterator[str]:
     for found in lines_near_lamps(plan):
         if found.better_hz is None:
             continue
-        *first, last = map(str, found.lines)
-        lines = f"lines {', '.join(first)} and {last}" if first else f"line {last}"
+        verb = "lie" if len(found.lines) > 1 else "lies"
         yield (
-            f"lamps: {lines} of '{scene.sensor_names[found.tag]}' "
-            f"{'lie' if first else 'lies'} within one bin ({1 / plan.group_period_s:.3g} Hz) of "
+            f"lamps: {line_numbers(found.lines)} of '{scene.sensor_names[found.tag]}' "
+            f"{verb} within one bin ({1 / plan.group_period_s:.3g} Hz) of "
             f"{multiples}; with a clock of {found.better_hz:g} Hz they keep "
             f"{found.better_distance_hz:g} Hz away (environment.mains_hz: null where there are "
             "no lamps)"

@@ -8,13 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..errors import InputError
 from ..estimation.sources import RoomLine
-from .mains import STRONG_LINES, farthest_from_lamps, lamp_distances_hz
+from .mains import STRONG_LINES, lamp_distances_hz, nearby_clocks_hz
 from .plan import Plan
-
-# As for lamps: a substitute is sought nearby, since crystal and divider can then stay.
-_WITHIN = 0.06
 
 
 def other_clock_hz(plan: Plan, tag: int, lines: Sequence[RoomLine]) -> float | None:
@@ -44,9 +40,7 @@ def other_clock_hz(plan: Plan, tag: int, lines: Sequence[RoomLine]) -> float | N
     own_hz, bin_hz = plan.clocks[tag].clock_hz, 1 / plan.group_period_s
     mains_hz = plan.require_scene().environment.possible_mains_hz
     room = np.array([line.frequency_hz for line in lines if line.power * plan.group_length > 1])
-    for clock_hz in farthest_from_lamps(
-        (1 - _WITHIN) * own_hz, (1 + _WITHIN) * own_hz, mains_hz, own_hz
-    ):
+    for clock_hz in nearby_clocks_hz(own_hz, mains_hz):
         strong = np.array(STRONG_LINES) * clock_hz
         if lamp_distances_hz(clock_hz, mains_hz).min() == 0:
             continue
@@ -54,9 +48,6 @@ def other_clock_hz(plan: Plan, tag: int, lines: Sequence[RoomLine]) -> float | N
             continue
         clocks = list(plan.clocks)
         clocks[tag] = replace(clocks[tag], clock_hz=clock_hz)
-        try:
-            replace(plan, clocks=tuple(clocks), room=None).check_lines()
-        except InputError:
-            continue
-        return clock_hz
+        if replace(plan, clocks=tuple(clocks), room=None).separable:
+            return clock_hz
     return None

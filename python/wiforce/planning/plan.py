@@ -236,6 +236,15 @@ class Plan:
             for tag, clock in enumerate((*self.clocks, *self.others)):
                 PhaseLikelihood(table, tag, clock.clock_hz * self.waveform.averaging_s)
 
+    @property
+    def separable(self) -> bool:
+        """Whether :meth:`check_lines` accepts the settings."""
+        try:
+            self.check_lines()
+        except InputError:
+            return False
+        return True
+
 
 PlanOrScene = Plan | str | Path | dict[str, Any] | Scene
 
@@ -362,14 +371,13 @@ def _with_fewest_harmonics(settings: Plan) -> Plan:
     best = min(loss.max() for loss in losses.values())
     chosen = next(h for h, loss in losses.items() if loss.max() <= best + ACCEPTED_LOSS_DB)
 
-    def checked(harmonics: int) -> Plan:
-        found = replace(settings, harmonics=harmonics, loss_db=tuple(losses[harmonics].tolist()))
-        found.check_lines()
-        return found
+    def using(harmonics: int) -> Plan:
+        return replace(settings, harmonics=harmonics, loss_db=tuple(losses[harmonics].tolist()))
 
-    if chosen > HARMONICS[0]:
-        try:
-            return checked(chosen)
-        except InputError:
-            pass  # more lines than a group this short can separate
-    return checked(HARMONICS[0])
+    found = using(chosen)
+    if chosen > HARMONICS[0] and found.separable:
+        return found
+    # A group may be too short to separate more lines.
+    found = using(HARMONICS[0])
+    found.check_lines()
+    return found

@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..errors import InputError
 from ..estimation.clock_lines import measured
 from ..estimation.sources import RoomLine, Source
 from ..estimation.survey import Survey
@@ -81,23 +80,18 @@ def adapted(plan: Plan, survey: Survey | None) -> Plan:
     solved = []
     for source in [source for source in survey.sources if source.kind == "tag"][:_MOST_TAGS]:
         more = replace(plan, others=(*plan.others, _clock_of(source, survey)))
-        try:
-            more.check_lines()
-        except InputError:  # its lines and ours coincide: it is noise
-            continue
-        plan = more
-        solved.append(source)
+        # Where its lines and ours coincide, it is noise.
+        if more.separable:
+            plan = more
+            solved.append(source)
     if two_antennas:  # lines of the ratio, such as those of mirror images, are not additive noise
         return plan
     room = survey.noise(length, clutter_hz, solved)
     if room_noise_of_tones(plan.table, room).max() < NEGLIGIBLE:
         return plan
     colored = replace(plan, room=room)
-    try:
-        colored.check_lines()
-    except InputError:  # too many lines are disturbed: their residual will say so
-        return plan
-    return colored
+    # Where too many lines are disturbed, their residual says so.
+    return colored if colored.separable else plan
 
 
 def expecting_snr(plan: Plan, survey: Survey | None) -> Plan:
@@ -294,11 +288,9 @@ def _with_band(plan: Plan, survey: Survey) -> Plan:
         if band_hz >= highest_hz:
             continue
         wider = replace(plan, clutter_hz=band_hz)
-        try:
-            wider.check_lines()
-        except InputError:  # the groups are too short to reject so much
-            continue
-        return wider
+        # Groups may be too short to reject so much.
+        if wider.separable:
+            return wider
     return plan
 
 

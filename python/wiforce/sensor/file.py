@@ -2,6 +2,7 @@
 """Sensor models as YAML files: load by name or path, and write."""
 
 import os
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from ..io.values import Choice, KeyPath, Scope
 from ..io.yamlfile import read_yaml
 from .checks import check_onset
 from .curves import Carrier, CurveModel
-from .file_schema import FILES, CarrierCurves, LineFile, Provenance, SensorFile
+from .file_schema import FILES, CarrierCurves, Provenance, SensorFile
 from .line import ContactLaw
 from .location import Transition
 from .model import LineModel, SensorModel
@@ -143,18 +144,32 @@ def _refuse_earlier_interpolation(content: dict[str, Any], top: KeyPath) -> None
 
 def _model_of(file: SensorFile) -> SensorModel:
     values = vars(file) | {"provenance": plain(Provenance, file.provenance)}
-    del values["kind"]
-    if isinstance(file, LineFile):
-        values["contact"] = ContactLaw(onset_force_n=file.onset_force_n, **vars(file.contact))
-        return LineModel(**values)
-    values["carriers"] = tuple(map(_carrier_of, values["carriers"]))
-    values["frequencies_hz"] = tuple(carrier.frequency_hz for carrier in values["carriers"])
-    return CurveModel(**values)
+    model, convert = _MODELS[values.pop("kind")]
+    return model(**convert(values))
+
+
+def _with_contact(values: dict[str, Any]) -> dict[str, Any]:
+    contact = ContactLaw(onset_force_n=values["onset_force_n"], **vars(values["contact"]))
+    return values | {"contact": contact}
+
+
+def _with_carriers(values: dict[str, Any]) -> dict[str, Any]:
+    carriers = tuple(map(_carrier_of, values["carriers"]))
+    frequencies_hz = tuple(carrier.frequency_hz for carrier in carriers)
+    return values | {"carriers": carriers, "frequencies_hz": frequencies_hz}
 
 
 def _carrier_of(curves: CarrierCurves) -> Carrier:
     transitions = tuple(Transition(**vars(row)) for row in curves.interpolation)
     return Carrier(**vars(curves) | {"interpolation": transitions})
+
+
+# Of each kind of sensor file: the model that it describes, and what makes the model's attributes of
+# the file's keys.
+_MODELS: dict[str, tuple[type[SensorModel], Callable[[dict[str, Any]], dict[str, Any]]]] = {
+    "line": (LineModel, _with_contact),
+    "curves": (CurveModel, _with_carriers),
+}
 
 
 def write_sensor(model: SensorModel, path: str | Path) -> None:
@@ -207,7 +222,7 @@ def sensor_to_dict(model: SensorModel) -> dict[str, Any]:
     >>> sensor_to_dict(load_sensor("line-900mhz"))["force_span_n"]
     [0.9, 10.0]
     """
-    kind = "line" if isinstance(model, LineModel) else "curves"
+    kind = next(kind for kind, (cls, _) in _MODELS.items() if isinstance(model, cls))
     content: dict[str, Any] = {}
     for name, key in keys(FILES[kind]).items():
         if name == "kind":

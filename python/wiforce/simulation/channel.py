@@ -19,8 +19,8 @@ from .levels import Levels
 from .oscillators import FreeOscillators
 from .paths import static_taps
 from .presses import TouchState
+from .random_sources import RandomSources
 from .room import modulated_paths, tag_paths
-from .sources import RandomSources
 from .streams import Fir, Ramp
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .paths import random_taps
-from .sources import Seeds
+from .random_sources import Seeds
 
 if TYPE_CHECKING:
     from ..scene.effects import Fan

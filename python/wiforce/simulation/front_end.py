@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .sources import Seeds
+from .random_sources import Seeds
 from .streams import Ramp
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..signal.waveform import FFT_LENGTH
-from .sources import RandomSources, Seeds
+from .random_sources import RandomSources, Seeds
 
 if TYPE_CHECKING:
     from ..scene.simulated import Simulation

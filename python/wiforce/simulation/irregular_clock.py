@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .sources import Seeds
+from .random_sources import Seeds
 from .switching import SwitchingClock
 from .walk import RandomWalk
 

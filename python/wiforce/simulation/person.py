@@ -7,7 +7,7 @@ import numpy as np
 
 from ..signal.carrier import SPEED_OF_LIGHT_M_S
 from .paths import BASE_DELAY, LAST_DELAY, delay_taps
-from .sources import Seeds
+from .random_sources import Seeds
 
 if TYPE_CHECKING:
     from ..scene.effects import Walker

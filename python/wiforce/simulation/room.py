@@ -14,7 +14,7 @@ from .mains import MainsLamps
 from .other_tags import UnlistedTag
 from .paths import MOVING_PATHS, MovingPath, tag_taps
 from .person import Person
-from .sources import RandomSources
+from .random_sources import RandomSources
 from .streams import Ramp
 from .tag import SwitchedTag
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from .irregular_clock import IrregularClock
 from .presses import PressedSensor
-from .sources import RandomSources
+from .random_sources import RandomSources
 from .streams import Ramp
 from .switching import SWITCHES, SwitchingClock, switch_states, with_duty_errors
 from .walk import RandomWalk

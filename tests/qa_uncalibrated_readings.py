@@ -3,8 +3,8 @@
 
 import numpy as np
 import pytest
-from gnuradio.wiforce.estimation.fixed_tag import fixed_tag_readings
 from gnuradio.wiforce.estimation.groups import Groups
+from gnuradio.wiforce.estimation.uncalibrated_readings import uncalibrated_readings
 
 UNTOUCHED = (-172.9, 170.0)
 
@@ -25,7 +25,7 @@ def readings(changes_deg, **arrays):
         "reshaped": none,
     }
     groups = Groups(10 + np.arange(count), **{**known, **arrays})
-    return fixed_tag_readings(groups, 1, "arm", UNTOUCHED, 0j, 0.036)
+    return uncalibrated_readings(groups, 1, "arm", UNTOUCHED, 0j, 0.036)
 
 
 @pytest.mark.parametrize(

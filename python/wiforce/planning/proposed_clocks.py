@@ -85,9 +85,13 @@ def _best_candidate(
     free = [c for c in candidates if not any(too_near(c, f, resolution_hz) for f in clocks)]
     if not free:
         return None
-    left = [worst_information([*clocks, c], *settings).min() for c in free]
-    good = [i for i, q in enumerate(left) if q >= _ABOUT_EQUAL * max(left)]
-    return free[max(good, key=lambda i: (lamp_distances_hz(free[i], mains_hz).min(), left[i]))]
+    information = [worst_information([*clocks, c], *settings).min() for c in free]
+    good = [i for i, q in enumerate(information) if q >= _ABOUT_EQUAL * max(information)]
+
+    def rank(i: int) -> tuple[float, float]:
+        return lamp_distances_hz(free[i], mains_hz).min(), information[i]
+
+    return free[max(good, key=rank)]
 
 
 def _candidates(low: float, high: float, mains_hz: Sequence[float]) -> list[float]:

@@ -21,7 +21,7 @@ from .stage_flags import has_phases, stage_flags
 _TOUCHED_DEG = 6.0
 
 
-def fixed_tag_readings(
+def uncalibrated_readings(
     groups: Groups,
     sensor: int,
     name: str,
@@ -59,7 +59,7 @@ def fixed_tag_readings(
     ...     [20, 21], ratios=change, phase_std_deg=np.full((2, 2), 0.1),
     ...     locked=np.ones((2, 1), bool), overlapping=np.zeros((2, 1), bool),
     ...     in_reference=none, late_reference=none, reshaped=none)
-    >>> readings = fixed_tag_readings(groups, 0, "arm", (-172.9, -172.9), 0j, 0.036)
+    >>> readings = uncalibrated_readings(groups, 0, "arm", (-172.9, -172.9), 0j, 0.036)
     >>> [(r.touch, round(r.phase1_deg, 1)) for r in readings]
     [(0, -172.8), (1, -132.9)]
     """
