@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, unwritable
+from .textfile import check_output
 
 SERVER = "server"
 _CLIENTS = "clients"
@@ -228,6 +229,10 @@ def create_keys(folder: str | Path, client: str = "client") -> list[Path]:
         rule = "must be letters, digits, - and _, up to 64, and not 'server'"
         raise InputError("--client", rule, client)
     made: list[Path] = []
+    if folder.exists() and not folder.is_dir():
+        raise InputError(folder, "must be a folder, but is a file")
+    if not folder.is_dir():
+        check_output(folder)
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
         (folder / _CLIENTS).mkdir(mode=0o700, exist_ok=True)
