@@ -52,6 +52,17 @@ CALIBRATE = ["calibrate", "file.csv", "-o", "s.yaml"]
             CALIBRATE,
             "many carriers; name the one to calibrate at, as --frequency-hz 915e6; if the table is",
         ),
+        (
+            "phase1_deg,phase2_deg,force_n,location_mm\n1,2,3,4\n",
+            [*CALIBRATE, "--frequency-hz", "900"],
+            "'--frequency-hz': 900.0 is not in the range 1000000.0<=x<=100000000000.0.",
+        ),
+        (
+            HEADER + "0.9,20,1,2,30\n",
+            CALIBRATE,
+            "freq_mhz: must be positive, from 1 to 100000 MHz, got 0.9",
+        ),
+        (HEADER, ["evaluate", "demo", "--outptu", "x"], "evaluate: No such option: --outptu"),
         (HEADER, ["read", "folder"], "folder: is a folder; name a file of the capture in it"),
         (HEADER, ["simulate", "demo", "x", "--seed", "1.5"], "'1.5' is not a valid integer."),
         (HEADER, ["transfer", "line-900mhz", "--frequency-hz", "9MHz"], "is not a valid number."),
@@ -83,7 +94,7 @@ CALIBRATE = ["calibrate", "file.csv", "-o", "s.yaml"]
         (
             HEADER + "900e6,20,1,2,30\n",
             CALIBRATE,
-            "freq_mhz: must be finite and at most 1e+06 (MHz)",
+            "freq_mhz: must be finite and at most 1e+06, got",
         ),
     ],
 )

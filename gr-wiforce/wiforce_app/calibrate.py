@@ -9,7 +9,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.textfile import check_output
 
 from .guide import complete_settings, guide, guided_options, table_of
-from .options import CARRIER_HZ, FiniteRange, Number
+from .options import CALIBRATED_CARRIER_HZ, FiniteRange, Number
 
 _REPORTED_FORCES_N = (2.0, 4.0, 6.0, 8.0)
 _FORMS = ("auto", "auto-beyond", "cubic", "power", "spline")
@@ -33,7 +33,9 @@ _STEPS = ("nearest", "given", "line")
 @click.command()
 @click.argument("table", type=click.Path(), required=False)
 @click.option("-o", "--output", required=True, type=click.Path(), help="SENSOR.yaml to write.")
-@click.option("--frequency-hz", type=CARRIER_HZ, help="Carrier, where the file does not say.")
+@click.option(
+    "--frequency-hz", type=CALIBRATED_CARRIER_HZ, help="Carrier, where the file does not say."
+)
 @click.option(
     "--kind",
     type=click.Choice(["vna", "touchstone", "taps"]),

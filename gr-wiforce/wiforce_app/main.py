@@ -223,7 +223,10 @@ def _end_of_interruption(error):
 
 
 def _with_command(error):
-    name = error.ctx.info_name if error.ctx is not None else PROGRAM
+    context = error.ctx
+    if context is not None and context.command.hidden:
+        context = context.parent  # whose name users type
+    name = context.info_name if context is not None else PROGRAM
     message = error.format_message()
     return message if name == PROGRAM else f"{name}: {message}"
 

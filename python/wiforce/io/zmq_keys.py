@@ -172,8 +172,10 @@ class ClientKeys:
         if path.is_dir():
             found = [each for each in path.glob(f"*{_SECRET}") if each.stem != SERVER]
             if len(found) != 1:
-                rule = f"must hold one client's NAME{_SECRET}, or be that file"
-                raise InputError(path, rule, f"{len(found)} of them")
+                rule = (
+                    f"must hold one client's NAME{_SECRET}, but holds {len(found)}; name the file"
+                )
+                raise InputError(path, rule)
             path = found[0]
         public, secret = _load_secret(path)
         server, _ = _load(path.with_name(f"{SERVER}{_PUBLIC}"))

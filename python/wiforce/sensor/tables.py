@@ -371,8 +371,7 @@ def _number(line: Mapping[str, Any], key: str, where: str, empty: float | None =
         rule = "must be a number" + (" with a decimal point" if "," in text else "")
         raise InputError(f"{where}: {key}", rule, text) from None
     if not abs(value) <= _LARGEST:
-        unit = " (MHz)" if key == "freq_mhz" else ""
-        raise InputError(f"{where}: {key}", f"must be finite and at most {_LARGEST:g}{unit}", text)
+        raise InputError(f"{where}: {key}", f"must be finite and at most {_LARGEST:g}", text)
     return value
 
 
