@@ -69,7 +69,7 @@ class _Handshake:
             rule = "the server cannot read this client; its server.key is another server's"
             raise InputError(_OPTION, rule)
         if self._cut_off:
-            rule = "is missing, or ENDPOINT is none of ours: the connection was ended"
+            rule = "is missing, or ENDPOINT is not that of a reader: it ended the connection"
             raise InputError(_OPTION, rule)
 
     def close(self) -> None:
