@@ -21,11 +21,17 @@ Success.
 .B 2
 Bad usage or bad input: one line on standard error names the file or option, the rule and the value.
 .TP
-.B 130
-Interrupted.
-.TP
 .B 1
 Any other failure.
+.TP
+.B 130
+Interrupted by Ctrl\-C.
+.TP
+.B 141
+Standard output was closed early, as by head. Nothing is printed.
+.TP
+.B 143
+Ended by SIGTERM.
 .SH FILES
 Captures are SigMF pairs (.sigmf\-meta, .sigmf\-data). Readings are CSV or JSON lines, one row
 per phase group and sensor. Scenes and sensors are YAML files; shipped ones are available by name.

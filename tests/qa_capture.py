@@ -131,6 +131,16 @@ def test_open_capture_missing_metadata_key_is_named(tmp_path):
         open_capture(stem)
 
 
+def test_open_capture_wrong_type_of_metadata_is_named(tmp_path):
+    stem = write(tmp_path)
+    meta = tmp_path / "x.sigmf-meta"
+    content = json.loads(meta.read_text())
+    content["global"]["core:sample_rate"] = "fast"
+    meta.write_text(json.dumps(content))
+    with pytest.raises(InputError, match="global: core:sample_rate: is not valid SigMF .'fast'"):
+        open_capture(stem)
+
+
 def test_open_capture_samples_without_metadata_asks_for_their_type(tmp_path):
     raw = tmp_path / "raw.dat"
     raw.write_bytes(bytes(8000))

@@ -73,7 +73,12 @@ def test_version_option_prints_version_of_build():
         (["simulate", "a", "b", "--datatype", "ci8"], "'ci8' is not one of"),
         (["simulate", "none.yaml", "x"], "none.yaml: cannot be read"),
         (["simulate", "no\nne.yaml", "x"], "no ne.yaml: cannot be read"),
-        (["emulate", "--air", "cable", "--speed", "nan"], "speed: must be positive and finite"),
+        (["emulate", "--air", "cable", "--speed", "nan"], "--speed: must be positive and finite"),
+        (["emulate", "demo", "--air", "cable"], "SCENE: has no use with --air cable, got 'demo'"),
+        (
+            ["emulate", "demo", "--fault", "1 off leg"],
+            "--fault: sensor: must be one of the scene's",
+        ),
         (["live", "--scene", "demo", "--args", "x", "--zmq", "\u00b2"], "--zmq: must be a port"),
         (
             ["live", "--scene", "demo", "--args", "x", "--control", "tcp://0.0.0.0:5556"],
@@ -88,6 +93,15 @@ def test_version_option_prints_version_of_build():
             "none/server.key_secret: does not exist; `gr-wiforce keys FOLDER` makes keys",
         ),
         (["status", "5556", "--zmq-keys", "none"], "none: does not exist"),
+        (["status", "tcp://:5556"], "ENDPOINT: must be a port or tcp://ADDRESS:PORT"),
+        (["status", "tcp://*:5556"], "ENDPOINT: cannot be connected to (ADDRESS must be that of"),
+        (["keys", "none/keys"], "none/keys: cannot be written (folder does not exist)"),
+        (["keys", "/dev/null"], "/dev/null: must be a folder, but is a file"),
+        (
+            ["live", "--scene", "demo", "--args", "x", "--zmq", "tcp://nowhere.invalid:5555"],
+            "--zmq: cannot be bound (ADDRESS must be an IPv4 address of this machine",
+        ),
+        (["live", "--scene", "demo", "--args", "x", "--tx-gain", "9dB"], "is not a valid number."),
         (["keys", "keys", "--client", "server"], "--client: must be letters"),
         (["bench", "speed", "--only", "x"], "got 'x'"),
         (["bench", "speed", "--megabytes", "99999999999"], "both recordings must fit on the disk"),
@@ -122,20 +136,41 @@ def test_debug_option_unexpected_error_shows_traceback(raising, capsys):
     assert "Traceback" in capsys.readouterr().err
 
 
-def test_command_closed_pipe_shows_no_traceback():
+@pytest.mark.parametrize("arguments", [["--help"], ["list"], ["plan", "demo"], ["schema", "scene"]])
+def test_command_closed_pipe_ends_silently_as_by_sigpipe(arguments):
+    """A pipe into head must show no message, and a script must see that output is missing."""
     reading, writing = os.pipe()
     os.close(reading)
     done = subprocess.run(
-        ["gr-wiforce", "--help"], stdout=writing, stderr=subprocess.PIPE, text=True, timeout=60
+        ["gr-wiforce", *arguments], stdout=writing, stderr=subprocess.PIPE, text=True, timeout=60
     )
     os.close(writing)
-    assert (done.returncode, done.stderr) == (1, "")
+    assert (done.returncode, done.stderr) == (141, "")
+
+
+def test_command_broken_pipe_that_is_not_standard_output_is_named(raising, capsys):
+    """click ends silently on any broken pipe, also on one to another process."""
+    raising(BrokenPipeError(32, "Broken pipe"))
+    assert app.main(["fail"]) == 1
+    assert "Broken pipe" in capsys.readouterr().err
+
+
+def test_command_full_standard_output_is_named():
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            ["gr-wiforce", "list"], stdout=full, stderr=subprocess.PIPE, text=True, timeout=60
+        )
+    message = "gr-wiforce: standard output: No space left on device\n"
+    assert (done.returncode, done.stderr) == (1, message)
 
 
 def test_command_closed_standard_output_is_an_error():
     """Otherwise the next opened file would get its descriptor, and the output."""
     done = run_process("list", preexec_fn=lambda: os.close(1))
-    assert (done.returncode, done.stderr) == (1, "gr-wiforce: Bad file descriptor\n")
+    assert (done.returncode, done.stderr) == (
+        1,
+        "gr-wiforce: standard output: Bad file descriptor\n",
+    )
 
 
 def test_progress_in_pipe_is_silent_on_terminal_is_drawn():

@@ -52,6 +52,17 @@ CALIBRATE = ["calibrate", "file.csv", "-o", "s.yaml"]
             CALIBRATE,
             "many carriers; name the one to calibrate at, as --frequency-hz 915e6; if the table is",
         ),
+        (
+            "phase1_deg,phase2_deg,force_n,location_mm\n1,2,3,4\n",
+            [*CALIBRATE, "--frequency-hz", "900"],
+            "'--frequency-hz': 900.0 is not in the range 1000000.0<=x<=100000000000.0.",
+        ),
+        (
+            HEADER + "0.9,20,1,2,30\n",
+            CALIBRATE,
+            "freq_mhz: must be positive, from 1 to 100000 MHz, got 0.9",
+        ),
+        (HEADER, ["evaluate", "demo", "--outptu", "x"], "evaluate: No such option: --outptu"),
         (HEADER, ["read", "folder"], "folder: is a folder; name a file of the capture in it"),
         (HEADER, ["simulate", "demo", "x", "--seed", "1.5"], "'1.5' is not a valid integer."),
         (HEADER, ["transfer", "line-900mhz", "--frequency-hz", "9MHz"], "is not a valid number."),
@@ -65,6 +76,26 @@ CALIBRATE = ["calibrate", "file.csv", "-o", "s.yaml"]
         (HEADER, ["calibrate", "file.csv", "-o", ""], "'': sensor file must end in .yaml"),
         (HEADER, ["schema", "scenes"], "Invalid value for 'KIND'"),
         (HEADER, ["list", "scene"], "Invalid value for '[scenes|sensors]'"),
+        (
+            "phase1_deg,phase2_deg,location_mm\n10,20,500\n",
+            ["invert", "file.csv", "--sensor", "line-900mhz"],
+            "file.csv: location_mm: must lie from 9 to 71 mm, got 500.0",
+        ),
+        (
+            HEADER.replace("force_n", "force") + "900,20,1,2,30\n",
+            CALIBRATE,
+            "force_n, phase_deg (missing: force_n), got 'freq_mhz,location_mm,port,force,",
+        ),
+        (
+            HEADER.replace("freq_mhz,", "") + "20,1,2,30\n",
+            CALIBRATE,
+            "force_n, phase_deg (or give --frequency-hz), got 'location_mm,",
+        ),
+        (
+            HEADER + "900e6,20,1,2,30\n",
+            CALIBRATE,
+            "freq_mhz: must be finite and at most 1e+06, got",
+        ),
     ],
 )
 def test_message_of_a_mistake_says_what_to_change(
@@ -76,6 +107,31 @@ def test_message_of_a_mistake_says_what_to_change(
     assert main(arguments) == 2
     said = capsys.readouterr().err
     assert message in said and said.count("\n") == 1
+
+
+def test_message_of_a_sensor_in_place_of_a_scene_names_both(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "sensor.yaml").write_text("kind: line\nname: arm\n")
+    (tmp_path / "scene.yaml").write_text(SCENE)
+    (tmp_path / "text.yaml").write_text("time_s,sensor\n")
+    (tmp_path / "phases.csv").write_text("phase1_deg,phase2_deg\n1,2\n")
+    for arguments, message in (
+        (["plan", "sensor.yaml"], "sensor.yaml: is a sensor model; a scene lists its sensors"),
+        (["invert", "phases.csv", "--sensor", "scene.yaml"], "scene.yaml: is a scene; a sensor"),
+        (["plan", "text.yaml"], "text.yaml: must hold a mapping of keys to values, is text"),
+    ):
+        assert main(arguments) == 2
+        assert message in capsys.readouterr().err
+
+
+def test_message_of_equal_clocks_names_the_other_sensor(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    sensors = "".join(f"  - {{name: {n}, model: line-900mhz, clock_hz: 1000}}\n" for n in "ab")
+    (tmp_path / "scene.yaml").write_text("sensors:\n" + sensors)
+    assert main(["simulate", "scene.yaml", "press"]) == 2
+    rule = "sensors[1].clock_hz: must lie 27.8 Hz or more from the clock of sensor 'a' (1000)"
+    assert rule in capsys.readouterr().err
+    assert not list(tmp_path.glob("press*"))
 
 
 def test_message_of_a_tab_in_a_scene_names_it(tmp_path, monkeypatch, capsys):

@@ -13,19 +13,29 @@ import zmq
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.readings import Reading
 from gnuradio.wiforce.io.zmq_request import request
-from gnuradio.wiforce.io.zmq_sockets import Later, ReadingsPublisher, Replies, answer_words
+from gnuradio.wiforce.io.zmq_sockets import (
+    Later,
+    ReadingsPublisher,
+    Replies,
+    answer_words,
+    endpoint_of,
+)
 
 
 @pytest.fixture
-def ask():
-    """Sends the parts of a request and gives the answer; None when there is none."""
+def free_port():
     with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    replies = Replies(str(port), answer_words({"status": lambda: {"groups": 3}}))
+        return free.getsockname()[1]
+
+
+@pytest.fixture
+def ask(free_port):
+    """Sends the parts of a request and gives the answer; None when there is none."""
+    replies = Replies(str(free_port), answer_words({"status": lambda: {"groups": 3}}))
 
     def send(*parts):
         client = zmq.Context.instance().socket(zmq.REQ)
-        client.connect(f"tcp://127.0.0.1:{port}")
+        client.connect(f"tcp://127.0.0.1:{free_port}")
         client.send_multipart(list(parts))
         answer = None
         for _ in range(20 if sum(map(len, parts)) > 4096 else 400):
@@ -36,7 +46,7 @@ def ask():
         client.close(linger=0)
         return answer
 
-    send.port, send.serve = port, replies.serve
+    send.port, send.serve = free_port, replies.serve
     yield send
     replies.close()
 
@@ -62,14 +72,12 @@ def test_a_request_too_long_is_cut_off_and_the_next_one_answered(ask):
     assert ask(b"status")["ok"]
 
 
-def test_answer_that_comes_later_is_sent_when_it_is_known(ask):
+def test_answer_that_comes_later_is_sent_when_it_is_known(free_port):
     """A tare is answered when it is complete; others must not wait for it."""
     later, words = Later(), {}
     words["tare"] = lambda: later
     words["status"] = dict
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    replies = Replies(str(port), answer_words(words))
+    replies = Replies(str(free_port), answer_words(words))
     with (
         zmq.Context() as context,
         context.socket(zmq.REQ) as first,
@@ -77,7 +85,7 @@ def test_answer_that_comes_later_is_sent_when_it_is_known(ask):
     ):
         for client, word in ((first, b"tare"), (last, b"status")):
             client.setsockopt(zmq.LINGER, 0)
-            client.connect(f"tcp://127.0.0.1:{port}")
+            client.connect(f"tcp://127.0.0.1:{free_port}")
             client.send(word)
         deadline = time.monotonic() + 20
         while not last.poll(5) and time.monotonic() < deadline:
@@ -88,12 +96,32 @@ def test_answer_that_comes_later_is_sent_when_it_is_known(ask):
         assert first.poll(20_000) and first.recv() == b"complete"
 
 
-def test_request_without_a_reader_ends_in_time():
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
+def test_request_without_a_reader_ends_in_time(free_port):
     begin = time.monotonic()
-    assert request(str(port), "status", 0.1) is None
+    assert request(str(free_port), "status", 0.1) is None
     assert time.monotonic() - begin < 5
+
+
+def test_localhost_is_bound_and_connected_to_as_loopback(free_port):
+    """ZMQ itself binds to addresses only, and says 'No such device' for a name."""
+    replies = Replies(f"tcp://localhost:{free_port}", str.upper)
+    client = zmq.Context.instance().socket(zmq.REQ)
+    client.connect(endpoint_of(f"tcp://localhost:{free_port}", "ENDPOINT"))
+    client.send(b"hello")
+    deadline = time.monotonic() + 20
+    while not client.poll(5) and time.monotonic() < deadline:
+        replies.serve(10)
+    assert client.recv() == b"HELLO"
+    client.close(linger=0)
+    replies.close()
+
+
+@pytest.mark.parametrize("host", ["nowhere.invalid", "192.0.2.1", "[::1]"])
+def test_endpoint_of_another_machine_is_refused_with_the_rule(free_port, host):
+    with pytest.raises(
+        InputError, match="cannot be bound .ADDRESS must be an IPv4 address of this"
+    ):
+        ReadingsPublisher(f"tcp://{host}:{free_port}")
 
 
 def test_endpoint_in_use_is_refused():
@@ -121,11 +149,9 @@ def resident_bytes():
 
 
 @pytest.mark.parametrize("length", [40, 400])
-def test_publisher_memory_is_bounded_whatever_peers_subscribe_to(length):
+def test_publisher_memory_is_bounded_whatever_peers_subscribe_to(free_port, length):
     """10 000 subscriptions to 400 characters each took 117 MB that were never released."""
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    publisher, address = ReadingsPublisher(str(port)), f"tcp://127.0.0.1:{port}"
+    publisher, address = ReadingsPublisher(str(free_port)), f"tcp://127.0.0.1:{free_port}"
     before = resident_bytes()
     command = [sys.executable, "-c", ATTACK, address, str(length)]
     with (

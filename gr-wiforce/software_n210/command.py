@@ -69,21 +69,25 @@ _MOST_DELAY_US = 1000.0
     "--real-time", is_flag=True, help="Lose samples when the host is slow, instead of waiting."
 )
 @click.option(
-    "--control", metavar="ENDPOINT", help="Accept requests by ZMQ at tcp://127.0.0.1:PORT."
+    "--control", metavar="ENDPOINT", help="Accept requests by ZMQ: PORT or tcp://127.0.0.1:PORT."
 )
 def emulate(scene, bind, daughterboard, air, delay_us, faults, speed, real_time, control):
     """Run a software USRP N210 with SCENE on the air.
 
     Unmodified UHD programs open it with --args addr=127.0.0.1.
     """
-    device = Device(
-        _air(air, scene, _delay_ticks(delay_us)),
-        bind,
-        daughterboard,
-        speed,
-        lossless=not real_time,
-        faults=[parse_fault(text) for text in faults],
-    )
+    names = {"speed": "--speed", "sensor": "--fault: sensor"}
+    try:
+        device = Device(
+            _air(air, scene, _delay_ticks(delay_us)),
+            bind,
+            daughterboard,
+            speed,
+            lossless=not real_time,
+            faults=[parse_fault(text) for text in faults],
+        )
+    except InputError as error:
+        raise error.renamed(names) from error
     with closing(device):
         console = Console(device)
         LineControl(console, device, sys.stdin.fileno(), sys.stdout)
@@ -107,6 +111,8 @@ def _delay_ticks(delay_us):
 
 
 def _air(kind, scene, delay_ticks):
+    if kind != "scene" and scene is not None:
+        raise InputError("SCENE", f"has no use with --air {kind}", scene)
     if kind == "cable":
         return Cable(delay_ticks)
     if kind == "counter":

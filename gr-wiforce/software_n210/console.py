@@ -6,7 +6,7 @@ import os
 import stat
 
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.zmq_sockets import Replies
+from gnuradio.wiforce.io.zmq_sockets import Replies, endpoint_of, is_loopback
 
 from .faults import parse_fault
 
@@ -113,12 +113,13 @@ class ZmqControl:
     Raises
     ------
     InputError
-        When pyzmq is missing, or the endpoint is not ``tcp://127.x.y.z:PORT`` or is in use.
+        When pyzmq is missing, or the endpoint is not on loopback or is in use.
     """
 
     def __init__(self, console, device, endpoint):
-        if not endpoint.startswith("tcp://127."):
-            raise InputError("--control", "must have the form tcp://127.0.0.1:PORT", endpoint)
+        if not is_loopback(endpoint_of(endpoint, "--control")):
+            rule = "must be a port or tcp://127.0.0.1:PORT; other machines have no access"
+            raise InputError("--control", rule, endpoint)
         self._replies = Replies(endpoint, console.answer)
         self.close = self._replies.close
         device.watch(self._replies.fileno(), lambda: self._replies.serve(_REQUESTS_A_TURN))

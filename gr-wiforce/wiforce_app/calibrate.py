@@ -9,7 +9,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.textfile import check_output
 
 from .guide import complete_settings, guide, guided_options, table_of
-from .options import CARRIER_HZ, FiniteRange
+from .options import CALIBRATED_CARRIER_HZ, FiniteRange, Number
 
 _REPORTED_FORCES_N = (2.0, 4.0, 6.0, 8.0)
 _FORMS = ("auto", "auto-beyond", "cubic", "power", "spline")
@@ -33,17 +33,19 @@ _STEPS = ("nearest", "given", "line")
 @click.command()
 @click.argument("table", type=click.Path(), required=False)
 @click.option("-o", "--output", required=True, type=click.Path(), help="SENSOR.yaml to write.")
-@click.option("--frequency-hz", type=CARRIER_HZ, help="Carrier, where the file does not say.")
+@click.option(
+    "--frequency-hz", type=CALIBRATED_CARRIER_HZ, help="Carrier, where the file does not say."
+)
 @click.option(
     "--kind",
     type=click.Choice(["vna", "touchstone", "taps"]),
     help="What TABLE is; by its columns when not given.",
 )
 @click.option("--name", help="Name of the sensor; the output's name by default.")
-@click.option("--length-mm", type=float, default=80.0, show_default=True)
+@click.option("--length-mm", type=Number(), default=80.0, show_default=True)
 @click.option(
     "--permittivity",
-    type=float,
+    type=Number(),
     default=1.0,
     show_default=True,
     help="Effective relative permittivity of the line.",
@@ -55,7 +57,7 @@ _STEPS = ("nearest", "given", "line")
     show_default=True,
     help="Curves of force; auto: by cross-validation, auto-beyond: outside the forces too.",
 )
-@click.option("--onset-force-n", type=float, help="Force at which the line is first shorted.")
+@click.option("--onset-force-n", type=Number(), help="Force at which the line is first shorted.")
 @click.option(
     "--location-steps",
     type=click.Choice(_STEPS),

@@ -13,7 +13,7 @@ from gnuradio.wiforce.sensor.inversion import DEFAULT_STD_DEG
 from gnuradio.wiforce.sensor.touch_test import touch_of
 from gnuradio.wiforce.signal.carrier import wrap_deg
 
-from .options import CARRIER_HZ
+from .options import CARRIER_HZ, Number
 
 _NEEDED = ("phase1_deg", "phase2_deg")
 _LARGEST = 1e12  # of any number: phases of more have no digits left for degrees
@@ -27,7 +27,7 @@ _LARGEST = 1e12  # of any number: phases of more have no digits left for degrees
     "--frequency-hz", type=CARRIER_HZ, help="Carrier, where it is not the sensor's only one."
 )
 @click.option(
-    "--std-deg", type=float, help="Standard deviation of the phases; 1 deg when not given."
+    "--std-deg", type=Number(), help="Standard deviation of the phases; 1 deg when not given."
 )
 @click.option("--tracked", is_flag=True, help="Follow each press over time_s, as a live reader.")
 @click.option("--smoothed", is_flag=True, help="Read each press as a whole, over time_s.")
@@ -39,8 +39,8 @@ def invert(phases, model, output, frequency_hz, std_deg, tracked, smoothed):
     """
     from gnuradio.wiforce.sensor import load_sensor, phase_suspicions
 
-    if std_deg is not None and not (math.isfinite(std_deg) and std_deg > 0):
-        raise InputError("--std-deg", "must be positive and finite", std_deg)
+    if std_deg is not None and std_deg <= 0:
+        raise InputError("--std-deg", "must be positive", std_deg)
     if tracked and smoothed:
         raise click.UsageError("--tracked and --smoothed exclude each other")
     sensor = load_sensor(model, frequency_hz=frequency_hz)
@@ -51,12 +51,15 @@ def invert(phases, model, output, frequency_hz, std_deg, tracked, smoothed):
     rows = _read(phases)
     std = DEFAULT_STD_DEG if std_deg is None else std_deg
     known = np.array([row["location_mm"] for row in rows])
-    for text in phase_suspicions(sensor, _phases(rows), std, known, frequency_hz):
-        click.echo(f"gr-wiforce: warning: {phases}: {text}", err=True)
-    if tracked or smoothed:
-        readings = _over_time(phases, rows, sensor, frequency_hz, std, smoothed)
-    else:
-        readings = _one_by_one(rows, sensor, frequency_hz, std)
+    try:
+        for text in phase_suspicions(sensor, _phases(rows), std, known, frequency_hz):
+            click.echo(f"gr-wiforce: warning: {phases}: {text}", err=True)
+        if tracked or smoothed:
+            readings = _over_time(phases, rows, sensor, frequency_hz, std, smoothed)
+        else:
+            readings = _one_by_one(rows, sensor, frequency_hz, std)
+    except InputError as error:
+        raise error.renamed({"location_mm": f"{phases}: location_mm"}) from error
     with writer:
         for reading in readings:
             writer.write(reading)

@@ -115,6 +115,8 @@ def live(
     try:
         with open_rotating(output, rotation, scene.files, also, append) as writer:
             with _Outputs(writer, zmq_endpoint, keys) as outputs:
+                if zmq_endpoint is not None and keys is None:
+                    _warn_of_strangers(zmq_endpoint)
                 session = _make_session(scene, request, outputs, tracked, record)
                 _run(session, request, outputs, control, keys, duration, reconnect)
     except DeviceLost as lost:
@@ -124,7 +126,7 @@ def live(
 
 
 def _checked_keys(zmq_endpoint, control, folder):
-    """Keys for both endpoints, or None; endpoints that nobody protects are refused or reported."""
+    """Keys for both endpoints, or None; requests without keys are taken on loopback only."""
     given = {
         option: endpoint_of(endpoint, option)
         for option, endpoint in (("--zmq", zmq_endpoint), ("--control", control))
@@ -134,16 +136,17 @@ def _checked_keys(zmq_endpoint, control, folder):
         if not given:
             raise InputError("--zmq-keys", "needs --zmq or --control", folder)
         return ServerKeys.load(folder)
-    for option, endpoint in given.items():
-        if is_loopback(endpoint):
-            continue
-        if option == "--control":
-            raise InputError(option, "needs --zmq-keys for an address beyond loopback", endpoint)
+    if control is not None and not is_loopback(given["--control"]):
+        raise InputError("--control", "needs --zmq-keys for an address beyond loopback", control)
+    return None
+
+
+def _warn_of_strangers(zmq_endpoint):
+    if not is_loopback(endpoint_of(zmq_endpoint, "--zmq")):
         log.warning(
-            f"{option} {endpoint}: everybody who reaches this address can read and subscribe; "
+            f"--zmq {zmq_endpoint}: everybody who reaches this address can read and subscribe; "
             "--zmq-keys encrypts, and accepts known clients only"
         )
-    return None
 
 
 def radio_request(args, scene, tx_gain, rx_gain, **settings):

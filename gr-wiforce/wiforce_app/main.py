@@ -3,6 +3,7 @@
 
 import atexit
 import errno
+import io
 import logging
 import os
 import shutil
@@ -50,8 +51,9 @@ _PATH_ERRORS = {
     errno.EROFS,
 }
 DONE, FAILED, BAD_INPUT = 0, 1, 2
-# 128 + the number of the signal, as a shell reports a process that a signal ended.
-INTERRUPTED, TERMINATED = 130, 143
+# 128 + the number of the signal, as a shell reports a process that a signal ended. SIGPIPE itself
+# stays ignored: it would leave a transmitter on and a file incomplete.
+INTERRUPTED, TERMINATED, OUTPUT_CLOSED = 130, 143, 141
 
 
 def _print_version(ctx, _, asked):
@@ -75,7 +77,8 @@ def _set_debug(ctx, _, asked):
     elsewhere={"emulate": "software_n210.command"},
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog="Exit status: 0 success; 2 bad usage or bad input, explained in one line; "
-    "1 any other failure; 130 interrupted by Ctrl-C, 143 by SIGTERM.",
+    "1 any other failure; 130 interrupted by Ctrl-C, 143 by SIGTERM; 141, silently, when standard "
+    "output was closed early, as by head.",
 )
 @click.option(
     "--version",
@@ -108,8 +111,9 @@ def main(argv=None):
     Returns
     -------
     int
-        Exit status: 0 success; 2 bad usage or bad input; 130 interrupted; 143 terminated; 1 any
-        other failure. Every failure prints one line on standard error.
+        Exit status: 0 success; 2 bad usage or bad input; 130 interrupted; 143 terminated; 141
+        the reader of standard output is gone, about which nothing is printed; 1 any other
+        failure. Every failure prints one line on standard error.
     """
     state = {"debug": False}
     try:
@@ -126,9 +130,11 @@ def main(argv=None):
         return _fail(FAILED, str(error))
     except (click.Abort, KeyboardInterrupt, Interrupted) as error:
         return _end_of_interruption(error)
-    except BrokenPipeError:
+    except _OutputClosed:
         _silence_stdout()
-        return FAILED
+        return OUTPUT_CLOSED
+    except SystemExit as error:  # how click ends on any other broken pipe
+        return _fail(FAILED, str(error.__context__ or error))
     except OSError as error:
         if state["debug"]:
             traceback.print_exc()
@@ -181,8 +187,30 @@ def _open_standard_streams():
         if getattr(sys, name) is None:
             os.open(os.devnull, flags)
             setattr(sys, name, open(number, "w" if number else "r", closefd=False))
-    # A file name that the terminal cannot encode must not end the command.
-    sys.stdout.reconfigure(errors="backslashreplace")
+    sys.stdout = io.TextIOWrapper(
+        io.BufferedWriter(_StandardOutput(1, "w", closefd=False)),
+        sys.stdout.encoding,
+        # A file name that the terminal cannot encode must not end the command.
+        errors="backslashreplace",
+        line_buffering=os.isatty(1),
+    )
+
+
+class _StandardOutput(io.FileIO):
+    """Standard output whose errors name it, as those of a file name the file."""
+
+    def write(self, data):
+        try:
+            return super().write(data)
+        except BrokenPipeError:
+            raise _OutputClosed from None
+        except OSError as error:
+            error.filename = "standard output"
+            raise
+
+
+class _OutputClosed(Exception):
+    """The reader of standard output is gone. No OSError, of which click ends silently with 1."""
 
 
 def _end_of_interruption(error):
@@ -195,7 +223,10 @@ def _end_of_interruption(error):
 
 
 def _with_command(error):
-    name = error.ctx.info_name if error.ctx is not None else PROGRAM
+    context = error.ctx
+    if context is not None and context.command.hidden:
+        context = context.parent  # whose name users type
+    name = context.info_name if context is not None else PROGRAM
     message = error.format_message()
     return message if name == PROGRAM else f"{name}: {message}"
 

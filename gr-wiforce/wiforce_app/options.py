@@ -6,16 +6,28 @@ import math
 import click
 
 
+class Number(click.types.FloatParamType):
+    """A finite float."""
+
+    name = "number"  # click says: 'x' is not a valid float
+
+    def convert(self, value, param, ctx):
+        return _finite(self, value, super().convert(value, param, ctx), param, ctx)
+
+
 class FiniteRange(click.FloatRange):
     """A finite float within limits; click's own type accepts nan and inf."""
 
     name = "number"  # click says: 'x' is not a valid float range
 
     def convert(self, value, param, ctx):
-        number = super().convert(value, param, ctx)
-        if not math.isfinite(number):
-            self.fail(f"{value!r} is not a finite number.", param, ctx)
-        return number
+        return _finite(self, value, super().convert(value, param, ctx), param, ctx)
+
+
+def _finite(kind, value, number, param, ctx):
+    if not math.isfinite(number):
+        kind.fail(f"{value!r} is not a finite number.", param, ctx)
+    return number
 
 
 class IntegerRange(click.IntRange):
@@ -25,6 +37,7 @@ class IntegerRange(click.IntRange):
 
 
 CARRIER_HZ = FiniteRange(0, 1e12, min_open=True)
+CALIBRATED_CARRIER_HZ = FiniteRange(1e6, 1e11)  # as in a scene
 
 capture_scene = click.option(
     "--scene",
@@ -47,8 +60,8 @@ tracked_presses = click.option("--tracked", is_flag=True, help="Track each press
 
 _OF_A_RADIO = (
     click.option("--args", required=True, help="UHD device arguments: addr=192.168.10.2."),
-    click.option("--tx-gain", type=float, metavar="DB", help="Default: the device's own."),
-    click.option("--rx-gain", type=float, metavar="DB", help="Default: the device's own."),
+    click.option("--tx-gain", type=Number(), metavar="DB", help="Default: the device's own."),
+    click.option("--rx-gain", type=Number(), metavar="DB", help="Default: the device's own."),
     click.option("--antenna", help="Receive antenna, for example RX2."),
     click.option("--tx-antenna", help="Transmit antenna, for example TX/RX."),
     click.option("--reference", help="Clock source: internal, external, ..."),

@@ -133,7 +133,8 @@ class SerialScale(_LineScale):
             # A URL such as socket://HOST:PORT as well.
             self._port = serial.serial_for_url(device, baudrate=baud, timeout=0)
         except (OSError, ValueError) as error:
-            raise InputError("--scale", f"must name a serial port ({error})", device) from error
+            reason = os.strerror(error.errno) if getattr(error, "errno", None) else error
+            raise InputError("--scale", f"must name a serial port ({reason})", device) from error
 
     def close(self):
         self._port.close()

@@ -40,8 +40,8 @@ def status(endpoint, as_json, max_age, timeout, zmq_keys):
     """Print the health of a live reader.
 
     ENDPOINT is the one given to `live --control`: PORT or tcp://ADDRESS:PORT. The exit status is 0
-    if the reader is reading, and every sensor was read within --max-age and without doubt about
-    its reference; otherwise 1. It is 2 where the reader does not accept the keys.
+    if the state is reading, and every sensor has a valid reference and a last reading that is at
+    most --max-age old; otherwise 1. It is 2 where the reader does not accept the keys.
     """
     keys = None if zmq_keys is None else ClientKeys.load(zmq_keys)
     text = request(endpoint, "status", timeout, keys=keys)

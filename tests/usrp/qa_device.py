@@ -87,6 +87,7 @@ def test_device_address_in_use_refused(software_usrp):
         (["--air", "cable", "--fault", "1 melt"], "overflow"),
         (["--air", "cable", "--fault", "1 off arm"], "scene"),
         (["--air", "cable", "--control", "tcp://*:5555"], "--control"),
+        (["demo", "--air", "counter"], "SCENE"),
     ],
 )
 def test_emulate_bad_usage_refused_in_one_line(arguments, words):

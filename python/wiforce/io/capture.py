@@ -297,7 +297,8 @@ def _metadata(meta: Path) -> tuple[Mapping[str, Any], Sequence[Mapping[str, Any]
         # jsonschema's errors have no common base class with SigMF's.
         if type(error).__module__.split(".")[0] != "jsonschema":
             raise
-        raise InputError(meta, f"is not valid SigMF ({_first_line(error)})") from error
+        keys = "".join(f"{key}: " for key in getattr(error, "absolute_path", ()))
+        raise InputError(meta, f"{keys}is not valid SigMF ({_first_line(error)})") from error
     return parsed.get("global", {}), parsed.get("captures", [])
 
 

@@ -88,7 +88,7 @@ def read_yaml(path: str | Path) -> dict[Any, Any]:
     except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
         raise InputError(path, f"is not valid YAML: {_line(error)}") from error
     if not isinstance(content, dict):
-        kind = "empty" if content is None else f"a {type(content).__name__}"
+        kind = {type(None): "empty", list: "a list"}.get(type(content), "text")
         raise InputError(path, f"must hold a mapping of keys to values, is {kind}")
     return content
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, unwritable
+from .textfile import check_output
 
 SERVER = "server"
 _CLIENTS = "clients"
@@ -171,8 +172,10 @@ class ClientKeys:
         if path.is_dir():
             found = [each for each in path.glob(f"*{_SECRET}") if each.stem != SERVER]
             if len(found) != 1:
-                rule = f"must hold one client's NAME{_SECRET}, or be that file"
-                raise InputError(path, rule, f"{len(found)} of them")
+                rule = (
+                    f"must hold one client's NAME{_SECRET}, but holds {len(found)}; name the file"
+                )
+                raise InputError(path, rule)
             path = found[0]
         public, secret = _load_secret(path)
         server, _ = _load(path.with_name(f"{SERVER}{_PUBLIC}"))
@@ -228,6 +231,10 @@ def create_keys(folder: str | Path, client: str = "client") -> list[Path]:
         rule = "must be letters, digits, - and _, up to 64, and not 'server'"
         raise InputError("--client", rule, client)
     made: list[Path] = []
+    if folder.exists() and not folder.is_dir():
+        raise InputError(folder, "must be a folder, but is a file")
+    if not folder.is_dir():
+        check_output(folder)
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
         (folder / _CLIENTS).mkdir(mode=0o700, exist_ok=True)

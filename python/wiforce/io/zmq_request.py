@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A request to a ZMQ socket, and why it is not answered."""
 
+import errno
 import time
 from typing import Any
 
@@ -68,7 +69,7 @@ class _Handshake:
             rule = "the server cannot read this client; its server.key is another server's"
             raise InputError(_OPTION, rule)
         if self._cut_off:
-            rule = "is missing, or ENDPOINT is none of ours: the connection was ended"
+            rule = "is missing, or ENDPOINT is not that of a reader: it ended the connection"
             raise InputError(_OPTION, rule)
 
     def close(self) -> None:
@@ -127,7 +128,10 @@ def request(
             client.send_string(word)
             return _await_answer(client, handshake, timeout_s)
         except zmq.ZMQError as error:
-            raise InputError(option, f"cannot be connected to ({error})", endpoint) from error
+            reason = str(error)
+            if error.errno == errno.EINVAL:
+                reason = "ADDRESS must be that of one machine"
+            raise InputError(option, f"cannot be connected to ({reason})", endpoint) from error
         finally:
             handshake.close()
 

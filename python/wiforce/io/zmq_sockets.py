@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """ZMQ sockets: readings out, requests in, on loopback by default."""
 
+import errno
 import ipaddress
 import json
 import re
@@ -16,6 +17,8 @@ from .zmq_keys import ServerKeys
 
 def endpoint_of(text: str, option: str) -> str:
     """A ZMQ endpoint from ``PORT`` (on loopback) or ``tcp://ADDRESS:PORT``.
+
+    ``localhost`` becomes 127.0.0.1, because ZMQ binds to addresses, not to names of hosts.
 
     Parameters
     ----------
@@ -38,9 +41,9 @@ def endpoint_of(text: str, option: str) -> str:
     'tcp://127.0.0.1:5555'
     """
     address, _, port = text.rpartition(":")
-    if not address:
+    if address in ("", "tcp://localhost"):
         address = "tcp://127.0.0.1"
-    if not address.startswith("tcp://") or not _is_port(port):
+    if not address.startswith("tcp://") or address == "tcp://" or not _is_port(port):
         raise InputError(option, "must be a port or tcp://ADDRESS:PORT", text)
     return f"{address}:{port}"
 
@@ -86,6 +89,8 @@ _LONGEST_HANDSHAKE = 1024
 _REBIND_S = 5.0
 # Requests that wait for an answer; more are refused.
 _MOST_WAITING = 100
+# What ZMQ reports of an address that no network interface of this machine has.
+_FOREIGN_ADDRESS = (errno.ENODEV, errno.EADDRNOTAVAIL)
 
 
 class _Endpoint:
@@ -108,7 +113,10 @@ class _Endpoint:
             self.close()
             if isinstance(error, InputError):
                 raise
-            raise InputError(option, f"cannot be bound ({error})", endpoint) from error
+            reason = str(error)
+            if error.errno in _FOREIGN_ADDRESS:
+                reason = "ADDRESS must be an IPv4 address of this machine, or * for all it has"
+            raise InputError(option, f"cannot be bound ({reason})", endpoint) from error
 
     def _open(self) -> Any:
         """A new socket with its options."""

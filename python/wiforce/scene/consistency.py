@@ -107,9 +107,10 @@ def _clock_distances(scene: Scene) -> Iterator[Violation]:
                 )
                 distance_hz = max(resolution_hz, wander_hz)
                 if abs(lines[0] - lines[1]) < distance_hz:
+                    own, other = (f"{n} x " if n > 1 else "" for n in (b, a))
                     rule = (
-                        f"{b} x clock_hz must lie {distance_hz:.3g} Hz or more from {a} x the "
-                        f"clock of sensor '{first.name}' ({first.clock_hz:g})"
+                        f"{own and own + 'clock_hz '}must lie {distance_hz:.3g} Hz or more from "
+                        f"{other}the clock of sensor '{first.name}' ({first.clock_hz:g})"
                     )
                     yield f"sensors[{i}].clock_hz", rule, second.clock_hz
 

@@ -55,7 +55,10 @@ at most 1e+06 Hz, got 0
         rule = "must be a scene file, the name of a shipped scene, a mapping or a Scene"
         raise InputError("scene", rule, scene)
     path = _scene_path(scene)
-    return _checked(read_yaml(path), KeyPath(str(scene)), path)
+    values = read_yaml(path)
+    if "kind" in values and "sensors" not in values:
+        raise InputError(scene, "is a sensor model; a scene lists its sensors under 'sensors'")
+    return _checked(values, KeyPath(str(scene)), path)
 
 
 def load_capture_scene(capture: Capture) -> Scene:

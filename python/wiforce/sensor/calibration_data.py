@@ -9,7 +9,6 @@ from ..errors import InputError
 from ..signal.carrier import same_carrier
 from . import curves, line
 from .checks import check_places, continuous_phase, split_untouched
-from .model import LEAST_FREQUENCY_HZ
 from .sweeps import sweep_directions
 from .tables import CalibrationTable
 
@@ -17,6 +16,8 @@ from .tables import CalibrationTable
 _FORCES_COMPARED = 9
 # Relative difference below which two frequencies of a table are the same carrier.
 _CARRIER_TOLERANCE = 1e-3
+# Carriers that a scene can have, in Hz.
+_CARRIERS_HZ = 1e6, 100e9
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,7 @@ def carriers_of(table: CalibrationTable) -> list[float]:
     Raises
     ------
     InputError
-        Naming the row of a frequency that is not positive.
+        Naming the row of a frequency that no scene can have, as of one in GHz.
 
     Examples
     --------
@@ -109,9 +110,10 @@ def carriers_of(table: CalibrationTable) -> list[float]:
     """
     carriers: list[float] = []
     for frequency in np.unique(table.frequency_hz):
-        if frequency < LEAST_FREQUENCY_HZ:
+        if not _CARRIERS_HZ[0] <= frequency <= _CARRIERS_HZ[1]:
             index = int(np.argmax(table.frequency_hz == frequency))
-            rule = f"must be positive, at least {LEAST_FREQUENCY_HZ / 1e6:g}"
+            least, most = (limit / 1e6 for limit in _CARRIERS_HZ)
+            rule = f"must be positive, from {least:g} to {most:g} MHz"
             raise InputError(f"{table.at(index)}: freq_mhz", rule, frequency / 1e6)
         if not carriers or frequency > carriers[-1] * (1 + _CARRIER_TOLERANCE):
             carriers.append(float(frequency))

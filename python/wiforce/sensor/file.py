@@ -87,7 +87,10 @@ def _load(name_or_path: str | os.PathLike, relative_to: str | os.PathLike | None
         return _shipped(_shipped_folder() / f"{text}.yaml")
     else:
         raise InputError("sensor", name_rule("sensor", shipped_sensors(), text), text)
-    return sensor_from_dict(read_yaml(path), path)
+    content = read_yaml(path)
+    if "sensors" in content and "kind" not in content:
+        raise InputError(path, "is a scene; a sensor model is needed, such as those it lists")
+    return sensor_from_dict(content, path)
 
 
 # The models of a shipped sensor share one object, and with it the table of its inversion.

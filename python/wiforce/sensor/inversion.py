@@ -125,7 +125,7 @@ class Inverter:
         left, right = self.forward.location_mm[[0, -1]]
         outside = location[(location < left) | (location > right)]
         if outside.size:
-            rule = f"must lie from {left:g} to {right:g}"
+            rule = f"must lie from {left:g} to {right:g} mm"
             raise InputError("location_mm", rule, float(outside[0]))
         return location
 

@@ -113,7 +113,7 @@ def read_vna_csv(path: str | Path, frequency_hz: float | None = None) -> Calibra
     """
     header, lines = read_csv(path)
     needed = _VNA_COLUMNS[1:] if frequency_hz is not None else _VNA_COLUMNS
-    _need_columns(path, header, needed, _hint(header))
+    _need_columns(path, header, needed)
     rows = []
     for number, line in lines:
         where = f"{path}: row {number}"
@@ -342,23 +342,23 @@ def write_vna_csv(table: CalibrationTable, path: str | Path) -> None:
         raise InputError(path, f"cannot be written ({error.strerror})") from error
 
 
-def _need_columns(
-    path: str | Path, header: Sequence[str], needed: Sequence[str], hint: str = ""
-) -> None:
+def _need_columns(path: str | Path, header: Sequence[str], needed: Sequence[str]) -> None:
     missing = [name for name in needed if name not in header]
     if missing:
-        rule = f"must have the columns {', '.join(needed)} {hint}".rstrip()
+        rule = f"must have the columns {', '.join(needed)} ({_hint(header, needed, missing)})"
         raise InputError(path, rule, ",".join(header))
 
 
-def _hint(header: Sequence[str]) -> str:
-    """Suggestion for a table without the columns of a VNA calibration."""
+def _hint(header: Sequence[str], needed: Sequence[str], missing: Sequence[str]) -> str:
+    """What a table lacks, or what kind it is of instead."""
+    if list(missing) == ["freq_mhz"]:
+        return "or give --frequency-hz"
     hints = {
-        "phase1_deg": "(or, for readings over the air, give --kind taps)",
-        "file": "(or, for Touchstone files, give --kind touchstone)",
-        "phase_deg": "(or give --frequency-hz)",
+        "phase1_deg": "or, for readings over the air, give --kind taps",
+        "file": "or, for Touchstone files, give --kind touchstone",
     }
-    return next((hint for column, hint in hints.items() if column in header), "")
+    kinds = (hint for name, hint in hints.items() if name in header and name not in needed)
+    return next(kinds, f"missing: {', '.join(missing)}")
 
 
 def _number(line: Mapping[str, Any], key: str, where: str, empty: float | None = None) -> float:
