@@ -189,6 +189,19 @@ def test_stream_touched_tare_is_no_survey(groups, force, ends):
     assert reader.plan is settings
 
 
+def test_stream_reads_on_while_weights_are_exchanged(groups, monkeypatch):
+    """Whoever asks for the state in that moment, from another thread, sees no acquisition."""
+    use, states = StreamReader._use, []
+
+    def ask(reader, *arguments):
+        use(reader, *arguments)
+        states.append(reader.state)
+
+    monkeypatch.setattr(StreamReader, "_use", ask)
+    reader = stream(wiforce.plan(SCENE), groups["quiet"][:TARE] + groups["busy"][TARE:], TARE)[0]
+    assert states == ["acquiring", "reading"] and reader.state == "reading"
+
+
 def test_stream_second_survey_of_the_same_room_keeps_the_plan(groups):
     """Weights that were as good before must not be exchanged for what noise does to a survey."""
     reader, readings, plans = stream(wiforce.plan(SCENE), groups["busy"], TARE)

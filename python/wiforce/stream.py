@@ -105,6 +105,7 @@ class StreamReader:
         self._due: int | None = None  # group from which on the room may be surveyed again
         self._receiver: Receiver | None = None
         self._tones: FoldedGroups | None = None
+        self._exchanged = ""  # state of the receiver that is being replaced
         if self._surveyed:
             self._kept = self._survey_from(first=0)
             _ = plan.table, plan.sensors  # errors in them are raised before samples arrive
@@ -147,7 +148,7 @@ class StreamReader:
     def state(self) -> str:
         """What the reader is doing: ``acquiring``, ``reference`` or ``reading``."""
         if self._receiver is not None:
-            return self._receiver.state
+            return self._exchanged or self._receiver.state
         return "reference" if self._kept is not None and self._kept.groups else "acquiring"
 
     def doubt_of(self, sensor: str) -> str:
@@ -208,10 +209,15 @@ class StreamReader:
         if better is self.plan:
             self._update_findings()
             return []
-        readings = self._receiver.finish()
-        self._use(better, last + 1)
-        self._receiver.begin_reference_at(kept.first)
-        return readings + self._read(kept.groups)
+        # Other threads see the state; the new receiver acquires before it gives the next reading.
+        self._exchanged = self._receiver.state
+        try:
+            readings = self._receiver.finish()
+            self._use(better, last + 1)
+            self._receiver.begin_reference_at(kept.first)
+            return readings + self._read(kept.groups)
+        finally:
+            self._exchanged = ""
 
     def _better(self, survey: Survey) -> Plan:
         """The plan in use, or another one where that suits the room as it is."""
