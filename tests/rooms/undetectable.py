@@ -9,7 +9,7 @@ docs/rooms.md.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from second_simulator import Line, delayed
+from second_simulator import Line, delayed, pressed
 
 from rooms import reflections
 from rooms.effects import TAG_DELAY_S, Effect, Switches
@@ -57,6 +57,21 @@ class SynchronousTag(Effect):
         s1, s2 = self.switches.on(first, len(block))
         late = self.late[: s1.shape[1]]
         block[:, : len(late)] += late * (s1 * self.ends[0] + s2 * self.ends[1])
+
+
+@dataclass
+class PushedSensor(Effect):
+    """Every press pushes the sensor away from the antennas, in proportion to its force."""
+
+    mm: float  # at 5 N
+
+    def alter_tag(self, tag, rng):
+        self.tag = tag
+
+    def begin(self, air, rng):
+        force = pressed(self.tag.tag, air.edges_s)[0]
+        moved_deg = np.degrees(reflections.RAD_PER_M) * 1e-3 * self.mm * force / 5.0
+        self.tag.drift_deg -= moved_deg[:, None]
 
 
 # What the table says of them; the line that was calibrated, and the effect.
@@ -111,4 +126,12 @@ CASES |= {
         reflections.HandPath(level),
     )
     for level in (-40, -30, -20, -10)
+}
+CASES |= {
+    f"pushed-{mm:g}mm": (
+        f"a press of 5 N pushes the sensor away by {mm:g} mm",
+        Line(),
+        PushedSensor(mm),
+    )
+    for mm in (0.1, 0.3, 1.0, 3.0)
 }
