@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike
 
 from ..io.readings import ESTIMATES, WEAK_FORCE_N, WEAK_PHASE_DEG, Flag, flag_bits
 from .antennas import curvature_deg
+from .average import ratio_variance
+from .gain_step import GainStep
 from .groups import Array, Groups
 from .motion import TouchedMotion
 from .near_path import NearPath
@@ -137,6 +139,7 @@ class SensorReadout:
         self._touch = TouchDetector(self._image(), group_period_s, drift_deg_per_sqrt_s)
         self._near_path = NearPath(group_period_s)
         self._motion = TouchedMotion()
+        self._gain_step = GainStep(group_period_s)
         self._evidence = PressEvidence(model, frequency_hz, self._off, group_period_s)
         self._retuned = False
         self._scale, self._former_scale = np.ones(2), np.ones(2)
@@ -169,6 +172,12 @@ class SensorReadout:
         touch, drift, drifting, scale, moved = self._decide_touch(
             groups, renewed, ratios, std, flags, readable, sensor
         )
+        if groups.reference_power is not None:
+            own = ratio_variance(groups)[:, ends]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                own_std = np.degrees(np.sqrt(own / 2) / np.abs(ratios))
+            stepped = self._gain_step.process(renewed, touch, ratios, own_std)
+            flags[stepped] |= Flag.MOVED.value
         near = self._near_path.process(groups.index, renewed, touch, ratios, std)
         std = np.hypot(np.hypot(std, drifting), near[:, None])
         if self._tag_ratio:

@@ -37,7 +37,8 @@ class Flag(enum.Flag):
     EXTRAPOLATED
         Force or location lie outside the calibrated span.
     MOVED
-        A phase step common to both ends: the tag or an antenna moved.
+        A phase step common to both ends: the tag or an antenna moved, or the receiver's gain
+        changed.
     SATURATED
         Samples of the group reached the converter's full scale.
 
