@@ -9,6 +9,7 @@ than the tag, and what its step leaves on the lines of the tag disturbs the grou
 from __future__ import annotations
 
 import math
+from collections import deque
 from typing import NamedTuple
 
 import numpy as np
@@ -21,14 +22,14 @@ _RISE = 3.0
 # a group of this length; it rises as groups get shorter. Presses of 1 ms cause 0.24 deg with groups
 # of 36 ms, 1.9 deg with 7 ms and 2.1 deg with 4 ms, steps of the gain 10, 88 and 150 deg with a
 # static path 50 dB above the tag.
-_CAUSED_DEG, _CAUSED_GROUP_S = 1.0, 0.036
+_CAUSED_DEG, _CAUSED_GROUP_S = 0.5, 0.036
 # Both magnitudes change by at least this, by so many standard deviations, and equally: their
 # difference is at most this share of the change. A step of 0.25 dB is 2.9 %.
 _LEAST_CHANGE, _STDS, _LARGEST_DIFFERENCE = 0.02, 5.0, 0.25
 # Time, and least groups, after a disturbance in which the magnitudes are compared: an average over
 # groups (scene key phase_group.smoothing_s) ends within it.
 _AFTER_S, _AFTER_GROUPS = 0.1, 3
-# Groups in a row whose magnitudes must agree: a single one may be a mixture of before and after.
+# Groups before and after whose magnitudes must all show it: one may hold the begin of a press.
 _AGREEING = 2
 # Untouched groups after which a step is forgotten. ``NearPath`` sees earlier ones.
 _FORGOTTEN_GROUPS = 3
@@ -66,7 +67,7 @@ class GainStep:
 
     def _forget(self) -> None:
         """Forget the groups so far, for a new reference."""
-        self._before: _Group | None = None
+        self._before: deque[_Group] = deque(maxlen=_AGREEING)
         self._disturbance, self._risen, self._compared = 0.0, 0, 0
         self._stepped, self._untouched, self._agreeing = False, 0, 0
 
@@ -103,9 +104,9 @@ class GainStep:
         self._untouched = 0 if touched else self._untouched + 1
         if self._untouched >= _FORGOTTEN_GROUPS:
             self._stepped = False
-        before = self._before
-        rises = before is not None and all(
-            std > _RISE * usual for std, usual in zip(group.stds, before.stds, strict=True)
+        rises = bool(self._before) and all(
+            std > _RISE * usual
+            for std, usual in zip(group.stds, self._before[-1].stds, strict=True)
         )
         self._risen = self._risen + 1 if rises else 0
         if self._risen > self._after:  # noise that lasts is no disturbance
@@ -113,9 +114,10 @@ class GainStep:
         elif rises:
             self._disturbance = max(self._disturbance, *group.stds)
             self._compared = self._after
-        elif before is not None and self._compared:
+        elif self._compared:
             self._compared -= 1
-            self._agreeing = self._agreeing + 1 if self._steps(before, group) else 0
+            steps = all(self._steps(before, group) for before in self._before)
+            self._agreeing = self._agreeing + 1 if steps else 0
             if self._agreeing >= _AGREEING:
                 self._stepped, self._compared = True, 0
                 self._untouched = 0
@@ -123,7 +125,8 @@ class GainStep:
                 self._compared = max(self._compared, 1)
         if not self._compared:
             self._agreeing = 0
-            self._before, self._disturbance, self._risen = group, 0.0, 0
+            self._before.append(group)
+            self._disturbance, self._risen = 0.0, 0
 
     def _steps(self, before: _Group, after: _Group) -> bool:
         """Whether the gain changed between two groups, with a disturbance between them."""
