@@ -69,7 +69,8 @@ class GainStep:
         """Forget the groups so far, for a new reference."""
         self._before: deque[_Group] = deque(maxlen=_AGREEING)
         self._disturbance, self._risen, self._compared = 0.0, 0, 0
-        self._stepped, self._untouched, self._agreeing = False, 0, 0
+        self._stepped, self._suspected = False, False
+        self._untouched, self._agreeing = 0, 0
 
     def process(self, renewed: Array, touch: Array, ratios: Array, std_deg: Array) -> Array:
         """Take a batch.
@@ -96,7 +97,7 @@ class GainStep:
                 self._forget()
             if touched >= 0 and all(map(math.isfinite, stds[row])):
                 self._follow(_Group(tuple(values[row]), tuple(stds[row])), touched == 1)
-            stepped[row] = (self._stepped or self._agreeing > 0) and touched == 1
+            stepped[row] = (self._stepped or self._suspected) and touched == 1
         return stepped
 
     def _follow(self, group: _Group, touched: bool) -> None:
@@ -114,19 +115,25 @@ class GainStep:
         elif rises:
             self._disturbance = max(self._disturbance, *group.stds)
             self._compared = self._after
+            # Most of the group may follow the step.
+            self._suspected = self._differs(group)
         elif self._compared:
             self._compared -= 1
-            steps = all(self._steps(before, group) for before in self._before)
-            self._agreeing = self._agreeing + 1 if steps else 0
+            self._suspected = self._differs(group)
+            self._agreeing = self._agreeing + 1 if self._suspected else 0
             if self._agreeing >= _AGREEING:
                 self._stepped, self._compared = True, 0
                 self._untouched = 0
             elif self._agreeing:
                 self._compared = max(self._compared, 1)
         if not self._compared:
-            self._agreeing = 0
+            self._suspected, self._agreeing = False, 0
             self._before.append(group)
             self._disturbance, self._risen = 0.0, 0
+
+    def _differs(self, group: _Group) -> bool:
+        """Whether the gain in a group is not that of the groups before the disturbance."""
+        return all(self._steps(before, group) for before in self._before)
 
     def _steps(self, before: _Group, after: _Group) -> bool:
         """Whether the gain changed between two groups, with a disturbance between them."""
