@@ -115,8 +115,9 @@ class GainStep:
         elif rises:
             self._disturbance = max(self._disturbance, *group.stds)
             self._compared = self._after
-            # Most of the group may follow the step.
-            self._suspected = self._differs(group)
+            # Most of the group may follow the step. Its noise excuses no difference of the ends,
+            # which presses cause.
+            self._suspected = self._differs(_Group(group.ratios, self._before[-1].stds))
         elif self._compared:
             self._compared -= 1
             self._suspected = self._differs(group)
