@@ -18,10 +18,11 @@ def settings(cpuinfo=Path("/proc/cpuinfo")):
     """
     chosen = {"OPENBLAS_NUM_THREADS": "1"}
     try:
-        lines = cpuinfo.read_text(encoding="utf-8", errors="replace").splitlines()
+        # Only up to the first processor's flags: many processors take long to list.
+        with cpuinfo.open(encoding="utf-8", errors="replace") as lines:
+            flags = next((line.split() for line in lines if line.startswith("flags")), [])
     except OSError:
         return chosen
-    flags = next((line.split() for line in lines if line.startswith("flags")), [])
     if {"avx2", "fma"} <= set(flags):
         chosen["OPENBLAS_CORETYPE"] = "Haswell"
     return chosen

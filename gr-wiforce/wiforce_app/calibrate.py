@@ -7,9 +7,10 @@ import click
 import numpy as np
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.textfile import check_output
+from gnuradio.wiforce.signal.carrier import CARRIERS_HZ
 
 from .guide import complete_settings, guide, guided_options, table_of
-from .options import CALIBRATED_CARRIER_HZ, FiniteRange, Number
+from .options import FiniteRange, Number
 
 _REPORTED_FORCES_N = (2.0, 4.0, 6.0, 8.0)
 _FORMS = ("auto", "auto-beyond", "cubic", "power", "spline")
@@ -34,7 +35,7 @@ _STEPS = ("nearest", "given", "line")
 @click.argument("table", type=click.Path(), required=False)
 @click.option("-o", "--output", required=True, type=click.Path(), help="SENSOR.yaml to write.")
 @click.option(
-    "--frequency-hz", type=CALIBRATED_CARRIER_HZ, help="Carrier, where the file does not say."
+    "--frequency-hz", type=FiniteRange(*CARRIERS_HZ), help="Carrier, where the file does not say."
 )
 @click.option(
     "--kind",

@@ -37,7 +37,6 @@ class IntegerRange(click.IntRange):
 
 
 CARRIER_HZ = FiniteRange(0, 1e12, min_open=True)
-CALIBRATED_CARRIER_HZ = FiniteRange(1e6, 1e11)  # as in a scene
 
 capture_scene = click.option(
     "--scene",

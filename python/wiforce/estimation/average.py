@@ -71,19 +71,19 @@ class SubcarrierAverage:
         Returns
         -------
         Groups
-            With ``ratios`` and ``phase_std_deg``, infinite for an end that was not received or has
-            no reference; without ``changes``.
+            With ``ratios``, ``group_variance`` and ``phase_std_deg``, infinite for an end that was
+            not received or has no reference; without ``changes``.
         """
         if not len(groups):
             return groups
         ratios = np.einsum("gek,gk->ge", groups.changes, subcarrier_weights(groups.noise))
-        variance = ratio_variance(groups)
+        variance = of_group = ratio_variance(groups)
         if self._smoothing > 1:
             ratios, variance = self._smooth(groups, ratios, variance)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            std = np.degrees(np.sqrt(variance / 2) / np.abs(ratios))
-        std = np.where(np.abs(ratios) > 0, std, np.inf)
-        return groups.having(changes=None, ratios=ratios, phase_std_deg=std)
+        std = phase_std_deg(ratios, variance)
+        return groups.having(
+            changes=None, ratios=ratios, phase_std_deg=std, group_variance=of_group
+        )
 
     def _smooth(self, groups: Groups, ratios: Array, variance: Array) -> tuple[Array, Array]:
         means, variances = np.empty_like(ratios), np.empty_like(variance)
@@ -96,6 +96,32 @@ class SubcarrierAverage:
                 own = slice(2 * i, 2 * i + 2)
                 means[row, own], variances[row, own] = window.update(values[own], spreads[own])
         return means, variances
+
+
+def phase_std_deg(ratios: Array, variance: Array) -> Array:
+    """Standard deviation of the phase of ratios with complex noise.
+
+    Parameters
+    ----------
+    ratios : ndarray of complex
+        R.
+    variance : ndarray, of the same shape
+        Of R.
+
+    Returns
+    -------
+    ndarray, of the same shape
+        In degrees; infinite where R is 0.
+
+    Examples
+    --------
+    >>> phase_std_deg(np.array([1j, 0.0]), np.full(2, 2e-4)).round(3).tolist()
+    [0.573, inf]
+    """
+    magnitude = np.abs(ratios)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        std = np.degrees(np.sqrt(variance / 2) / magnitude)
+    return np.where(magnitude > 0, std, np.inf)
 
 
 def ratio_variance(groups: Groups) -> Array:

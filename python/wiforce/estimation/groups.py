@@ -112,6 +112,8 @@ class Groups:
         By the average: R_i.
     phase_std_deg : ndarray, shape (G, 2S)
         Standard deviation of arg R_i; infinite where there is no ratio.
+    group_variance : ndarray, shape (G, 2S)
+        Variance of R_i by the noise of the group itself, without an average over groups.
     touch : ndarray of int, shape (G, S)
         By the readout: 1, 0, or -1 where it is unknown.
     phases_deg : ndarray, shape (G, S, 2)
@@ -158,6 +160,7 @@ class Groups:
     reference_gain: Array = _set_by_stage()
     ratios: Array = _set_by_stage()
     phase_std_deg: Array = _set_by_stage()
+    group_variance: Array = _set_by_stage()
     touch: Array = _set_by_stage()
     phases_deg: Array = _set_by_stage()
     force_n: Array = _set_by_stage()

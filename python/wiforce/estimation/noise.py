@@ -296,11 +296,6 @@ def raised_subcarriers(ratios: Array, freedom: int) -> Array:
     ndarray, shape (K,)
         All 1 where the lower quartile of the ratios is raised as well.
 
-    Notes
-    -----
-    The limit is that of a chi-squared variable of 2 ``freedom`` degrees of freedom by the
-    approximation of E. B. Wilson and M. M. Hilferty (1931).
-
     Examples
     --------
     >>> ratios = np.ones(62)
@@ -320,10 +315,34 @@ def raised_subcarriers(ratios: Array, freedom: int) -> Array:
 
 
 def _raised_limit(freedom: int) -> float:
-    return max(
-        (1 - 1 / (9 * freedom) + _RAISED_STDS / (3 * freedom**0.5)) ** 3,
-        _LEAST_RAISED,
-    )
+    return max(chi_squared_limit(freedom, _RAISED_STDS), _LEAST_RAISED)
+
+
+def chi_squared_limit(freedom: float, stds: float) -> float:
+    """Value that a mean of squares exceeds as seldom as a normal variable so many deviations.
+
+    Parameters
+    ----------
+    freedom : float
+        Complex degrees of freedom of the mean, whose expectation is 1.
+    stds : float
+        Standard deviations of the normal variable.
+
+    Returns
+    -------
+    float
+
+    Notes
+    -----
+    Approximation of a chi-squared variable of 2 ``freedom`` degrees of freedom by E. B. Wilson and
+    M. M. Hilferty (1931).
+
+    Examples
+    --------
+    >>> round(chi_squared_limit(124, 5.6), 2)
+    1.59
+    """
+    return (1 - 1 / (9 * freedom) + stds / (3 * freedom**0.5)) ** 3
 
 
 def robust_noise(residuals: Array, freedom: int) -> Array:

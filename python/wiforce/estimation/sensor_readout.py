@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..io.readings import ESTIMATES, WEAK_FORCE_N, WEAK_PHASE_DEG, Flag, flag_bits
 from .antennas import curvature_deg
-from .average import ratio_variance
+from .average import phase_std_deg
 from .gain_step import GainStep
 from .groups import Array, Groups
 from .motion import TouchedMotion
@@ -172,11 +172,9 @@ class SensorReadout:
         touch, drift, drifting, scale, moved = self._decide_touch(
             groups, renewed, ratios, std, flags, readable, sensor
         )
-        if groups.reference_power is not None:
-            own = ratio_variance(groups)[:, ends]
-            with np.errstate(divide="ignore", invalid="ignore"):
-                own_std = np.degrees(np.sqrt(own / 2) / np.abs(ratios))
-            stepped = self._gain_step.process(renewed, touch, ratios, own_std)
+        if groups.group_variance is not None:
+            of_group = phase_std_deg(ratios, groups.group_variance[:, ends])
+            stepped = self._gain_step.process(renewed, touch, ratios, of_group)
             flags[stepped] |= Flag.MOVED.value
         near = self._near_path.process(groups.index, renewed, touch, ratios, std)
         std = np.hypot(np.hypot(std, drifting), near[:, None])

@@ -20,6 +20,7 @@ from ..signal.waveform import FFT_LENGTH, Waveform
 from .clock_lines import ClockLine, find_clocks, vertex
 from .frame import whole_frames
 from .groups import Array
+from .noise import chi_squared_limit
 from .sources import MAINS_HZ, RoomLine, Source, identify
 from .tracked_tag import TagClock
 
@@ -327,15 +328,13 @@ def _significant(spectrum: Array, subcarriers: int) -> float:
 
     Phase noise within a frame, which remains in the ratio of two antennas, is the same on all
     subcarriers, so their mean varies more. The lower half of the spectrum shows by how much, since
-    lines do not reach it; the approximation is that of E. B. Wilson and M. M. Hilferty (1931).
+    lines do not reach it.
     """
     low, middle = np.quantile(spectrum, (0.159, 0.5))
     looks = (middle / max(middle - low, 1e-9)) ** 2
     if looks > subcarriers:
         return _SIGNIFICANT
-    return float(
-        max(_SIGNIFICANT, (1 - 1 / (9 * looks) + _SIGNIFICANT_STDS / (3 * looks**0.5)) ** 3)
-    )
+    return max(_SIGNIFICANT, float(chi_squared_limit(looks, _SIGNIFICANT_STDS)))
 
 
 def _take_lines(frequency_hz: Array, spectrum: Array, excess: Array, count: int) -> list[RoomLine]:

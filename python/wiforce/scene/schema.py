@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from ..io.schema import DRAFT_7, ListOf, Mapping, declared, json_schema, key, plain
 from ..io.values import AutomaticNumber, Choice, Integer, Number, Text
 from ..signal.bands import BANDS
+from ..signal.carrier import CARRIERS_HZ
 from ..signal.waveform import PREAMBLE_LENGTH, Waveform, sounding_waveform
 from .mains import FREQUENCIES_HZ, Mains, MainsFrequency
 from .off_reflection import OffReflection
@@ -33,7 +34,7 @@ class Radio:
     """
 
     center_frequency_hz: float = key(
-        Number(unit="Hz", low=1e6, high=100e9),
+        Number(unit="Hz", low=CARRIERS_HZ[0], high=CARRIERS_HZ[1]),
         default=900e6,
         doc="Carrier frequency, within 10 % of one that every sensor model holds.",
     )

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import InputError
-from ..signal.carrier import same_carrier
+from ..signal.carrier import CARRIERS_HZ, same_carrier
 from . import curves, line
 from .checks import check_places, continuous_phase, split_untouched
 from .sweeps import sweep_directions
@@ -16,8 +16,6 @@ from .tables import CalibrationTable
 _FORCES_COMPARED = 9
 # Relative difference below which two frequencies of a table are the same carrier.
 _CARRIER_TOLERANCE = 1e-3
-# Carriers that a scene can have, in Hz.
-_CARRIERS_HZ = 1e6, 100e9
 
 
 @dataclass(frozen=True)
@@ -110,9 +108,9 @@ def carriers_of(table: CalibrationTable) -> list[float]:
     """
     carriers: list[float] = []
     for frequency in np.unique(table.frequency_hz):
-        if not _CARRIERS_HZ[0] <= frequency <= _CARRIERS_HZ[1]:
+        if not CARRIERS_HZ[0] <= frequency <= CARRIERS_HZ[1]:
             index = int(np.argmax(table.frequency_hz == frequency))
-            least, most = (limit / 1e6 for limit in _CARRIERS_HZ)
+            least, most = (limit / 1e6 for limit in CARRIERS_HZ)
             rule = f"must be positive, from {least:g} to {most:g} MHz"
             raise InputError(f"{table.at(index)}: freq_mhz", rule, frequency / 1e6)
         if not carriers or frequency > carriers[-1] * (1 + _CARRIER_TOLERANCE):

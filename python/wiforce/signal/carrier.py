@@ -5,6 +5,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 SPEED_OF_LIGHT_M_S = 299_792_458.0
+# Lowest and highest carrier of scenes and of what is calibrated for them, in Hz.
+CARRIERS_HZ = 1e6, 100e9
 # Relative distance within which a sensor's phases at a carrier are taken as valid: 0.9 MHz at
 # 900 MHz. Channels that are calibrated separately lie further apart.
 _TOLERANCE = 1e-3
