@@ -69,7 +69,7 @@ class History(QWidget):
                 for item in items:
                     plot.removeItem(item)
         newest, largest = 0.0, _LEAST_FORCE_N
-        for name, track in tracks.items():
+        for track in tracks.values():
             largest = max(largest, self._largest_force(track))
             if track.latest is not None:
                 newest = max(newest, track.latest.time_s)
