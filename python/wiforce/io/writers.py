@@ -2,17 +2,16 @@
 """Files of readings, written a row at a time: CSV or JSON lines."""
 
 import csv
-import fcntl
 import json
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from io import FileIO
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from ..errors import InputError, OutputError
+from ..errors import InputError
 from .appending import prepare_append
+from .output_file import OutputFile
 from .readings import COLUMNS, Reading
 from .textfile import check_output
 
@@ -67,9 +66,7 @@ class ReadingsWriter:
         self._path, self._form, self._append = path, form, append
         self._header, self._begun = header, False
         self.rows = 0
-        self._file: FileIO | None = None
-        self._complete_bytes = 0
-        self._failure: OutputError | None = None
+        self._file: OutputFile | None = None
         if path is not None:
             check_output(path, inputs)
             if Path(path).exists() and not Path(path).is_file():
@@ -140,64 +137,26 @@ class ReadingsWriter:
         if self._begun:
             return self
         if self._path is not None:
-            try:
-                self._file = open(self._path, "ab", buffering=0)
-                if Path(self._path).is_file():
-                    self._prepare(self._path, self._file)
-            except InputError:
-                raise
-            except (OSError, ValueError) as error:
-                reason = getattr(error, "strerror", None) or error
-                raise InputError(self._path, f"cannot be written ({reason})") from error
+            continued = self._append and Path(self._path).is_file()
+            self._file = OutputFile(self._path, append=continued)
+            if continued:
+                self._file.size_bytes = prepare_append(self._path, self._header)
         self._begun = True
-        if not self._complete_bytes:
+        if not self.size_bytes:
             self._put(self._header)
         return self
-
-    def _prepare(self, path: str | Path, file: FileIO) -> None:
-        """Empty a regular file or prepare to append, unless another run writes to it."""
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            file.close()
-            self._file = None
-            raise InputError(path, "is being written to by another process") from None
-        except OSError:
-            pass  # a file system without locks
-        if self._append:
-            self._complete_bytes = prepare_append(path, self._header)
-        else:
-            file.truncate(0)
 
     @property
     def size_bytes(self) -> int:
         """Size of the file."""
-        return self._complete_bytes
+        return 0 if self._file is None else self._file.size_bytes
 
     def _put(self, text: str) -> None:
         if self._file is None:
             sys.stdout.write(text)
             sys.stdout.flush()
-            return
-        if self._failure is not None:
-            raise self._failure
-        data = text.encode()
-        written = 0
-        try:
-            while written < len(data):
-                written += self._file.write(data[written:])
-        except OSError as error:
-            self._remove_partial_row(self._file)
-            rule = f"cannot be written further ({error.strerror}); all rows until then are kept"
-            self._failure = OutputError(self._path, rule)
-            raise self._failure from error
-        self._complete_bytes += len(data)
-
-    def _remove_partial_row(self, file: FileIO) -> None:
-        try:
-            file.truncate(self._complete_bytes)
-        except OSError:
-            pass  # not a regular file
+        else:
+            self._file.write(text.encode())
 
 
 class _LineBuffer:
