@@ -13,9 +13,25 @@ from gnuradio.wiforce.io.zmq_keys import ServerKeys
 from gnuradio.wiforce.io.zmq_sockets import endpoint_of, is_loopback
 from gnuradio.wiforce.scene import load_scene
 
-from .live_outputs import STAMP_COLUMNS, LiveOutputs, ReadingsFile, ZmqMessages
+from .file_outputs import open_mcap, provenance
+from .live_outputs import (
+    STAMP_COLUMNS,
+    FoxgloveMessages,
+    LiveOutputs,
+    LslStreams,
+    McapFile,
+    ReadingsFile,
+    ZmqMessages,
+)
 from .log import FORMATS, LEVELS, log
-from .options import FiniteRange, IntegerRange, radio_options, readings_output, tracked_presses
+from .options import (
+    FiniteRange,
+    IntegerRange,
+    mcap_output,
+    radio_options,
+    readings_output,
+    tracked_presses,
+)
 from .radio_request import RECEIVE_S, DeviceLost, RadioRequest
 
 _LOOK_S = 0.1
@@ -53,6 +69,20 @@ FAILED, BAD_INPUT = 1, 2
     type=click.Path(),
     metavar="FOLDER",
     help="Encrypt both, and accept the clients whose keys are in FOLDER (gr-wiforce keys).",
+)
+@mcap_output
+@click.option(
+    "--foxglove",
+    metavar="[ADDRESS:]PORT",
+    help="Serve the same messages to Foxglove, at a port of this machine or of ADDRESS.",
+)
+@click.option(
+    "--lsl",
+    is_flag=False,
+    flag_value="machine",
+    type=click.Choice(["machine", "network"]),
+    help="Offer a stream of the Lab Streaming Layer for each sensor, to this machine (default) or "
+    "to its network.",
 )
 @tracked_presses
 @click.option(
@@ -93,6 +123,9 @@ def live(
     zmq_endpoint,
     control,
     zmq_keys,
+    mcap,
+    foxglove,
+    lsl,
     tracked,
     latency,
     duration,
@@ -112,15 +145,17 @@ def live(
     keys = _checked_keys(zmq_endpoint, control, zmq_keys)
     request = radio_request(args, scene, receive_s=RECEIVE_S[latency], **radio)
     rotation = Rotation.of(rotate, keep)
+    metadata = provenance(scene)
     try:
         with (
-            open_rotating(output, rotation, scene.files, STAMP_COLUMNS, append) as writer,
+            open_rotating(output, rotation, scene.files, STAMP_COLUMNS, append, metadata) as writer,
             LiveOutputs() as outputs,
         ):
             if zmq_endpoint is not None:
                 outputs.add(ZmqMessages(zmq_endpoint, keys))
                 if keys is None:
                     _warn_of_strangers(zmq_endpoint)
+            _add_robotics_and_laboratory(outputs, scene, mcap, foxglove, lsl, metadata)
             outputs.add(ReadingsFile(writer))
             session = _make_session(scene, request, outputs, tracked, record)
             _run(session, request, outputs, control, keys, duration, reconnect)
@@ -144,6 +179,18 @@ def _checked_keys(zmq_endpoint, control, folder):
     if control is not None and not is_loopback(given["--control"]):
         raise InputError("--control", "needs --zmq-keys for an address beyond loopback", control)
     return None
+
+
+def _add_robotics_and_laboratory(outputs, scene, mcap, foxglove, lsl, metadata):
+    if mcap is not None:
+        outputs.add(McapFile(open_mcap(mcap, scene.files, metadata)))
+    if foxglove is not None:
+        outputs.add(FoxgloveMessages(foxglove))
+        if not is_loopback(f"tcp://{foxglove}" if ":" in foxglove else "tcp://127.0.0.1:0"):
+            log.warning(f"--foxglove {foxglove}: everybody who reaches this address can read")
+    if lsl is not None:
+        details = {"version": metadata["wiforce:version"], "scene": metadata["wiforce:scene"]}
+        outputs.add(LslStreams(scene, lsl, details))
 
 
 def _warn_of_strangers(zmq_endpoint):

@@ -101,6 +101,70 @@ class ZmqMessages(Output):
         self._publisher.close()
 
 
+class McapFile(Output):
+    """An MCAP file of readings and health."""
+
+    def __init__(self, writer):
+        self._writer, self._begun = writer, False
+
+    def begin(self) -> None:
+        """Replace the content of the file."""
+        self._writer.begin()
+        self._begun = True
+
+    def take(self, reading: Reading, stamp: Mapping[str, Any]) -> None:
+        """Write the messages of a reading."""
+        self._writer.write(reading, stamp)
+
+    def send(self, kind: str, report: Mapping[str, Any]) -> None:
+        """Write a report."""
+        self._writer.write_health(report)
+
+    def close(self) -> None:
+        """End the file; a run that was refused leaves the former one as it was."""
+        if self._begun:
+            self._writer.close()
+
+
+class FoxgloveMessages(Output):
+    """The messages of an MCAP file for Foxglove clients."""
+
+    def __init__(self, address: str):
+        from gnuradio.wiforce.io.foxglove_server import FoxgloveServer
+
+        self._server = FoxgloveServer(address)
+
+    def take(self, reading: Reading, stamp: Mapping[str, Any]) -> None:
+        """Send one reading."""
+        self._server.publish(reading, stamp)
+
+    def send(self, kind: str, report: Mapping[str, Any]) -> None:
+        """Send a report."""
+        self._server.publish_health(report)
+
+    def close(self) -> None:
+        """Disconnect all clients."""
+        self._server.close()
+
+
+class LslStreams(Output):
+    """A stream of the Lab Streaming Layer for each sensor."""
+
+    def __init__(self, scene, reach: str, details: Mapping[str, str]):
+        from gnuradio.wiforce.io.lsl_outlets import LslOutlets
+
+        network = reach == "network"
+        self._outlets = LslOutlets(scene.sensor_names, scene.group_period_s, network, details)
+
+    def take(self, reading: Reading, stamp: Mapping[str, Any]) -> None:
+        """Send one sample."""
+        self._outlets.push(reading, stamp["time_utc"])
+
+    def close(self) -> None:
+        """End the streams."""
+        self._outlets.close()
+
+
 class LiveOutputs:
     """All outputs of a run. As a context manager it closes them, the latest first.
 

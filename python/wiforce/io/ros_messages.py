@@ -214,13 +214,15 @@ def built(type_name: str, fields: Mapping[str, Any], class_of: Callable[[str], t
     return class_of(type_name.replace("/msg/", "/"))(**values)
 
 
-def _sensor_state(health):
+def _sensor_state(health: Mapping[str, Any]) -> tuple[int, str]:
     if not health["received"]:
         return _ERROR, "not received"
     return (_WARN, health["doubt"]) if health["doubt"] else (_OK, "received")
 
 
-def _status(name, level, text, run, values):
+def _status(
+    name: str, level: int, text: str, run: str, values: Mapping[str, Any]
+) -> dict[str, Any]:
     pairs = [{"key": key, "value": value} for key, value in _pairs(values)]
     return {
         "level": level,
@@ -231,7 +233,7 @@ def _status(name, level, text, run, values):
     }
 
 
-def _pairs(values, prefix=""):
+def _pairs(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
     for key, value in values.items():
         if isinstance(value, Mapping):
             yield from _pairs(value, f"{prefix}{key}.")
@@ -239,7 +241,7 @@ def _pairs(values, prefix=""):
             yield f"{prefix}{key}", "" if value is None else str(value)
 
 
-def _header(stamp_ns, frame):
+def _header(stamp_ns: int | None, frame: str) -> dict[str, Any]:
     seconds, nanoseconds = divmod(stamp_ns or 0, 10**9)
     return {"stamp": {"sec": seconds, "nanosec": nanoseconds}, "frame_id": frame}
 
@@ -254,5 +256,5 @@ def _number(value: float | None) -> float:
     return math.nan if value is None else float(value)
 
 
-def _vector(y=0.0, z=0.0):
+def _vector(y: float = 0.0, z: float = 0.0) -> dict[str, float]:
     return {"x": 0.0, "y": y, "z": z}

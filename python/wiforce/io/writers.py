@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files of readings, written a row at a time: CSV or JSON lines."""
+"""Files of readings, written a row at a time: CSV or JSON lines; Parquet by parquet.py."""
 
 import csv
 import json
@@ -12,6 +12,7 @@ from typing import Any
 from ..errors import InputError
 from .appending import prepare_append
 from .output_file import OutputFile
+from .parquet import ParquetWriter
 from .readings import COLUMNS, Reading
 from .textfile import check_output
 
@@ -175,28 +176,32 @@ def open_writer(
     inputs: Iterable[str | Path] = (),
     also: Sequence[str] = (),
     append: bool = False,
-) -> ReadingsWriter:
+    metadata: Mapping[str, str] | None = None,
+) -> ReadingsWriter | ParquetWriter:
     """A writer of readings in the format that the file's suffix names.
 
     Parameters
     ----------
     path : str or Path, optional
-        ``.csv``, or ``.jsonl`` for JSON lines; None writes CSV to standard output.
+        ``.csv``, ``.jsonl`` for JSON lines, or ``.parquet``; None writes CSV to standard output.
     inputs : iterable of str or Path, optional
         Files that the readings are made from, none of which may be written to.
     also : sequence of str
         Columns that follow those of a reading, and that each ``write`` is given.
     append : bool
         Keep the previous content of the file, and write no second header.
+    metadata : mapping of str to str, optional
+        What a Parquet file says of its readings; the other formats hold rows only.
 
     Returns
     -------
-    ReadingsWriter
+    ReadingsWriter or ParquetWriter
 
     Raises
     ------
     InputError
-        For another suffix, a path that cannot be written to, or an input.
+        For another suffix, a path that cannot be written to, an input, or a Parquet file without
+        pyarrow or to be appended to.
 
     Examples
     --------
@@ -213,7 +218,11 @@ def open_writer(
             inputs=inputs,
             append=append,
         )
+    if path is not None and name.endswith(".parquet"):
+        if append:
+            raise InputError(path, "nothing can be appended to Parquet; use .csv or .jsonl")
+        return ParquetWriter(path, inputs, also, metadata)
     if path is not None and not name.endswith(".csv"):
-        raise InputError(path, "output must end in .csv or .jsonl")
+        raise InputError(path, "output must end in .csv, .jsonl or .parquet")
     columns = _csv_line((*COLUMNS, *also))
     return ReadingsWriter(path, lambda row: _csv_line(row.values()), columns, inputs, append)
