@@ -8,6 +8,7 @@ import threading
 import click
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.capture_files import recording_stem
+from gnuradio.wiforce.io.foxglove_server import host_and_port
 from gnuradio.wiforce.io.rotation import Rotation, open_rotating
 from gnuradio.wiforce.io.zmq_keys import ServerKeys
 from gnuradio.wiforce.io.zmq_sockets import endpoint_of, is_loopback
@@ -185,8 +186,9 @@ def _add_robotics_and_laboratory(outputs, scene, mcap, foxglove, lsl, metadata):
     if mcap is not None:
         outputs.add(McapFile(open_mcap(mcap, scene.files, metadata)))
     if foxglove is not None:
-        outputs.add(FoxgloveMessages(foxglove))
-        if not is_loopback(f"tcp://{foxglove}" if ":" in foxglove else "tcp://127.0.0.1:0"):
+        outputs.add(FoxgloveMessages(foxglove, scene.sensor_names))
+        host, _ = host_and_port(foxglove, "--foxglove")
+        if not is_loopback(f"tcp://{host}:0"):
             log.warning(f"--foxglove {foxglove}: everybody who reaches this address can read")
     if lsl is not None:
         details = {"version": metadata["wiforce:version"], "scene": metadata["wiforce:scene"]}

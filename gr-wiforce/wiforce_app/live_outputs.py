@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Outputs of a live run: any number of them behind one interface."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
 from typing import Any
 
@@ -129,10 +129,10 @@ class McapFile(Output):
 class FoxgloveMessages(Output):
     """The messages of an MCAP file for Foxglove clients."""
 
-    def __init__(self, address: str):
+    def __init__(self, address: str, sensors: Iterable[str]):
         from gnuradio.wiforce.io.foxglove_server import FoxgloveServer
 
-        self._server = FoxgloveServer(address)
+        self._server = FoxgloveServer(address, sensors)
 
     def take(self, reading: Reading, stamp: Mapping[str, Any]) -> None:
         """Send one reading."""

@@ -2,14 +2,14 @@
 """Readings and health as ROS 2 messages for Foxglove, by its WebSocket protocol."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from ..errors import InputError
 from .optional import optional_module
 from .readings import Reading
 from .ros_definitions import complete_definition
-from .ros_messages import RosMessage, health_message, reading_messages
+from .ros_messages import RosMessage, health_message, reading_messages, topics_of
 
 _NEEDS = "foxglove-sdk mcap-ros2-support"
 # Messages that wait for a client: some 4 s of one sensor. Of a slower client the oldest are
@@ -55,6 +55,8 @@ class FoxgloveServer:
     ----------
     address : str
         As for :func:`host_and_port`.
+    sensors : iterable of str
+        Clients learn of their topics when they connect, before there is a message.
     option : str
         Name of the option, for messages.
 
@@ -65,19 +67,21 @@ class FoxgloveServer:
 
     Examples
     --------
-    >>> server = FoxgloveServer("8765")  # doctest: +SKIP
+    >>> server = FoxgloveServer("8765", ["arm"])  # doctest: +SKIP
     >>> server.publish(Reading(0.018, "arm"), {"run": "r"})  # doctest: +SKIP
     """
 
-    def __init__(self, address: str, option: str = "--foxglove") -> None:
+    def __init__(self, address: str, sensors: Iterable[str], option: str = "--foxglove") -> None:
         host, port = host_and_port(address, option)
         self._foxglove = optional_module("foxglove", option, _NEEDS)
         # The package's writer uses the same function; it offers no other way to encode a message.
         self._encoding = optional_module("mcap_ros2._dynamic", option, _NEEDS)
         self._foxglove.set_log_level("ERROR")
         self._context = self._foxglove.Context()
-        self._channels: dict[str, Any] = {}
         self._encoders: dict[str, Any] = {}
+        self._channels = {
+            topic: self._channel_of(topic, kind) for topic, kind in topics_of(sensors).items()
+        }
         try:
             self._server = self._foxglove.start_server(
                 name="gr-wiforce",
@@ -116,18 +120,16 @@ class FoxgloveServer:
         self._server.stop()
 
     def _send(self, message: RosMessage) -> None:
-        channel = self._channels.get(message.topic)
-        if channel is None:
-            channel = self._channels[message.topic] = self._channel_of(message)
+        channel = self._channels[message.topic]
         if channel.has_sinks():
             encoded = self._encoders[message.type](message.fields)
             channel.log(encoded, log_time=message.stamp_ns)
 
-    def _channel_of(self, message: RosMessage) -> Any:
-        name, text = message.type, complete_definition(message.type)
+    def _channel_of(self, topic: str, name: str) -> Any:
+        text = complete_definition(name)
         if name not in self._encoders:
             self._encoders[name] = self._encoding.serialize_dynamic(name, text)[name]
         schema = self._foxglove.Schema(name=name, encoding="ros2msg", data=text.encode())
         return self._foxglove.Channel(
-            message.topic, schema=schema, message_encoding="cdr", context=self._context
+            topic, schema=schema, message_encoding="cdr", context=self._context
         )

@@ -34,6 +34,7 @@ _QUIET = "[log]\nlevel = -2\n"
 # Where liblsl looks for its settings.
 _SETTINGS = ("lsl_api.cfg", "~/lsl_api/lsl_api.cfg", "/etc/lsl_api/lsl_api.cfg")
 _COMPARISONS = 3
+_LINGER_S = 0.2
 
 
 class LslOutlets:
@@ -101,7 +102,9 @@ class LslOutlets:
         self._outlets[reading.sensor].push_sample(values, lsl_s)
 
     def close(self) -> None:
-        """End the streams."""
+        """End the streams; what was just sent still has a moment to leave."""
+        if any(outlet.have_consumers() for outlet in self._outlets.values()):
+            time.sleep(_LINGER_S)
         self._outlets.clear()
 
     def _outlet(self, sensor: str, period_s: float, details: Mapping[str, str]) -> Any:

@@ -3,7 +3,7 @@
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Any
@@ -15,6 +15,8 @@ _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _OK, _WARN, _ERROR = 0, 1, 2
 _LEVELS = {"reading": _OK, "lost": _ERROR}
 _TOUCH_UNKNOWN = -1
+_HEALTH_TOPIC = "/diagnostics"  # where ROS tools expect it
+_CLEAR, _DOUBTFUL = "wrench", "wrench_doubtful"
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,29 @@ def topic_of(sensor: str, name: str) -> str:
     # ROS permits neither digits at the start of a part of a name nor repeated underscores.
     token = re.sub("__+", "_", f"_{token}" if token[:1].isdigit() else token)
     return f"/wiforce/{token}/{name}"
+
+
+def topics_of(sensors: Iterable[str]) -> dict[str, str]:
+    """All topics of a run, with the types of their messages.
+
+    Parameters
+    ----------
+    sensors : iterable of str
+
+    Returns
+    -------
+    dict of str to str
+
+    Examples
+    --------
+    >>> list(topics_of(["arm"]))[:3]
+    ['/diagnostics', '/wiforce/arm/reading', '/wiforce/arm/wrench']
+    """
+    topics = {_HEALTH_TOPIC: DIAGNOSTICS}
+    for sensor in sensors:
+        topics[topic_of(sensor, "reading")] = READING
+        topics |= {topic_of(sensor, name): WRENCH for name in (_CLEAR, _DOUBTFUL)}
+    return topics
 
 
 def ros_messages(message: Mapping[str, Any]) -> Iterator[RosMessage]:
@@ -141,7 +166,7 @@ def reading_messages(row: Mapping[str, Any]) -> Iterator[RosMessage]:
     torque_nm = 0.0 if untouched else force_n * fields["location_mm"] / 1000
     wrench = {"force": _vector(z=0.0 - force_n), "torque": _vector(y=torque_nm)}
     doubtful = bool(words) or not math.isfinite(torque_nm)
-    topic = topic_of(sensor, "wrench_doubtful" if doubtful else "wrench")
+    topic = topic_of(sensor, _DOUBTFUL if doubtful else _CLEAR)
     yield RosMessage(topic, WRENCH, {"header": header, "wrench": wrench}, stamp_ns)
 
 
@@ -178,7 +203,7 @@ def health_message(report: Mapping[str, Any]) -> RosMessage:
         level, text = _sensor_state(health)
         status.append(_status(sensor, level, text, run, health))
     fields = {"header": _header(stamp_ns, ""), "status": status}
-    return RosMessage("/diagnostics", DIAGNOSTICS, fields, stamp_ns)
+    return RosMessage(_HEALTH_TOPIC, DIAGNOSTICS, fields, stamp_ns)
 
 
 def built(type_name: str, fields: Mapping[str, Any], class_of: Callable[[str], type]) -> Any:
