@@ -59,7 +59,7 @@ class ReadingsWriter:
     def __init__(
         self,
         path: str | Path | None,
-        form: Callable[[dict[str, Any]], str],
+        form: Callable[[Mapping[str, Any]], str],
         header: str = "",
         inputs: Iterable[str | Path] = (),
         append: bool = False,
@@ -103,8 +103,23 @@ class ReadingsWriter:
             When it cannot be written, as on a full disk; the file then ends with the previous
             row, and later rows are refused.
         """
+        self.write_row({**reading.row(), **(more or {})})
+
+    def write_row(self, row: Mapping[str, Any]) -> None:
+        """Write one reading given as a row.
+
+        Parameters
+        ----------
+        row : mapping
+            All columns, in their order.
+
+        Raises
+        ------
+        OutputError
+            As :meth:`write`.
+        """
         self.begin()
-        self._put(self._form({**reading.row(), **(more or {})}))
+        self._put(self._form(row))
         self.rows += 1
 
     def close(self) -> None:
