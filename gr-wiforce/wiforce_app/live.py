@@ -8,13 +8,31 @@ import threading
 import click
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.capture_files import recording_stem
+from gnuradio.wiforce.io.foxglove_server import host_and_port
 from gnuradio.wiforce.io.rotation import Rotation, open_rotating
 from gnuradio.wiforce.io.zmq_keys import ServerKeys
-from gnuradio.wiforce.io.zmq_sockets import ReadingsPublisher, endpoint_of, is_loopback
+from gnuradio.wiforce.io.zmq_sockets import endpoint_of, is_loopback
 from gnuradio.wiforce.scene import load_scene
 
+from .file_outputs import open_mcap, provenance
+from .live_outputs import (
+    STAMP_COLUMNS,
+    FoxgloveMessages,
+    LiveOutputs,
+    LslStreams,
+    McapFile,
+    ReadingsFile,
+    ZmqMessages,
+)
 from .log import FORMATS, LEVELS, log
-from .options import FiniteRange, IntegerRange, radio_options, readings_output, tracked_presses
+from .options import (
+    FiniteRange,
+    IntegerRange,
+    mcap_output,
+    radio_options,
+    readings_output,
+    tracked_presses,
+)
 from .radio_request import RECEIVE_S, DeviceLost, RadioRequest
 
 _LOOK_S = 0.1
@@ -52,6 +70,20 @@ FAILED, BAD_INPUT = 1, 2
     type=click.Path(),
     metavar="FOLDER",
     help="Encrypt both, and accept the clients whose keys are in FOLDER (gr-wiforce keys).",
+)
+@mcap_output
+@click.option(
+    "--foxglove",
+    metavar="[ADDRESS:]PORT",
+    help="Serve the same messages to Foxglove, at a port of this machine or of ADDRESS.",
+)
+@click.option(
+    "--lsl",
+    is_flag=False,
+    flag_value="machine",
+    type=click.Choice(["machine", "network"]),
+    help="Offer a stream of the Lab Streaming Layer for each sensor, to this machine (default) or "
+    "to its network.",
 )
 @tracked_presses
 @click.option(
@@ -92,6 +124,9 @@ def live(
     zmq_endpoint,
     control,
     zmq_keys,
+    mcap,
+    foxglove,
+    lsl,
     tracked,
     latency,
     duration,
@@ -111,14 +146,20 @@ def live(
     keys = _checked_keys(zmq_endpoint, control, zmq_keys)
     request = radio_request(args, scene, receive_s=RECEIVE_S[latency], **radio)
     rotation = Rotation.of(rotate, keep)
-    also = ("run", "time_utc")
+    metadata = provenance(scene)
     try:
-        with open_rotating(output, rotation, scene.files, also, append) as writer:
-            with _Outputs(writer, zmq_endpoint, keys) as outputs:
-                if zmq_endpoint is not None and keys is None:
+        with (
+            open_rotating(output, rotation, scene.files, STAMP_COLUMNS, append, metadata) as writer,
+            LiveOutputs() as outputs,
+        ):
+            if zmq_endpoint is not None:
+                outputs.add(ZmqMessages(zmq_endpoint, keys))
+                if keys is None:
                     _warn_of_strangers(zmq_endpoint)
-                session = _make_session(scene, request, outputs, tracked, record)
-                _run(session, request, outputs, control, keys, duration, reconnect)
+            _add_robotics_and_laboratory(outputs, scene, mcap, foxglove, lsl, metadata)
+            outputs.add(ReadingsFile(writer))
+            session = _make_session(scene, request, outputs, tracked, record)
+            _run(session, request, outputs, control, keys, duration, reconnect)
     except DeviceLost as lost:
         log.error(f"{lost}; all readings until then are kept")
         return FAILED
@@ -139,6 +180,19 @@ def _checked_keys(zmq_endpoint, control, folder):
     if control is not None and not is_loopback(given["--control"]):
         raise InputError("--control", "needs --zmq-keys for an address beyond loopback", control)
     return None
+
+
+def _add_robotics_and_laboratory(outputs, scene, mcap, foxglove, lsl, metadata):
+    if mcap is not None:
+        outputs.add(McapFile(open_mcap(mcap, scene.files, metadata)))
+    if foxglove is not None:
+        outputs.add(FoxgloveMessages(foxglove, scene.sensor_names))
+        host, _ = host_and_port(foxglove, "--foxglove")
+        if not is_loopback(f"tcp://{host}:0"):
+            log.warning(f"--foxglove {foxglove}: everybody who reaches this address can read")
+    if lsl is not None:
+        details = {"version": metadata["wiforce:version"], "scene": metadata["wiforce:scene"]}
+        outputs.add(LslStreams(scene, lsl, details))
 
 
 def _warn_of_strangers(zmq_endpoint):
@@ -171,44 +225,6 @@ def _make_session(scene, request, outputs, tracked, record):
     from .live_session import LiveSession
 
     return LiveSession(scene, request, outputs.take, tracked, record)
-
-
-class _Outputs:
-    """The outputs of a run: a file and, optionally, ZMQ."""
-
-    def __init__(self, writer, zmq_endpoint, keys):
-        self._writer = writer
-        self._publisher = None
-        self.health = None
-        self.seen = lambda reading: None
-        if zmq_endpoint is not None:
-            self._publisher = ReadingsPublisher(zmq_endpoint, keys=keys)
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        if self._publisher is not None:
-            self._publisher.close()
-
-    def begin(self):
-        """Start the file, whose former content is replaced unless it is appended to."""
-        self._writer.begin()
-
-    def take(self, reading):
-        """Write and publish one reading."""
-        stamp = self.health.stamp(reading)
-        if self._publisher is not None:
-            device_s = self.health.device_time_s(reading)
-            self._publisher.publish(reading, {"device_time_s": device_s, **stamp})
-        self._writer.write(reading, stamp)
-        self.health.note(reading)
-        self.seen(reading)
-
-    def send(self, kind, report):
-        """Publish a report of the reader's health."""
-        if self._publisher is not None:
-            self._publisher.send(kind, report)
 
 
 def _run(session, request, outputs, control, keys, duration, reconnect):
