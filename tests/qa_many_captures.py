@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """`gr-wiforce read` of several captures, on the cores of this machine and on a Dask cluster."""
 
+import io
 import json
 import os
 import shutil
@@ -9,6 +10,7 @@ import threading
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from command_runs import run_command
@@ -136,6 +138,37 @@ def test_patterns_and_folders_find_each_capture_once(captures, tmp_path, monkeyp
     assert [capture.name for capture in find_captures([str(tmp_path)])] == ["a", "b[1]"]
     assert is_one([str(tmp_path / "b[1]")]) and not is_one([str(tmp_path / "b*")])
     assert not is_one(["day1"]) and not is_one(["day1/a", "day1/b"])
+
+
+def test_one_parquet_file_holds_all_captures_with_their_names(captures, tmp_path):
+    pandas = pytest.importorskip("pandas")
+    pytest.importorskip("pyarrow")
+    folder, alone = captures
+    whole = tmp_path / "all.parquet"
+    done = run_command("read", folder, "-o", whole, "--jobs", 2)
+    assert done.returncode == 0, done.stderr
+    frame = pandas.read_parquet(whole)
+    expected = pandas.read_csv(io.StringIO(alone), keep_default_na=False, na_values=[""])
+    names = frame["capture"].astype(str)
+    assert list(names.unique()) == ["day1/a", "day1/b", "day2/c", "day2/d"]
+    for _, rows in frame.groupby(names):
+        assert len(rows) == len(expected)
+        for column in ("time_s", "touch", "phase1_deg", "snr_db", "group"):
+            left, right = rows[column].to_numpy(float), expected[column].to_numpy(float)
+            assert np.array_equal(left, right, equal_nan=True), column
+        assert list(rows["flags"]) == list(expected["flags"].fillna(""))
+    stored = pyarrow_metadata(whole)
+    assert yaml.safe_load(stored["day2/c"]["wiforce:scene"])["reference_s"] == 0.6
+    again = run_command("read", folder, "-o", whole, "--jobs", 1)
+    assert "0 of 4 captures read, 4 had been read before" in again.stderr
+    assert pandas.read_parquet(whole).equals(frame)
+
+
+def pyarrow_metadata(path):
+    """What the file says of each capture."""
+    from pyarrow import parquet
+
+    return json.loads(parquet.read_metadata(path).metadata[b"wiforce:captures"])
 
 
 def test_folder_that_another_run_writes_to_is_refused(captures, tmp_path):
