@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import signal
+import subprocess
 import threading
 import time
 from pathlib import Path
@@ -206,6 +207,29 @@ def test_cluster_reads_every_capture_once_although_a_worker_is_killed(captures, 
     assert sorted(json.loads(line)["capture"] for line in lines) == sorted(
         f"press{number}" for number in range(8)
     )
+
+
+def test_snakefile_reads_captures_and_scores_those_with_a_load_cell(captures, tmp_path):
+    """The example is what a laboratory starts from; it must at least plan the right jobs."""
+    folder, _ = captures
+    snakefile = Path(__file__).parent.parent / "examples" / "many_captures" / "Snakefile"
+    shutil.copytree(folder / "day1", tmp_path / "captures")
+    copy(folder / "day1" / "a", tmp_path / "captures" / "a.antenna2")
+    (tmp_path / "captures" / "b.loadcell.csv").write_text("time_s,force_n\n0,0\n1,0\n")
+    done = subprocess.run(
+        ["snakemake", "-s", snakefile, "--dry-run", "--printshellcmds", "--cores", "1"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr + done.stdout
+    lines = (done.stdout + done.stderr).splitlines()
+    commands = sorted(" ".join(line.split()) for line in lines if "gr-wiforce" in line)
+    assert commands == [
+        "gr-wiforce read captures/a.sigmf-meta -o readings/a.csv",
+        "gr-wiforce read captures/b.sigmf-meta -o readings/b.csv",
+        "gr-wiforce score readings/b.csv --against captures/b.loadcell.csv --json > scores/b.json",
+    ]
 
 
 def _kill_first_worker(cluster, out):
