@@ -29,9 +29,9 @@ _SUFFIXES = {"mcap": ".mcap", "parquet": ".parquet", "csv": ".csv", "json": ".js
 )
 @click.option("--scene", "scene_path", help="Scene to describe in MCAP or Parquet: file or name.")
 def export(readings, form, output, scene_path):
-    """Convert READINGS (CSV, JSON lines or Parquet) to MCAP, Parquet, CSV or JSON lines.
+    """Convert READINGS between CSV, JSON lines, Parquet and MCAP.
 
-    OUT appears when it is complete.
+    OUT appears when it is complete. An MCAP file that a killed process has left is recovered.
     """
     output = _output_of(readings, form, output)
     metadata = {} if scene_path is None else provenance(load_scene(scene_path))

@@ -3,6 +3,7 @@
 
 import json
 from contextlib import ExitStack
+from datetime import UTC, datetime
 from pathlib import Path
 
 from gnuradio.wiforce.errors import InputError, OutputError
@@ -39,6 +40,7 @@ def open_mcap(path, inputs, metadata):
     Parameters
     ----------
     path : str
+        A file, or a folder for a file named after the time.
     inputs : sequence of Path
     metadata : dict of str to str
 
@@ -49,12 +51,16 @@ def open_mcap(path, inputs, metadata):
     Raises
     ------
     InputError
-        As ``McapWriter``, and where the name does not end in ``.mcap``.
+        As ``McapWriter``, and where the name is neither a folder nor ends in ``.mcap``.
     """
     from gnuradio.wiforce.io.mcap_file import McapWriter
 
-    if Path(path).suffix.lower() != ".mcap":
-        raise InputError("--mcap", "must end in .mcap", path)
+    if Path(path).is_dir():
+        # Names with milliseconds differ, however often a run is started again.
+        now = f"{datetime.now(UTC):%Y%m%dT%H%M%S.%f}"[:-3]
+        path = Path(path) / f"{now}Z.mcap"
+    elif Path(path).suffix.lower() != ".mcap":
+        raise InputError("--mcap", "must be FILE.mcap or an existing folder", str(path))
     return McapWriter(path, inputs, metadata)
 
 

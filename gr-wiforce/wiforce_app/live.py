@@ -4,6 +4,8 @@
 import signal
 import sys
 import threading
+from functools import partial
+from pathlib import Path
 
 import click
 from gnuradio.wiforce.errors import InputError, OutputError
@@ -16,6 +18,7 @@ from gnuradio.wiforce.scene import load_scene
 
 from .file_outputs import open_mcap, provenance
 from .live_outputs import (
+    MCAP_FILE_BYTES,
     STAMP_COLUMNS,
     FoxgloveMessages,
     LiveOutputs,
@@ -184,7 +187,8 @@ def _checked_keys(zmq_endpoint, control, folder):
 
 def _add_robotics_and_laboratory(outputs, scene, mcap, foxglove, lsl, metadata):
     if mcap is not None:
-        outputs.add(McapFile(open_mcap(mcap, scene.files, metadata)))
+        most_bytes = MCAP_FILE_BYTES if Path(mcap).is_dir() else None
+        outputs.add(McapFile(partial(open_mcap, mcap, scene.files, metadata), most_bytes))
     if foxglove is not None:
         outputs.add(FoxgloveMessages(foxglove, scene.sensor_names))
         host, _ = host_and_port(foxglove, "--foxglove")

@@ -12,6 +12,9 @@ from gnuradio.wiforce.io.writers import ReadingsWriter
 from gnuradio.wiforce.io.zmq_keys import ServerKeys
 from gnuradio.wiforce.io.zmq_sockets import ReadingsPublisher
 
+# Files in a folder of MCAP are ended at this size, some seven hours of one sensor: the index of an
+# open file takes memory, a quarter of its size.
+MCAP_FILE_BYTES = 64_000_000
 # What a file of readings holds of a stamp.
 STAMP_COLUMNS = ("run", "time_utc")
 
@@ -102,10 +105,19 @@ class ZmqMessages(Output):
 
 
 class McapFile(Output):
-    """An MCAP file of readings and health."""
+    """An MCAP file of readings and health, or a folder of such files.
 
-    def __init__(self, writer):
-        self._writer, self._begun = writer, False
+    Parameters
+    ----------
+    open_next : callable
+        Opens a writer: of the file, or of the next file in the folder.
+    most_bytes : int or None
+        Size at which the next file is begun; None for a single file.
+    """
+
+    def __init__(self, open_next: Callable[[], Any], most_bytes: int | None = None):
+        self._open_next, self._most_bytes = open_next, most_bytes
+        self._writer, self._begun = open_next(), False
 
     def begin(self) -> None:
         """Replace the content of the file."""
@@ -115,6 +127,9 @@ class McapFile(Output):
     def take(self, reading: Reading, stamp: Mapping[str, Any]) -> None:
         """Write the messages of a reading."""
         self._writer.write(reading, stamp)
+        if self._most_bytes is not None and self._writer.size_bytes >= self._most_bytes:
+            full, self._writer = self._writer, self._open_next().begin()
+            full.close()
 
     def send(self, kind: str, report: Mapping[str, Any]) -> None:
         """Write a report."""

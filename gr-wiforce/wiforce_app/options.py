@@ -59,7 +59,8 @@ mcap_output = click.option(
     "--mcap",
     type=click.Path(),
     metavar="FILE",
-    help="Also write ROS 2 messages to FILE.mcap, for Foxglove, PlotJuggler and rosbag2.",
+    help="Also write ROS 2 messages, for Foxglove, PlotJuggler and rosbag2: to FILE.mcap or, where "
+    "FILE is a folder, to a new file in it.",
 )
 tracked_presses = click.option("--tracked", is_flag=True, help="Track each press over time.")
 

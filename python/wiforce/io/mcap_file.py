@@ -96,6 +96,11 @@ class McapWriter:
             except OutputError:
                 pass  # the first error counts
 
+    @property
+    def size_bytes(self) -> int:
+        """Size of the file."""
+        return 0 if self._file is None else self._file.size_bytes
+
     def begin(self) -> "McapWriter":
         """Replace the content of the file, unless that has been done.
 

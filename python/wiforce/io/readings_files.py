@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files of readings, read a row at a time: CSV, JSON lines or Parquet."""
+"""Files of readings, read a row at a time: CSV, JSON lines, Parquet or MCAP."""
 
 import csv
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import IO, Any
 
 from ..errors import InputError
+from .mcap_rows import mcap_rows
 from .parquet import require_pyarrow
 from .readings import COLUMNS, NUMBERS
 
@@ -22,7 +24,7 @@ class ReadingsFile:
     Parameters
     ----------
     path : str or Path
-        ``.csv``, ``.jsonl`` or ``.parquet``.
+        ``.csv``, ``.jsonl``, ``.parquet`` or ``.mcap``.
 
     Attributes
     ----------
@@ -48,9 +50,14 @@ class ReadingsFile:
         self._path = Path(path)
         self.metadata: dict[str, str] = {}
         kind = self._path.suffix.lower()
-        readers = {".csv": self._csv, ".jsonl": self._json_lines, ".parquet": self._parquet}
+        readers: dict[str, Callable[[], Iterator[Mapping[str, Any]]]] = {
+            ".csv": self._csv,
+            ".jsonl": self._json_lines,
+            ".parquet": self._parquet,
+            ".mcap": partial(mcap_rows, path),
+        }
         if kind not in readers:
-            raise InputError(path, "readings must be in a .csv, .jsonl or .parquet file")
+            raise InputError(path, "readings must be in a .csv, .jsonl, .parquet or .mcap file")
         self._read = readers[kind]
         first = next(self._read(), None)
         names = () if first is None else tuple(first)

@@ -19,7 +19,7 @@ int8 TOUCH_UNKNOWN=-1
 int8 UNTOUCHED=0
 int8 TOUCHED=1
 
-# Conditions that qualify a reading; docs/scenes.md explains them.
+# Conditions that qualify a reading; docs/sensors.md explains them.
 uint32 FLAG_REFERENCE=1
 uint32 FLAG_GAP=2
 uint32 FLAG_TRANSITION=4

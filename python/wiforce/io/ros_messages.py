@@ -206,7 +206,12 @@ def health_message(report: Mapping[str, Any]) -> RosMessage:
     return RosMessage(_HEALTH_TOPIC, DIAGNOSTICS, fields, stamp_ns)
 
 
-def built(type_name: str, fields: Mapping[str, Any], class_of: Callable[[str], type]) -> Any:
+def built(
+    type_name: str,
+    fields: Mapping[str, Any],
+    class_of: Callable[[str], type],
+    byte: Callable[[int], Any] = int,
+) -> Any:
     """A message as an object of the classes that ROS, or another library, has for it.
 
     Parameters
@@ -216,6 +221,8 @@ def built(type_name: str, fields: Mapping[str, Any], class_of: Callable[[str], t
         As in :class:`RosMessage`.
     class_of : callable
         From ``PACKAGE/NAME`` to its class, which takes the fields as keywords.
+    byte : callable
+        From a number to a ``byte`` of that library.
 
     Returns
     -------
@@ -232,9 +239,11 @@ def built(type_name: str, fields: Mapping[str, Any], class_of: Callable[[str], t
     for name, (kind, array) in fields_of(type_name).items():
         value = fields[name]
         if "/" in kind and array:
-            value = [built(kind, each, class_of) for each in value]
+            value = [built(kind, each, class_of, byte) for each in value]
         elif "/" in kind:
-            value = built(kind, value, class_of)
+            value = built(kind, value, class_of, byte)
+        elif kind == "byte":
+            value = byte(value)
         values[name] = value
     return class_of(type_name.replace("/msg/", "/"))(**values)
 
