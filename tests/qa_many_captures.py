@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """`gr-wiforce read` of several captures, on the cores of this machine and on a Dask cluster."""
 
+import io
 import json
 import os
 import shutil
 import signal
+import subprocess
 import threading
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from command_runs import run_command
@@ -138,6 +141,37 @@ def test_patterns_and_folders_find_each_capture_once(captures, tmp_path, monkeyp
     assert not is_one(["day1"]) and not is_one(["day1/a", "day1/b"])
 
 
+def test_one_parquet_file_holds_all_captures_with_their_names(captures, tmp_path):
+    pandas = pytest.importorskip("pandas")
+    pytest.importorskip("pyarrow")
+    folder, alone = captures
+    whole = tmp_path / "all.parquet"
+    done = run_command("read", folder, "-o", whole, "--jobs", 2)
+    assert done.returncode == 0, done.stderr
+    frame = pandas.read_parquet(whole)
+    expected = pandas.read_csv(io.StringIO(alone), keep_default_na=False, na_values=[""])
+    names = frame["capture"].astype(str)
+    assert list(names.unique()) == ["day1/a", "day1/b", "day2/c", "day2/d"]
+    for _, rows in frame.groupby(names):
+        assert len(rows) == len(expected)
+        for column in ("time_s", "touch", "phase1_deg", "snr_db", "group"):
+            left, right = rows[column].to_numpy(float), expected[column].to_numpy(float)
+            assert np.array_equal(left, right, equal_nan=True), column
+        assert list(rows["flags"]) == list(expected["flags"].fillna(""))
+    stored = pyarrow_metadata(whole)
+    assert yaml.safe_load(stored["day2/c"]["wiforce:scene"])["reference_s"] == 0.6
+    again = run_command("read", folder, "-o", whole, "--jobs", 1)
+    assert "0 of 4 captures read, 4 had been read before" in again.stderr
+    assert pandas.read_parquet(whole).equals(frame)
+
+
+def pyarrow_metadata(path):
+    """What the file says of each capture."""
+    from pyarrow import parquet
+
+    return json.loads(parquet.read_metadata(path).metadata[b"wiforce:captures"])
+
+
 def test_folder_that_another_run_writes_to_is_refused(captures, tmp_path):
     folder, _ = captures
     with Journal(tmp_path / "out"):
@@ -173,6 +207,29 @@ def test_cluster_reads_every_capture_once_although_a_worker_is_killed(captures, 
     assert sorted(json.loads(line)["capture"] for line in lines) == sorted(
         f"press{number}" for number in range(8)
     )
+
+
+def test_snakefile_reads_captures_and_scores_those_with_a_load_cell(captures, tmp_path):
+    """The example is what a laboratory starts from; it must at least plan the right jobs."""
+    folder, _ = captures
+    snakefile = Path(__file__).parent.parent / "examples" / "many_captures" / "Snakefile"
+    shutil.copytree(folder / "day1", tmp_path / "captures")
+    copy(folder / "day1" / "a", tmp_path / "captures" / "a.antenna2")
+    (tmp_path / "captures" / "b.loadcell.csv").write_text("time_s,force_n\n0,0\n1,0\n")
+    done = subprocess.run(
+        ["snakemake", "-s", snakefile, "--dry-run", "--printshellcmds", "--cores", "1"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr + done.stdout
+    lines = (done.stdout + done.stderr).splitlines()
+    commands = sorted(" ".join(line.split()) for line in lines if "gr-wiforce" in line)
+    assert commands == [
+        "gr-wiforce read captures/a.sigmf-meta -o readings/a.csv",
+        "gr-wiforce read captures/b.sigmf-meta -o readings/b.csv",
+        "gr-wiforce score readings/b.csv --against captures/b.loadcell.csv --json > scores/b.json",
+    ]
 
 
 def _kill_first_worker(cluster, out):

@@ -80,7 +80,8 @@ def read_many(given, scene, output, form, again, jobs, scheduler, settings):
         if whole is not None:
             names = [task.name for task in tasks if task.name not in summary.failures]
             rows = join_parts(whole, [(name, folder / f"{name}.parquet") for name in names])
-            click.echo(f"gr-wiforce: wrote {rows} readings to {whole}", err=True)
+            kept = f"{folder} is for a repeated run, and may be deleted"
+            click.echo(f"gr-wiforce: wrote {rows} readings to {whole}; {kept}", err=True)
     click.echo(f"gr-wiforce: {summary}", err=True)
     return summary.status
 
