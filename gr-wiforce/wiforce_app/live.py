@@ -226,7 +226,7 @@ def _run(session, request, outputs, control, keys, duration, reconnect):
     from .run_health import Heartbeat, RunHealth
     from .service_manager import ServiceManager
     from .service_report import ServiceReport
-    from .watch import Watch
+    from .session_watch import Watch
 
     ending = _Ending()
     for number in (signal.SIGINT, signal.SIGTERM):
