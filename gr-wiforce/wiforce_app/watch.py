@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``gr-wiforce watch``: readings of a file or of a live reader, in a browser."""
+
+import click
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.zmq_keys import ClientKeys
+
+from .log import log
+from .options import FiniteRange
+
+TOKEN_VARIABLE = "GR_WIFORCE_WEB_TOKEN"
+_HISTORY_S = 30.0
+
+
+def web_options(required):
+    """The options of a command that serves the page.
+
+    Parameters
+    ----------
+    required : bool
+        Whether it does nothing else.
+
+    Returns
+    -------
+    callable
+        A decorator.
+    """
+
+    def add(command):
+        command = click.option(
+            "--web-token",
+            metavar="TOKEN",
+            envvar=TOKEN_VARIABLE,
+            help="What a browser must present to open the page, 16 letters and digits or more. "
+            "Default: a random one beyond this machine, none on it.",
+        )(command)
+        return click.option(
+            "--web",
+            required=required,
+            metavar="[ADDRESS:]PORT",
+            help="Show readings in browsers, at a port of this machine or of ADDRESS.",
+        )(command)
+
+    return add
+
+
+@click.command()
+@click.argument("source")
+@web_options(required=True)
+@click.option(
+    "--control",
+    metavar="ENDPOINT",
+    help="Control endpoint of the live reader, for the tare button: PORT or tcp://ADDRESS:PORT.",
+)
+@click.option(
+    "--zmq-keys",
+    type=click.Path(),
+    metavar="PATH",
+    help="Keys of this client, where the reader has --zmq-keys: NAME.key_secret with server.key "
+    "beside it, or their folder.",
+)
+@click.option(
+    "--history",
+    type=FiniteRange(1, 600),
+    default=_HISTORY_S,
+    show_default=True,
+    metavar="S",
+    help="Seconds of signal in the plots.",
+)
+@click.option(
+    "--length",
+    type=FiniteRange(0, 10_000, min_open=True),
+    metavar="MM",
+    help="Length of the sensors, where the source does not state it.",
+)
+def watch(source, web, web_token, control, zmq_keys, history, length):
+    """Show readings in browsers, until interrupted.
+
+    SOURCE is a file of readings, .csv or .jsonl, that may still grow, or the endpoint of
+    `live --zmq`: PORT or tcp://ADDRESS:PORT.
+    """
+    from .web.address import PageAddress
+
+    address = PageAddress.of(web, web_token)
+    opened = _open_source(source, control, zmq_keys)
+    with address.listen() as listening:
+        from .web.server import PageServer, serve_until_signal
+
+        log.info(address.notice)
+        serve_until_signal(lambda: PageServer(opened, address, listening, history, length))
+    return 0
+
+
+def _open_source(source, control, zmq_keys):
+    from .web.file_source import FileSource
+    from .web.zmq_source import ZmqSource
+
+    if source.startswith("tcp://") or source.isdecimal():
+        keys = None if zmq_keys is None else ClientKeys.load(zmq_keys)
+        return ZmqSource(source, control, keys)
+    for option, value in (("--control", control), ("--zmq-keys", zmq_keys)):
+        if value is not None:
+            raise InputError(option, "needs a ZMQ endpoint as SOURCE, not a file", value)
+    return FileSource(source)
