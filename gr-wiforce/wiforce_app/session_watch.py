@@ -93,8 +93,8 @@ class Watch:
             tare = session.reader.stream.tares.state
             if tare.state != "none":
                 parts.append(f"tare {tare.state}")
-        offsets = _clock_offsets(session)
-        parts += [f"clock {ppm:+.1f} ppm" for ppm in offsets]
+        offsets = list(session.clock_offsets_ppm.values())
+        parts += [f"clock {ppm:+.1f} ppm" for ppm in offsets if ppm is not None]
         if not offsets and session.alignment.offset is None:
             parts.append("no frames yet")
         return ", ".join(parts + [_short(reading) for reading in self._last.values()])
@@ -113,7 +113,7 @@ class Watch:
             "times_ignored": session.times_ignored,
             "groups": session.reader.counts.asdict(),
             "frame_offset": session.alignment.offset,
-            "clock_offset_ppm": _clock_offsets(session),
+            "clock_offset_ppm": list(session.clock_offsets_ppm.values()),
             "room": None if room is None else finding_rows(room),
             "readings": {name: reading.row() for name, reading in self._last.items()},
         }
@@ -186,9 +186,3 @@ def _short(reading):
         return f"{reading.sensor}: touched"
     location = "" if reading.location_mm is None else f" at {reading.location_mm:.1f} mm"
     return f"{reading.sensor}: {reading.force_n:.2f} N{location}"
-
-
-def _clock_offsets(session) -> list[float]:
-    """Offset of every tag's clock in the latest group, in ppm."""
-    groups = session.latest
-    return groups.clock_offset_ppm[-1].tolist() if len(groups) else []

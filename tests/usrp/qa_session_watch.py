@@ -21,7 +21,7 @@ def session_in_words():
         alignment=SimpleNamespace(searches=0, offset=0),
         start_s=None,
         reader=SimpleNamespace(counts=GroupCounts(), findings=None),
-        latest=[],
+        clock_offsets_ppm={},
     )
 
 

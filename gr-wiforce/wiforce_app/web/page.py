@@ -52,6 +52,7 @@ def figures() -> dict[str, Any]:
 def _plot(name: str, label: str, time_axis: Range1d) -> figure:
     """One quantity over time; nothing in it takes touches, so that a phone can scroll over it."""
     plot = figure(
+        name=f"{name}-plot",
         height=_HEIGHT_PX,
         sizing_mode="stretch_width",
         tools="",
@@ -77,7 +78,7 @@ def _plot(name: str, label: str, time_axis: Range1d) -> figure:
     plot.scatter("x", "y", source=data["points"], size=4, fill_color="color", line_color=None)
     plot.segment("x", "low", "x", "high", source=data["whiskers"], line_alpha=0.45, **color)
     plot.scatter(
-        "x", "y", source=data["doubtful"], size=7, marker="marker", fill_color="white", **color
+        "x", "y", source=data["doubtful"], size=6, marker="marker", fill_color="white", **color
     )
     plot.grid.grid_line_color = GRID
     plot.xgrid.grid_line_color = None

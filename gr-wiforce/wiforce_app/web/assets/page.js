@@ -7,7 +7,8 @@ const RECONNECT_MS = [500, 1000, 2000, 5000];
 const HISTORY_MS = 100;
 const DRAW_SHARE = 4;
 const DEFAULT_LENGTH_MM = 80;
-const CROWDED = 4; // sensors, from which on each gets a lower row
+// Numbers of sensors from which on each gets a lower picture.
+const SEVERAL = 3, CROWDED = 5;
 const TOO_MANY = 4001;
 
 const page = {
@@ -38,7 +39,8 @@ function trackOf(sensor) {
     });
     page.tracks.set(sensor, { readings: [], latest: null, arrivedAt: -Infinity, view });
     byId("empty").hidden = true;
-    byId("sensors").classList.toggle("crowded", page.tracks.size > CROWDED);
+    byId("sensors").classList.toggle("several", page.tracks.size >= SEVERAL);
+    byId("sensors").classList.toggle("crowded", page.tracks.size >= CROWDED);
   }
   return page.tracks.get(sensor);
 }
@@ -211,7 +213,11 @@ async function begin() {
     page.socket.send("tare");
     drawHead();
   };
-  window.addEventListener("resize", drawSensors);
+  page.plots.fit();
+  window.addEventListener("resize", () => {
+    page.plots.fit();
+    drawSensors();
+  });
   setInterval(() => {
     drawSensors();
     drawHead();

@@ -96,11 +96,12 @@ class SensorView {
       location = withSpread(reading.location, reading.locationStd, 1, "mm");
     } else if (!stale) {
       force = reading.touch === 0 ? "0 N" : "no reading";
-      location = "";
+      location = reading.touch === 0 ? "not touched" : "";
     }
     setText(this.force, force);
     setText(this.location, location);
     setText(this.flags, stale ? "" : reading.flags);
+    this.flags.title = this.flags.textContent;
     this.flags.classList.toggle("warning", !stale && reading.doubtful);
     const snr = stale || reading.snr === null ? "–" : `${reading.snr.toFixed(1)} dB`;
     setText(this.snr, `SNR ${snr}`);

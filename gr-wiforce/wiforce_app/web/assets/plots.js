@@ -4,6 +4,9 @@
 
 // The axes show at least this much, so that noise of an untouched sensor does not fill them.
 const LEAST_FORCE_N = 1;
+// Beyond either end of an axis, so that a marker on it is whole.
+const MARGIN = 0.04;
+const LOWEST_PX = 170, HIGHEST_PX = 420;
 const QUANTITIES = {
   force: { value: (r) => forceOf(r), std: (r) => (r.touch === 1 ? r.forceStd : null) },
   location: {
@@ -45,11 +48,20 @@ class Plots {
     const start = Math.max(0, newest - this.historyS);
     this.setRange("time", start, Math.max(newest, start + Math.min(this.historyS, 5)));
     for (const [name, quantity] of Object.entries(QUANTITIES)) {
-      this.setRange(`${name}-range`, 0, tops[name]);
+      this.setRange(`${name}-range`, -MARGIN * tops[name], (1 + MARGIN) * tops[name]);
       const filled = seriesOf(tracks, quantity, tops[name]);
       for (const [kind, data] of Object.entries(filled)) this.models(`${name}-${kind}`).data = data;
     }
     this.lastDrawMs = performance.now() - begun;
+  }
+
+  // Both plots fill what the window has below them.
+  fit() {
+    const place = document.getElementById("plots").getBoundingClientRect();
+    const beside = window.innerWidth > 760;
+    const room = beside ? (window.innerHeight - place.top - 50) / 2 : 0;
+    const height = Math.round(Math.min(HIGHEST_PX, Math.max(beside ? LOWEST_PX : 200, room)));
+    for (const name of ["force", "location"]) this.models(`${name}-plot`).height = height;
   }
 
   setRange(name, start, end) {
