@@ -10,9 +10,10 @@ from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.capture_files import recording_stem
 from gnuradio.wiforce.io.rotation import Rotation, open_rotating
 from gnuradio.wiforce.io.zmq_keys import ServerKeys
-from gnuradio.wiforce.io.zmq_sockets import ReadingsPublisher, endpoint_of, is_loopback
+from gnuradio.wiforce.io.zmq_sockets import endpoint_of, is_loopback
 from gnuradio.wiforce.scene import load_scene
 
+from .live_outputs import STAMP_COLUMNS, LiveOutputs, ReadingsFile, ZmqMessages
 from .log import FORMATS, LEVELS, log
 from .options import FiniteRange, IntegerRange, radio_options, readings_output, tracked_presses
 from .radio_request import RECEIVE_S, DeviceLost, RadioRequest
@@ -111,14 +112,18 @@ def live(
     keys = _checked_keys(zmq_endpoint, control, zmq_keys)
     request = radio_request(args, scene, receive_s=RECEIVE_S[latency], **radio)
     rotation = Rotation.of(rotate, keep)
-    also = ("run", "time_utc")
     try:
-        with open_rotating(output, rotation, scene.files, also, append) as writer:
-            with _Outputs(writer, zmq_endpoint, keys) as outputs:
-                if zmq_endpoint is not None and keys is None:
+        with (
+            open_rotating(output, rotation, scene.files, STAMP_COLUMNS, append) as writer,
+            LiveOutputs() as outputs,
+        ):
+            if zmq_endpoint is not None:
+                outputs.add(ZmqMessages(zmq_endpoint, keys))
+                if keys is None:
                     _warn_of_strangers(zmq_endpoint)
-                session = _make_session(scene, request, outputs, tracked, record)
-                _run(session, request, outputs, control, keys, duration, reconnect)
+            outputs.add(ReadingsFile(writer))
+            session = _make_session(scene, request, outputs, tracked, record)
+            _run(session, request, outputs, control, keys, duration, reconnect)
     except DeviceLost as lost:
         log.error(f"{lost}; all readings until then are kept")
         return FAILED
@@ -171,44 +176,6 @@ def _make_session(scene, request, outputs, tracked, record):
     from .live_session import LiveSession
 
     return LiveSession(scene, request, outputs.take, tracked, record)
-
-
-class _Outputs:
-    """The outputs of a run: a file and, optionally, ZMQ."""
-
-    def __init__(self, writer, zmq_endpoint, keys):
-        self._writer = writer
-        self._publisher = None
-        self.health = None
-        self.seen = lambda reading: None
-        if zmq_endpoint is not None:
-            self._publisher = ReadingsPublisher(zmq_endpoint, keys=keys)
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        if self._publisher is not None:
-            self._publisher.close()
-
-    def begin(self):
-        """Start the file, whose former content is replaced unless it is appended to."""
-        self._writer.begin()
-
-    def take(self, reading):
-        """Write and publish one reading."""
-        stamp = self.health.stamp(reading)
-        if self._publisher is not None:
-            device_s = self.health.device_time_s(reading)
-            self._publisher.publish(reading, {"device_time_s": device_s, **stamp})
-        self._writer.write(reading, stamp)
-        self.health.note(reading)
-        self.seen(reading)
-
-    def send(self, kind, report):
-        """Publish a report of the reader's health."""
-        if self._publisher is not None:
-            self._publisher.send(kind, report)
 
 
 def _run(session, request, outputs, control, keys, duration, reconnect):
