@@ -4,6 +4,7 @@
 import signal
 import sys
 import threading
+from functools import partial
 
 import click
 from gnuradio.wiforce.errors import InputError, OutputError
@@ -15,7 +16,14 @@ from gnuradio.wiforce.scene import load_scene
 
 from .live_outputs import STAMP_COLUMNS, LiveOutputs, ReadingsFile, ZmqMessages
 from .log import FORMATS, LEVELS, log
-from .options import FiniteRange, IntegerRange, radio_options, readings_output, tracked_presses
+from .options import (
+    FiniteRange,
+    IntegerRange,
+    radio_options,
+    readings_output,
+    tracked_presses,
+    web_options,
+)
 from .radio_request import RECEIVE_S, DeviceLost, RadioRequest
 
 _LOOK_S = 0.1
@@ -54,6 +62,7 @@ FAILED, BAD_INPUT = 1, 2
     metavar="FOLDER",
     help="Encrypt both, and accept the clients whose keys are in FOLDER (gr-wiforce keys).",
 )
+@web_options()
 @tracked_presses
 @click.option(
     "--latency",
@@ -93,6 +102,8 @@ def live(
     zmq_endpoint,
     control,
     zmq_keys,
+    web,
+    web_token,
     tracked,
     latency,
     duration,
@@ -121,9 +132,12 @@ def live(
                 outputs.add(ZmqMessages(zmq_endpoint, keys))
                 if keys is None:
                     _warn_of_strangers(zmq_endpoint)
+            endpoints = [(control, keys)] if control else []
+            if web is not None:
+                endpoints.append((_open_page(outputs, web, web_token), None))
             outputs.add(ReadingsFile(writer))
             session = _make_session(scene, request, outputs, tracked, record)
-            _run(session, request, outputs, control, keys, duration, reconnect)
+            _run(session, request, outputs, endpoints, duration, reconnect)
     except DeviceLost as lost:
         log.error(f"{lost}; all readings until then are kept")
         return FAILED
@@ -144,6 +158,18 @@ def _checked_keys(zmq_endpoint, control, folder):
     if control is not None and not is_loopback(given["--control"]):
         raise InputError("--control", "needs --zmq-keys for an address beyond loopback", control)
     return None
+
+
+def _open_page(outputs, web, token):
+    """Serve the page; gives the endpoint of its requests."""
+    from .web.address import PageAddress
+    from .web.live_page import LivePage
+
+    address = PageAddress.of(web, token)
+    page = LivePage(address, log.warning)
+    outputs.add(page)
+    log.info(address.notice)
+    return page.control
 
 
 def _warn_of_strangers(zmq_endpoint):
@@ -178,8 +204,10 @@ def _make_session(scene, request, outputs, tracked, record):
     return LiveSession(scene, request, outputs.take, tracked, record)
 
 
-def _run(session, request, outputs, control, keys, duration, reconnect):
+def _run(session, request, outputs, endpoints, duration, reconnect):
     """Run the session until a signal, a request or `duration` ends it.
+
+    `endpoints` are those of requests, each with its keys or None.
 
     Raises
     ------
@@ -214,11 +242,10 @@ def _run(session, request, outputs, control, keys, duration, reconnect):
     service_report = ServiceReport(service, session, keeper)
     tares = TareLog(session, log.info)
     signal.signal(signal.SIGUSR1, lambda *_: tares.request())
-    requests = None
-    if control:
-        requests = serve_requests(
-            control, tares, watch.status, stop=lambda: ending.request("request"), keys=keys
-        )
+    requests = []
+    for endpoint, keys in endpoints:
+        stop = partial(ending.request, "request")
+        requests.append(serve_requests(endpoint, tares, watch.status, stop=stop, keys=keys))
     try:
         with Heartbeat(health.report, lambda report: outputs.send("heartbeat", report)):
             try:
@@ -227,8 +254,8 @@ def _run(session, request, outputs, control, keys, duration, reconnect):
                     watch.look()
                     health.look()
                     service_report.look()
-                    if requests is not None:
-                        requests.serve(_REQUESTS_A_LOOK)
+                    for each in requests:
+                        each.serve(_REQUESTS_A_LOOK)
                     if duration and session.time_s >= duration:
                         ending.request("duration")
             finally:
@@ -242,8 +269,8 @@ def _run(session, request, outputs, control, keys, duration, reconnect):
         service.close()
         health.look()
         watch.finish()
-        if requests is not None:
-            requests.close()
+        for each in requests:
+            each.close()
         outputs.send("end", {**health.report(), **ending.report()})
     log.info(f"read {watch.summary()}")
     if ending.failure is not None:

@@ -6,42 +6,9 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.zmq_keys import ClientKeys
 
 from .log import log
-from .options import FiniteRange
+from .options import FiniteRange, web_options
 
-TOKEN_VARIABLE = "GR_WIFORCE_WEB_TOKEN"
 _HISTORY_S = 30.0
-
-
-def web_options(required):
-    """The options of a command that serves the page.
-
-    Parameters
-    ----------
-    required : bool
-        Whether it does nothing else.
-
-    Returns
-    -------
-    callable
-        A decorator.
-    """
-
-    def add(command):
-        command = click.option(
-            "--web-token",
-            metavar="TOKEN",
-            envvar=TOKEN_VARIABLE,
-            help="What a browser must present to open the page, 16 letters and digits or more. "
-            "Default: a random one beyond this machine, none on it.",
-        )(command)
-        return click.option(
-            "--web",
-            required=required,
-            metavar="[ADDRESS:]PORT",
-            help="Show readings in browsers, at a port of this machine or of ADDRESS.",
-        )(command)
-
-    return add
 
 
 @click.command()
@@ -95,7 +62,7 @@ def _open_source(source, control, zmq_keys):
     from .web.file_source import FileSource
     from .web.zmq_source import ZmqSource
 
-    if source.startswith("tcp://") or source.isdecimal():
+    if source.startswith(("tcp://", "ipc://")) or source.isdecimal():
         keys = None if zmq_keys is None else ClientKeys.load(zmq_keys)
         return ZmqSource(source, control, keys)
     for option, value in (("--control", control), ("--zmq-keys", zmq_keys)):

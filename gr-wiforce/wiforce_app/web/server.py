@@ -7,7 +7,7 @@ import json
 import signal
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -307,7 +307,11 @@ def _is_local(name: str) -> bool:
         return name == "localhost"
 
 
-def serve_until_signal(make: Callable[[], PageServer], ended=lambda: False) -> None:
+def serve_until_signal(
+    make: Callable[[], PageServer],
+    ended: Callable[[], bool] = lambda: False,
+    signals: Iterable[int] = (signal.SIGINT, signal.SIGTERM),
+) -> None:
     """Serve in this thread, until the process is asked to end.
 
     Parameters
@@ -316,12 +320,14 @@ def serve_until_signal(make: Callable[[], PageServer], ended=lambda: False) -> N
         Makes the server, within the loop.
     ended : callable
         See :meth:`PageServer.serve`.
+    signals : iterable of int
+        Signals that end it.
     """
 
     async def run():
         server = make()
         loop = asyncio.get_running_loop()
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in signals:
             loop.add_signal_handler(number, server.end)
         await server.serve(ended)
 

@@ -111,6 +111,17 @@ class ZmqSource:
             self._asked.send_string("tare")
             self._asked_s = self._now()
 
+    def give_up(self, reason: str) -> None:
+        """Expect no more messages.
+
+        Parameters
+        ----------
+        reason : str
+            For the viewers.
+        """
+        self._shown |= {"state": "lost", "reason": reason}
+        self.ended = True
+
     def close(self) -> None:
         """Give the sockets back."""
         self._subscriber.close(linger=0)

@@ -112,21 +112,21 @@ function drawSensors() {
 
 function drawHead() {
   const { status } = page;
-  const state = page.connected ? status.state : "disconnected";
+  const ended = status.state === "ended";
+  const state = page.connected || ended ? status.state : "disconnected";
   byId("state").dataset.state = state;
   setText(byId("state"), state);
-  setText(byId("reason"), page.connected ? status.reason ?? "" : "");
+  setText(byId("reason"), page.connected || ended ? status.reason ?? "" : "");
   setText(byId("time"), page.newest ? `${page.newest.toFixed(1)} s of signal` : "");
   setText(byId("run"), status.run ? `run ${status.run}` : status.source ?? "");
   setText(byId("losses"), lossesOf(status));
   document.title = `${state} – gr-wiforce`;
   drawTare(state);
   const notice = byId("connection");
-  notice.hidden = page.connected || page.lostAt === null;
+  notice.hidden = page.connected || ended || page.lostAt === null;
   if (!notice.hidden) {
     const sinceS = (performance.now() - page.lostAt) / 1000;
-    const last = status.state === "ended" ? ` The run had ended (${status.reason}).` : "";
-    setText(notice, page.refusal || `No connection to gr-wiforce for ${ageText(sinceS)}; trying again.${last}`);
+    setText(notice, page.refusal || `No connection to gr-wiforce for ${ageText(sinceS)}; trying again.`);
   }
 }
 
