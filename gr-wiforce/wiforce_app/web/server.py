@@ -4,6 +4,7 @@
 import asyncio
 import ipaddress
 import json
+import logging
 import signal
 import socket
 import time
@@ -111,6 +112,9 @@ class PageServer:
             await self._flush()
         finally:
             server.stop()
+            for viewer in tuple(self.viewers):
+                viewer.drop()
+            await server.close_all_connections()
             self.source.close()
 
     def end(self) -> None:
@@ -252,14 +256,14 @@ class _Viewer(_Guarded, tornado.websocket.WebSocketHandler):
 
     def on_ping(self, data: bytes) -> None:
         if self._waits:  # an answer to each would have to be stored
-            self._drop()
+            self.drop()
 
     def update(self, status: bool) -> None:
         """Send what the browser lacks, unless it has not taken the last message yet."""
         board = self.page.board
         if self._waits:
             if time.monotonic() - self._sent_s > _STALLED_S:
-                self._drop()
+                self.drop()
         elif self._answer is not None:
             self._send(self._answer)
             self._answer = None
@@ -286,7 +290,7 @@ class _Viewer(_Guarded, tornado.websocket.WebSocketHandler):
         self._sent_s = time.monotonic()
         self.sent = asyncio.ensure_future(_done(written))
 
-    def _drop(self) -> None:
+    def drop(self) -> None:
         """Disconnect at once: a handshake at the end would wait for the browser."""
         self.page.viewers.discard(self)
         if self.ws_connection is not None:
@@ -323,6 +327,9 @@ def serve_until_signal(
     signals : iterable of int
         Signals that end it.
     """
+
+    # Refused requests are the browser's business, and would fill a journal.
+    logging.getLogger("tornado").setLevel(logging.CRITICAL)
 
     async def run():
         server = make()

@@ -154,9 +154,7 @@ class ZmqSource:
             board.add(message)
             return
         board.follow(message.get("run"))
-        self._shown = {name: message[name] for name in _SHOWN if name in message}
-        if self.ended:
-            self._shown["state"] = "ended"
+        self._shown = {name: message.get(name) for name in _SHOWN}
 
     def _take_answer(self) -> None:
         if self._asked is None:
@@ -179,7 +177,7 @@ class ZmqSource:
         elif not self.ended and (silent_s := self._now() - self._heard_s) > _SILENT_S:
             reason = f"no messages for {silent_s:.0f} s: the reader or its network is down"
             status |= {"state": "lost", "reason": reason}
-        elif status["state"] == "waiting" and not status.get("reason"):
+        elif status.get("state", "waiting") == "waiting" and not status.get("reason"):
             status["state"] = "reading"  # a publisher of readings without heartbeats
         return status
 
