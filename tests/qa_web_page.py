@@ -128,6 +128,7 @@ def test_page_tells_why_a_tare_is_refused_and_that_the_run_has_ended(window, rea
     with serving(ZmqSource(reader.readings, reader.control)) as (url, _):
         opened(window, url, reader)
         reader.refusal = "arm is touched (3.00 N at 40.0 mm)"
+        reader.until(lambda: window.run("return !document.getElementById('tare').disabled"))
         window.run(press_tare)
         reader.until(lambda: window.text("#outcome") == f"tare refused: {reader.refusal}")
         assert window.run("return document.getElementById('outcome').className") == "bad"
@@ -143,7 +144,6 @@ def test_page_tells_why_a_tare_is_refused_and_that_the_run_has_ended(window, rea
     # The page stays as it was when its server ends with the run.
     window.wait("return !page.connected")
     assert window.text("#state") == "ended" and window.run("return page.lostAt !== null")
-    window.run("clearTimeout(page.retry)")
     window.driver.get("about:blank")
     assert all("ERR_CONNECTION_REFUSED" in line for line in window.errors())
 

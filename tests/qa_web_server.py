@@ -27,6 +27,9 @@ class NoSource:
 
     can_tare = False
 
+    def fileno(self):
+        return None
+
     def poll(self, board):
         board.show({"state": "waiting"})
 

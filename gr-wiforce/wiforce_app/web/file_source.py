@@ -55,6 +55,9 @@ class FileSource:
         self._sensors: dict[str, dict[str, Any]] = {}
         self._open()
 
+    def fileno(self) -> None:
+        """None: files do not tell that they have grown."""
+
     def poll(self, board: Board) -> None:
         """Give the board what the file holds by now.
 

@@ -2,9 +2,11 @@
 """Serves the page to any number of browsers, none of which can delay another."""
 
 import asyncio
+import contextlib
 import ipaddress
 import json
 import logging
+import math
 import signal
 import socket
 import time
@@ -22,9 +24,10 @@ from .board import Board
 from .page import bokeh_scripts, figures
 
 _ASSETS = Path(__file__).with_name("assets")
-# 25 times per second, as the Qt display: a reading waits 20 ms on average.
-_TICK_S = 0.04
-_STATUS_EVERY = 12  # ticks: about as often as heartbeats come
+# Most often and least often that viewers are sent something. A reading that comes in wakes the
+# server, and those of short groups are collected.
+_SHORTEST_S, _LONGEST_S = 0.02, 0.04
+_STATUS_S = 0.5  # as often as heartbeats come
 # A viewer whose last message has not left this machine for so long is disconnected.
 _STALLED_S = 20.0
 _PING_S = 20.0
@@ -46,6 +49,9 @@ class Source(Protocol):
     @property
     def can_tare(self) -> bool:
         """Whether there is a reader that can be asked for a tare."""
+
+    def fileno(self) -> int | None:
+        """Descriptor that becomes readable when something may be new, if there is one."""
 
     def poll(self, board: Board) -> None:
         """Give the board what is new; never waits."""
@@ -86,7 +92,7 @@ class PageServer:
         self.board = Board(history_s)
         self.viewers: set[_Viewer] = set()
         self._listening = listening
-        self._ticks = 0
+        self._status_s = -math.inf
         self._settings = {"history_s": history_s, "length_mm": length_mm}
         self._ending = asyncio.Event()
 
@@ -102,15 +108,23 @@ class PageServer:
             self._application(), idle_connection_timeout=_IDLE_S, max_body_size=_LONGEST_REQUEST
         )
         server.add_sockets([self._listening])
+        woken, descriptor = asyncio.Event(), self.source.fileno()
+        if descriptor is not None:
+            asyncio.get_running_loop().add_reader(descriptor, woken.set)
         try:
             while not self._ending.is_set():
                 last = ended()
                 self._tick(final=last)
                 if last:
                     break
-                await asyncio.sleep(_TICK_S)
+                await asyncio.sleep(_SHORTEST_S)
+                with contextlib.suppress(TimeoutError):
+                    await asyncio.wait_for(woken.wait(), _LONGEST_S - _SHORTEST_S)
+                woken.clear()
             await self._flush()
         finally:
+            if descriptor is not None:
+                asyncio.get_running_loop().remove_reader(descriptor)
             server.stop()
             for viewer in tuple(self.viewers):
                 viewer.drop()
@@ -123,8 +137,9 @@ class PageServer:
 
     def _tick(self, final: bool = False) -> None:
         self.source.poll(self.board)
-        self._ticks += 1
-        status = final or self._ticks % _STATUS_EVERY == 0
+        now = time.monotonic()
+        if status := final or now - self._status_s >= _STATUS_S:
+            self._status_s = now
         for viewer in tuple(self.viewers):
             viewer.update(status)
 

@@ -78,6 +78,10 @@ class ZmqSource:
         """Whether the reader accepts requests."""
         return self._control is not None
 
+    def fileno(self) -> int:
+        """Descriptor that becomes readable when messages may have come in."""
+        return self._subscriber.fileno()
+
     def poll(self, board: Board) -> None:
         """Give the board what has come in.
 

@@ -26,7 +26,6 @@ const page = {
   asked: false,
   changed: true,
   messages: 0,
-  arrivals: null, // tests may put a list here: [sensor, time, touch, arrival in ms of UTC]
 };
 window.wiforce = page;
 
@@ -60,7 +59,6 @@ function take(message) {
     track.latest = reading;
     track.arrivedAt = now;
     page.newest = Math.max(page.newest, reading.time);
-    page.arrivals?.push([reading.sensor, reading.time, reading.touch, Date.now()]);
   }
   if (message.rows?.length) page.changed = true;
   if (message.status) takeStatus(message.status, now);
@@ -71,6 +69,7 @@ function take(message) {
     else if (stale < 0) track.readings.length = 0;
   }
   drawSensors();
+  if (message.status || message.answer) drawHead();
 }
 
 function takeStatus(status, now) {
