@@ -107,6 +107,8 @@ def measure_delay(arguments):
         window.wait("return page.status.state === 'reading'", 60)
         window.run(_NOTE)
         device_s, begun_s = page.start_s(), time.monotonic()
+        messages = stack.enter_context(closing(_Messages(page.zmq)))
+        arrived = arrivals(stack, page.url, device_s)
         streamed_s = page.device.command("status")["streaming_s"]
         for _ in range(arguments.presses):
             time.sleep(0.4 + rng.uniform(0, 0.1))
@@ -123,11 +125,33 @@ def measure_delay(arguments):
         passed_s = page.device.command("status")["streaming_s"] - streamed_s
         speed = passed_s / (time.monotonic() - begun_s)
     readings = [(row[2] - steady, device_s + row[0]) for row in painted]
-    delays = delays_s(readings, sent, _GROUP_S / 2)
     print(f"signal per second: {speed:.2f} s; groups of {1e3 * _GROUP_S:.0f} ms")
     print(f"press to painted page, {len(presses)} presses (ms): {quantiles(presses)}")
-    print(f"last sample of a group to painted page, {len(delays)} (ms): {quantiles(delays)}")
+    for name, found in (
+        ("a ZMQ client", messages.readings),
+        ("a viewer that does not draw", arrived),
+        ("the painted page", readings),
+    ):
+        delays = delays_s(found, sent, _GROUP_S / 2)
+        print(f"last sample of a group to {name}, {len(delays)} (ms): {quantiles(delays)}")
     return np.quantile(presses, 0.95) <= _SHOWN_S
+
+
+def arrivals(stack, url, device_s):
+    """A list that fills with readings as they reach a viewer: when, and their device time."""
+    found, viewer = [], stack.enter_context(closing(RawViewer(url)))
+
+    def read():
+        viewer.message()  # the history
+        try:
+            while (message := viewer.message()) is not None:
+                now_s = time.monotonic()
+                found.extend((now_s, device_s + row[1]) for row in message.get("rows", ()))
+        except (OSError, ValueError):
+            pass  # closed at the end
+
+    threading.Thread(target=read, daemon=True).start()
+    return found
 
 
 def watch(url, stop, number):

@@ -30,6 +30,7 @@ _SHORTEST_S, _LONGEST_S = 0.02, 0.04
 _STATUS_S = 0.5  # as often as heartbeats come
 # A viewer whose last message has not left this machine for so long is disconnected.
 _STALLED_S = 20.0
+# Of connections that have died without a word; Tornado ends them after three of these.
 _PING_S = 20.0
 _MOST_VIEWERS = 200
 _LONGEST_REQUEST = 1024
@@ -164,7 +165,6 @@ class PageServer:
             default_handler_class=_Missing,
             default_handler_args={"page": self},
             websocket_ping_interval=_PING_S,
-            websocket_ping_timeout=_PING_S,
             websocket_max_message_size=_LONGEST_REQUEST,
             template_path=str(_ASSETS),
             log_function=lambda handler: None,

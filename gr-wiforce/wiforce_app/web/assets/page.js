@@ -3,9 +3,10 @@
 "use strict";
 
 const RECONNECT_MS = [500, 1000, 2000, 5000];
-// Histories are redrawn ten times per second, or less often where a draw takes long.
-const HISTORY_MS = 100;
-const DRAW_SHARE = 4;
+// Histories are redrawn five times per second, as those of the Qt display, or less often where a
+// drawing takes long: at least four fifths of the time are left for readings that come in.
+const HISTORY_MS = 200;
+const PAUSE_PER_DRAWING = 4;
 const DEFAULT_LENGTH_MM = 80;
 // Numbers of sensors from which on each gets a lower picture.
 const SEVERAL = 3, CROWDED = 5;
@@ -171,15 +172,23 @@ function drawHistory() {
   page.plots.draw(tracks, page.newest, lengthMm || DEFAULT_LENGTH_MM);
 }
 
-function scheduleHistory() {
-  const wait = Math.max(HISTORY_MS, DRAW_SHARE * page.plots.lastDrawMs);
-  setTimeout(() => requestAnimationFrame(() => {
+// Resolves when what was changed has been painted.
+function painted() {
+  return new Promise((resolve) => requestAnimationFrame(() => setTimeout(resolve)));
+}
+
+async function keepHistory() {
+  for (;;) {
+    const begun = performance.now();
     if (page.changed) {
       page.changed = false;
       drawHistory();
+      await painted();
     }
-    scheduleHistory();
-  }), wait);
+    const took = performance.now() - begun;
+    const pause = Math.max(HISTORY_MS - took, PAUSE_PER_DRAWING * took);
+    await new Promise((resolve) => setTimeout(resolve, pause));
+  }
 }
 
 function connect() {
@@ -222,7 +231,7 @@ async function begin() {
     drawHead();
   }, 200);
   connect();
-  scheduleHistory();
+  keepHistory();
 }
 
 begin();

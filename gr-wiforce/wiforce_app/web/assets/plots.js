@@ -24,7 +24,6 @@ class Plots {
   constructor(historyS) {
     this.historyS = historyS;
     this.models = null;
-    this.lastDrawMs = 0;
   }
 
   async embed(item) {
@@ -36,7 +35,6 @@ class Plots {
   // `tracks` holds the readings of each sensor that is shown, with its colour and dash.
   draw(tracks, newest, lengthMm) {
     if (this.models === null) return;
-    const begun = performance.now();
     let largest = LEAST_FORCE_N;
     for (const track of tracks) {
       for (const reading of track.readings) {
@@ -52,7 +50,6 @@ class Plots {
       const filled = seriesOf(tracks, quantity, tops[name]);
       for (const [kind, data] of Object.entries(filled)) this.models(`${name}-${kind}`).data = data;
     }
-    this.lastDrawMs = performance.now() - begun;
   }
 
   // Both plots fill what the window has below them.
