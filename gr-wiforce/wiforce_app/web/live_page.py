@@ -56,7 +56,8 @@ class LivePage(Output):
             except Exception:
                 shutil.rmtree(self._folder, ignore_errors=True)
                 raise
-            settings = {**vars(address), "readings": readings, "control": self.control}
+            sockets = {"readings": readings, "control": self.control, "folder": self._folder}
+            settings = {**vars(address), **sockets}
             self._process = _spawned(listening.fileno())
         self._tell(settings)
 

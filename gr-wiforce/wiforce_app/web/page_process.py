@@ -8,6 +8,7 @@ with the run.
 import json
 import os
 import select
+import shutil
 import signal
 import socket
 import sys
@@ -50,10 +51,14 @@ def main() -> None:
     address = PageAddress(*(settings[key] for key in ("host", "port", "token")))
     source = ZmqSource(settings["readings"], settings["control"], name="the reader")
     run = _Run(source)
-    with socket.socket(fileno=int(sys.argv[1])) as listening:
-        serve_until_signal(
-            lambda: PageServer(source, address, listening), run.ended, (signal.SIGTERM,)
-        )
+    try:
+        with socket.socket(fileno=int(sys.argv[1])) as listening:
+            serve_until_signal(
+                lambda: PageServer(source, address, listening), run.ended, (signal.SIGTERM,)
+            )
+    finally:
+        # The reader cannot do it when it was killed.
+        shutil.rmtree(settings["folder"], ignore_errors=True)
 
 
 def _first_line() -> bytes:

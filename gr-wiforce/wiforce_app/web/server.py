@@ -32,6 +32,9 @@ _STATUS_S = 0.5  # as often as heartbeats come
 _STALLED_S = 20.0
 # Of connections that have died without a word; Tornado ends them after three of these.
 _PING_S = 20.0
+# Of messages that wait in the system, for each viewer. Its own limit is some megabytes, and a
+# viewer that stalls would be noticed after minutes only.
+_KERNEL_BYTES = 32 << 10
 _MOST_VIEWERS = 200
 _LONGEST_REQUEST = 1024
 _IDLE_S = 60.0
@@ -257,6 +260,8 @@ class _Viewer(_Guarded, tornado.websocket.WebSocketHandler):
             self.close(_TOO_MANY, f"{_MOST_VIEWERS} viewers are connected already")
             return
         self.set_nodelay(True)
+        buffer = self.ws_connection.stream.socket
+        buffer.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _KERNEL_BYTES)
         self.page.viewers.add(self)
         self.update(status=True)
 
