@@ -116,7 +116,7 @@ def test_captures_of_one_name_and_bad_outputs_are_refused(captures, tmp_path):
         "--output: must be a folder": [folder, "-o", tmp_path / "out.csv"],
         "--plot takes one capture": [folder, "-o", tmp_path, "--plot", "a.png"],
         "--jobs needs several captures": [folder / "day1" / "a", "--jobs", 2],
-        "contains no captures": [tmp_path / "*.none", "-o", tmp_path / "out"],
+        "contains no captures: no .sigmf-meta files": [tmp_path / "*.none", "-o", tmp_path / "out"],
     }
     for message, arguments in cases.items():
         done = run_command("read", *arguments)
