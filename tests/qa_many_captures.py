@@ -7,6 +7,7 @@ import os
 import shutil
 import signal
 import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -21,6 +22,10 @@ from gnuradio.wiforce.simulation.simulator import simulate
 from wiforce_app.captures.journal import Journal
 from wiforce_app.captures.search import find_captures, is_one
 
+COMMAND = [
+    *(sys.executable, "-c"),
+    "from wiforce_app.main import run; raise SystemExit(run())",
+]
 SCENE = {
     "radio": {"center_frequency_hz": 900e6, "sample_rate_hz": 1.25e6},
     "sounding": {"frame_length": 320},
@@ -109,14 +114,18 @@ def test_captures_that_fail_are_listed_and_the_others_read(captures, tmp_path):
 def test_captures_of_one_name_and_bad_outputs_are_refused(captures, tmp_path):
     folder, _ = captures
     copy(folder / "day1" / "a", tmp_path / "a")
+    copy(folder / "day1" / "a", tmp_path / "captures")
     both = [folder / "day1" / "a", tmp_path / "a"]
     cases = {
         "has the same name as": [*both, "-o", tmp_path / "out"],
         "--output: is needed for several captures": [folder],
         "--output: must be a folder": [folder, "-o", tmp_path / "out.csv"],
+        "readings cannot be called captures.jsonl": [
+            *(tmp_path / "[c]aptures*", "-o", tmp_path / "out", "--format", "jsonl")
+        ],
         "--plot takes one capture": [folder, "-o", tmp_path, "--plot", "a.png"],
         "--jobs needs several captures": [folder / "day1" / "a", "--jobs", 2],
-        "contains no captures": [tmp_path / "*.none", "-o", tmp_path / "out"],
+        "contains no captures: no .sigmf-meta files": [tmp_path / "*.none", "-o", tmp_path / "out"],
     }
     for message, arguments in cases.items():
         done = run_command("read", *arguments)
@@ -139,6 +148,27 @@ def test_patterns_and_folders_find_each_capture_once(captures, tmp_path, monkeyp
     assert [capture.name for capture in find_captures([str(tmp_path)])] == ["a", "b[1]"]
     assert is_one([str(tmp_path / "b[1]")]) and not is_one([str(tmp_path / "b*")])
     assert not is_one(["day1"]) and not is_one(["day1/a", "day1/b"])
+
+
+def test_interrupted_run_keeps_what_is_read_and_says_how_to_go_on(captures, tmp_path):
+    folder, alone = captures
+    (tmp_path / "in").mkdir()
+    for number in range(30):
+        copy(folder / "day1" / "a", tmp_path / "in" / f"press{number:02}")
+    out = tmp_path / "out"
+    words = [*COMMAND, "read", tmp_path / "in", "-o", out, "--jobs", "1"]
+    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as process:
+        deadline = time.monotonic() + 60
+        while len(list(out.glob("*.csv"))) < 2 and time.monotonic() < deadline:
+            time.sleep(0.02)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=30)
+    assert process.returncode == 130
+    done = len(list(out.glob("*.csv")))
+    assert 2 <= done < 30
+    assert errors.endswith("captures have been read; the same command reads the others\n")
+    assert {file.read_text() for file in out.glob("*.csv")} == {alone}
+    assert not list(out.glob(".*")), "a partial file was left"
 
 
 def test_one_parquet_file_holds_all_captures_with_their_names(captures, tmp_path):

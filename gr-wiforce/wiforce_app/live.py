@@ -35,6 +35,7 @@ from .options import (
     radio_options,
     readings_output,
     tracked_presses,
+    web_options,
 )
 from .radio_request import RECEIVE_S, DeviceLost, RadioRequest
 
@@ -88,6 +89,7 @@ FAILED, BAD_INPUT = 1, 2
     help="Offer a stream of the Lab Streaming Layer for each sensor, to this machine (default) or "
     "to its network.",
 )
+@web_options()
 @tracked_presses
 @click.option(
     "--latency",
@@ -130,6 +132,8 @@ def live(
     mcap,
     foxglove,
     lsl,
+    web,
+    web_token,
     tracked,
     latency,
     duration,
@@ -160,9 +164,12 @@ def live(
                 if keys is None:
                     _warn_of_strangers(zmq_endpoint)
             _add_robotics_and_laboratory(outputs, scene, mcap, foxglove, lsl, metadata)
+            endpoints = [(control, keys)] if control else []
+            if web is not None:
+                endpoints.append((_open_page(outputs, web, web_token), None))
             outputs.add(ReadingsFile(writer))
             session = _make_session(scene, request, outputs, tracked, record)
-            _run(session, request, outputs, control, keys, duration, reconnect)
+            _run(session, request, outputs, endpoints, duration, reconnect)
     except DeviceLost as lost:
         log.error(f"{lost}; all readings until then are kept")
         return FAILED
@@ -199,6 +206,18 @@ def _add_robotics_and_laboratory(outputs, scene, mcap, foxglove, lsl, metadata):
         outputs.add(LslStreams(scene, lsl, details))
 
 
+def _open_page(outputs, web, token):
+    """Serve the page; gives the endpoint of its requests."""
+    from .web.address import PageAddress
+    from .web.live_page import LivePage
+
+    address = PageAddress.of(web, token)
+    page = LivePage(address, log.warning)
+    outputs.add(page)
+    log.info(address.notice)
+    return page.control
+
+
 def _warn_of_strangers(zmq_endpoint):
     if not is_loopback(endpoint_of(zmq_endpoint, "--zmq")):
         log.warning(
@@ -231,8 +250,10 @@ def _make_session(scene, request, outputs, tracked, record):
     return LiveSession(scene, request, outputs.take, tracked, record)
 
 
-def _run(session, request, outputs, control, keys, duration, reconnect):
+def _run(session, request, outputs, endpoints, duration, reconnect):
     """Run the session until a signal, a request or `duration` ends it.
+
+    `endpoints` are those of requests, each with its keys or None.
 
     Raises
     ------
@@ -246,7 +267,7 @@ def _run(session, request, outputs, control, keys, duration, reconnect):
     from .run_health import Heartbeat, RunHealth
     from .service_manager import ServiceManager
     from .service_report import ServiceReport
-    from .watch import Watch
+    from .session_watch import Watch
 
     ending = _Ending()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -267,11 +288,10 @@ def _run(session, request, outputs, control, keys, duration, reconnect):
     service_report = ServiceReport(service, session, keeper)
     tares = TareLog(session, log.info)
     signal.signal(signal.SIGUSR1, lambda *_: tares.request())
-    requests = None
-    if control:
-        requests = serve_requests(
-            control, tares, watch.status, stop=lambda: ending.request("request"), keys=keys
-        )
+    requests = []
+    for endpoint, keys in endpoints:
+        stop = partial(ending.request, "request")
+        requests.append(serve_requests(endpoint, tares, watch.status, stop=stop, keys=keys))
     try:
         with Heartbeat(health.report, lambda report: outputs.send("heartbeat", report)):
             try:
@@ -280,8 +300,8 @@ def _run(session, request, outputs, control, keys, duration, reconnect):
                     watch.look()
                     health.look()
                     service_report.look()
-                    if requests is not None:
-                        requests.serve(_REQUESTS_A_LOOK)
+                    for each in requests:
+                        each.serve(_REQUESTS_A_LOOK)
                     if duration and session.time_s >= duration:
                         ending.request("duration")
             finally:
@@ -295,8 +315,8 @@ def _run(session, request, outputs, control, keys, duration, reconnect):
         service.close()
         health.look()
         watch.finish()
-        if requests is not None:
-            requests.close()
+        for each in requests:
+            each.close()
         outputs.send("end", {**health.report(), **ending.report()})
     log.info(f"read {watch.summary()}")
     if ending.failure is not None:

@@ -28,6 +28,7 @@ COMMANDS = {
     "read": "Read force and location from a capture.",
     "live": "Read force and location live from a USRP.",
     "status": "Print the health of a live reader.",
+    "watch": "Show readings in a browser.",
     "keys": "Make keys for ZMQ beyond this machine.",
     "check": "Check a USRP before a measurement, or the files of a capture.",
     "calibrate": "Make a sensor model from known presses.",

@@ -102,3 +102,36 @@ def optional_radio_options(command):
     for option in reversed((scene, args, *_OF_A_RADIO[1:])):
         command = option(command)
     return command
+
+
+def web_options(required=False):
+    """Add the options of a page in the browser.
+
+    Parameters
+    ----------
+    required : bool
+        Whether the command does nothing else.
+
+    Returns
+    -------
+    callable
+        A decorator.
+    """
+
+    def add(command):
+        command = click.option(
+            "--web-token",
+            metavar="TOKEN",
+            envvar="GR_WIFORCE_WEB_TOKEN",
+            show_envvar=True,
+            help="What a browser must present to open the page, 16 letters and digits or more. "
+            "Default: a random one beyond this machine, none on it.",
+        )(command)
+        return click.option(
+            "--web",
+            required=required,
+            metavar="[ADDRESS:]PORT",
+            help="Show readings in browsers, at a port of this machine or of ADDRESS.",
+        )(command)
+
+    return add

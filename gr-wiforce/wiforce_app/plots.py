@@ -134,13 +134,14 @@ def _plot_flagged(axes, readings):
             limits = np.min(values[known]) - 1, np.max(values[known]) + 1
         lowest = -0.05 * limits[1] if axis is axes[0] else limits[0]
         limits = lowest, limits[1]
-        axis.plot(
-            time[known],
-            np.clip(values[known], *limits),
-            "x",
-            ms=6,
-            color="C3",
-            clip_on=False,
-            label="flagged",
-        )
+        if np.any(known):  # Matplotlib gives markers outside the axis no size without any
+            axis.plot(
+                time[known],
+                np.clip(values[known], *limits),
+                "x",
+                ms=6,
+                color="C3",
+                clip_on=False,
+                label="flagged",
+            )
         axis.set_ylim(limits)

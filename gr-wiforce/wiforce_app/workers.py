@@ -18,6 +18,7 @@ from typing import Any
 import click
 from gnuradio.wiforce.errors import InputError
 
+from .interrupts import terminate_by_exception
 from .options import IntegerRange
 from .task_process import outcome_of
 
@@ -144,8 +145,12 @@ def _outcome(index, kind, value):
 
 
 def _ignore_interrupts():
-    """Leave Ctrl-C, which a terminal sends to all processes, to the command itself."""
+    """Leave Ctrl-C, which a terminal sends to all processes, to the command itself.
+
+    The command then ends its workers by SIGTERM, and they remove what is not complete.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    terminate_by_exception()
 
 
 def _on_cluster(function, tasks, scheduler):

@@ -11,8 +11,8 @@ from gnuradio.wiforce.io.readings import GroupCounts
 
 from ..interrupts import Interrupted
 from ..progress import progress
-from ..workers import run_tasks
-from .journal import Journal
+from ..workers import WorkerLost, run_tasks
+from .journal import RECORD, Journal
 from .reading_job import ReadingJob, read_capture_file
 from .search import find_captures
 
@@ -59,6 +59,9 @@ def read_many(given, scene, output, form, again, jobs, scheduler, settings):
 
         check_whole(whole)
     suffix = "parquet" if whole is not None else form or "csv"
+    for capture in captures:
+        if f"{capture.name}.{suffix}" == RECORD:
+            raise InputError(capture.path, f"readings cannot be called {RECORD}; use --format csv")
     with Journal(folder) as journal:
         tasks = []
         for capture in captures:
@@ -140,7 +143,8 @@ class _Summary:
     def list_failures(self):
         """Print each capture that could not be read, and why."""
         for name, error in sorted(self.failures.items()):
-            text = str(error) if isinstance(error, InputError | OutputError) else repr(error)
+            known = isinstance(error, InputError | OutputError | WorkerLost)
+            text = str(error) if known else f"{type(error).__name__}: {error}"
             click.echo(f"gr-wiforce: error: {name}: {text}", err=True)
 
     @property

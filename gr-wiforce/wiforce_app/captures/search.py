@@ -87,7 +87,7 @@ def _meant_by(argument, datatype):
     else:
         return [_named(argument, datatype)]
     if not captures:
-        raise InputError(argument, "contains no captures")
+        raise InputError(argument, "contains no captures: no .sigmf-meta files")
     return captures
 
 
