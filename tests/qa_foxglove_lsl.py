@@ -12,7 +12,8 @@ import pylsl
 import pytest
 import websockets.sync.client
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.foxglove_server import FoxgloveServer, host_and_port
+from gnuradio.wiforce.io.addresses import host_and_port
+from gnuradio.wiforce.io.foxglove_server import FoxgloveServer
 from gnuradio.wiforce.io.lsl_outlets import CHANNELS, LslOutlets
 from gnuradio.wiforce.io.readings import Reading
 from ros_clients import SUBPROTOCOL, FoxgloveClient
@@ -67,7 +68,7 @@ def test_foxglove_port_in_use_is_refused(server):
         FoxgloveServer(str(server.port), ["arm"])
 
 
-@pytest.mark.parametrize("text", ["", "0", "65536", "x", "1:2:3", "::1:8765", ":8765", "a b:"])
+@pytest.mark.parametrize("text", ["", "0", "65536", "x", "1:2:3", "host:8765", "a b:"])
 def test_foxglove_address_that_is_none_is_refused(text):
     with pytest.raises(InputError, match=r"must be PORT or ADDRESS:PORT"):
         host_and_port(text, "--foxglove")

@@ -11,7 +11,13 @@ from pathlib import Path
 
 import pytest
 from gnuradio.wiforce.io.readings import Reading
-from gnuradio.wiforce.io.ros_definitions import READING, complete_definition
+from gnuradio.wiforce.io.ros_definitions import (
+    DIAGNOSTICS,
+    READING,
+    WRENCH,
+    complete_definition,
+    fields_of,
+)
 from gnuradio.wiforce.io.zmq_sockets import ReadingsPublisher
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -69,9 +75,24 @@ def node(monkeypatch):
     made.destroy_node()
 
 
+PYTHON_TYPES = {"string": str, "float64": float, "byte": bytes}
+
+
+def check_types(message, name):
+    """The types that rclpy demands of each field, down to the last."""
+    for field, (kind, array) in fields_of(name).items():
+        value = getattr(message, field)
+        assert isinstance(value, list) == array, field
+        for each in value if array else [value]:
+            if "/" in kind:
+                check_types(each, kind)
+            else:
+                assert type(each) is PYTHON_TYPES.get(kind, int), (field, each)
+
+
 def test_node_publishes_what_the_reader_sends(node):
     """From the bytes on the wire to messages on the topics of MCAP files."""
-    reading = Reading(0.018, "arm", 1, 4.0, 0.05, 45.0, 0.2, flags=("weak",))
+    reading = Reading(0.018, "arm", 1, 4, 0.05, 45.0, 0.2, flags=("weak",))
     health = {"state": "lost", "reason": "", **STAMP}
     with socket.create_server(("127.0.0.1", 0)) as held:
         port = held.getsockname()[1]
@@ -90,6 +111,8 @@ def test_node_publishes_what_the_reader_sends(node):
     assert (wrench.wrench.force.z, wrench.header.frame_id) == (-4.0, "arm")
     health, *_ = node.published["/diagnostics"]
     assert health.status[0].level == b"\2"  # as rclpy has a byte
+    for message, name in ((reading, READING), (wrench, WRENCH), (health, DIAGNOSTICS)):
+        check_types(message, name)
 
 
 @pytest.mark.parametrize("data", [b"\xff", b"[]", b"{}", b'{"message": "reading"}', b"7"])

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import click
 from gnuradio.wiforce.errors import InputError, OutputError
+from gnuradio.wiforce.io.addresses import host_and_port
 from gnuradio.wiforce.io.capture_files import recording_stem
-from gnuradio.wiforce.io.foxglove_server import host_and_port
 from gnuradio.wiforce.io.rotation import Rotation, open_rotating
 from gnuradio.wiforce.io.zmq_keys import ServerKeys
 from gnuradio.wiforce.io.zmq_sockets import endpoint_of, is_loopback

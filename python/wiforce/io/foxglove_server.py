@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Readings and health as ROS 2 messages for Foxglove, by its WebSocket protocol."""
 
-import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
 from ..errors import InputError
+from .addresses import host_and_port
 from .optional import optional_module
 from .readings import Reading
 from .ros_definitions import complete_definition
@@ -15,37 +15,6 @@ _NEEDS = "foxglove-sdk mcap-ros2-support"
 # Messages that wait for a client: some 4 s of one sensor. Of a slower client the oldest are
 # dropped.
 _BACKLOG = 256
-
-
-def host_and_port(text: str, option: str) -> tuple[str, int]:
-    """Where to listen, from ``PORT`` (on loopback) or ``ADDRESS:PORT``.
-
-    Parameters
-    ----------
-    text : str
-        An IPv6 address is in brackets.
-    option : str
-        Name of the option, for the message.
-
-    Returns
-    -------
-    host : str
-    port : int
-
-    Raises
-    ------
-    InputError
-        For anything else.
-
-    Examples
-    --------
-    >>> host_and_port("8765", "--foxglove"), host_and_port("[::1]:8765", "--foxglove")
-    (('127.0.0.1', 8765), ('::1', 8765))
-    """
-    match = re.fullmatch(r"(?:(\[[0-9a-fA-F:.]+\]|[^:\[\]]+):)?([0-9]{1,5})", text)
-    if match is None or not 0 < int(match[2]) < 65536:
-        raise InputError(option, "must be PORT or ADDRESS:PORT", text)
-    return (match[1] or "127.0.0.1").strip("[]"), int(match[2])
 
 
 class FoxgloveServer:
