@@ -287,6 +287,7 @@ def measure_leak(arguments):
 
 def heap_of(window):
     """JavaScript heap in KiB after a collection, and nodes of the document."""
+    window.driver.execute_cdp_cmd("Performance.enable", {})
     window.driver.execute_cdp_cmd("HeapProfiler.collectGarbage", {})
     window.errors(), window.requests()
     metrics = window.driver.execute_cdp_cmd("Performance.getMetrics", {})["metrics"]
