@@ -100,12 +100,14 @@ def test_captures_that_fail_are_listed_and_the_others_read(captures, tmp_path):
     folder, alone = captures
     shutil.copytree(folder / "day1", tmp_path / "in")
     (tmp_path / "in" / "a.sigmf-data").write_bytes(b"")
+    (tmp_path / "in" / "two\nlines.sigmf-meta").write_text("{}")
     done = run_command("read", tmp_path / "in", tmp_path / "absent", "-o", tmp_path / "out")
     assert done.returncode == 2
     lines = done.stderr.splitlines()
     assert lines[0].startswith("gr-wiforce: error: a: ") and lines[0].endswith("is empty")
     assert lines[1].startswith("gr-wiforce: error: absent: ") and "no such file" in lines[1]
-    assert "1 of 3 captures read, 2 failed" in lines[2]
+    assert lines[2].startswith("gr-wiforce: error: two lines: ")
+    assert "1 of 4 captures read, 3 failed" in lines[3]
     files = sorted(file.name for file in (tmp_path / "out").iterdir())
     assert files == ["b.csv", "captures.jsonl"]
     assert (tmp_path / "out" / "b.csv").read_text() == alone
@@ -123,6 +125,8 @@ def test_captures_of_one_name_and_bad_outputs_are_refused(captures, tmp_path):
         "readings cannot be called captures.jsonl": [
             *(tmp_path / "[c]aptures*", "-o", tmp_path / "out", "--format", "jsonl")
         ],
+        "'': is not the name of a capture": [folder, "", "-o", tmp_path / "out"],
+        "scene: must be a .yaml file": [folder, "--scene", "nope", "-o", tmp_path / "out"],
         "--plot takes one capture": [folder, "-o", tmp_path, "--plot", "a.png"],
         "--jobs needs several captures": [folder / "day1" / "a", "--jobs", 2],
         "contains no captures: no .sigmf-meta files": [tmp_path / "*.none", "-o", tmp_path / "out"],

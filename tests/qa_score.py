@@ -107,6 +107,19 @@ def test_gauge_of_another_experiment_is_refused():
         compare_with_gauge(readings(), other)
 
 
+def test_gauge_that_recorded_for_years_is_refused():
+    long = GaugeRecord(np.array([0.0, 1e9]), np.array([0.0, 5.0]))
+    with pytest.raises(InputError, match="gauge: must span at most 360000 s"):
+        compare_with_gauge(readings(), long)
+
+
+def test_few_slow_values_that_resemble_a_press_are_refused():
+    """A few values of a gauge can follow readings by chance; such figures are worthless."""
+    few = GaugeRecord(np.array([0.0, 8.0, 16.0, 24.0]), np.array([2.0, 3.0, 5.0, 1.0]))
+    with pytest.raises(InputError, match="gauge: must agree with the readings"):
+        compare_with_gauge(readings(), few)
+
+
 FILES = {
     "time_s,force_n\n0,1\n0.5,2\n": ([0, 0.5], [1, 2]),
     "Time (ms);Load [kgf]\n0;0,5\n250;1,5\n": ([0, 0.25], [0.5 * 9.80665, 1.5 * 9.80665]),
@@ -128,7 +141,9 @@ def test_files_of_gauges_are_understood(text, tmp_path):
 BAD = {
     "time_s,force_n\n0,1\n": "must hold two forces or more, got 1",
     "time_s,force_n\n0,1\n2,1\n1,1\n": "row 4: time_s must not decrease",
-    "time_s,force_n\n0,1\n1,high\n": "row 3: force_n must be a number, got 'high'",
+    "time_s,force_n\n0,1\n1,high\n": "row 3: force_n must be a finite number, got 'high'",
+    "time_s,force_n\n0,1\n1,inf\n": "row 3: force_n must be a finite number, got inf",
+    "time_s,force_n\nnan,1\n1,2\n2,3\n": "time_s must be given where there is a force",
     "a,b\n0,1\n1,1\n": "no column sounds like a time (a, b); state it with --time-column",
     "time,force,load\n0,1,1\n1,1,1\n": "several columns sound like a force (force, load)",
     "time,force (psi)\n0,1\n1,1\n": "names an unknown unit of force; state it with --unit",

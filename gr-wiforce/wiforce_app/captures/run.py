@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.readings import GroupCounts
+from gnuradio.wiforce.scene import load_scene
 
 from ..interrupts import Interrupted
 from ..progress import progress
@@ -51,6 +52,8 @@ def read_many(given, scene, output, form, again, jobs, scheduler, settings):
     InputError
         For bad arguments, before anything is read.
     """
+    if scene is not None:
+        load_scene(scene)
     captures = find_captures(given, settings["datatype"])
     whole = _whole_file(output, form)
     folder = _folder_of(output) if whole is None else whole.with_name(f"{whole.name}.parts")
@@ -84,9 +87,15 @@ def read_many(given, scene, output, form, again, jobs, scheduler, settings):
             names = [task.name for task in tasks if task.name not in summary.failures]
             rows = join_parts(whole, [(name, folder / f"{name}.parquet") for name in names])
             kept = f"{folder} is for a repeated run, and may be deleted"
-            click.echo(f"gr-wiforce: wrote {rows} readings to {whole}; {kept}", err=True)
-    click.echo(f"gr-wiforce: {summary}", err=True)
+            _say(f"wrote {rows} readings to {whole}; {kept}")
+    _say(str(summary))
     return summary.status
+
+
+def _say(text):
+    """Print one line; names of files may contain anything."""
+    line = "".join(c if c.isprintable() else " " for c in text)
+    click.echo(f"gr-wiforce: {line}", err=True)
 
 
 def _run(tasks, jobs, scheduler, journal, summary):
@@ -138,14 +147,14 @@ class _Summary:
         self._counts.add(outcome.result.counts)
         for message in outcome.result.messages:
             named = message if task.path in message else f"{task.name}: {message}"
-            click.echo(f"gr-wiforce: {named}", err=True)
+            _say(named)
 
     def list_failures(self):
         """Print each capture that could not be read, and why."""
         for name, error in sorted(self.failures.items()):
             known = isinstance(error, InputError | OutputError | WorkerLost)
             text = str(error) if known else f"{type(error).__name__}: {error}"
-            click.echo(f"gr-wiforce: error: {name}: {text}", err=True)
+            _say(f"error: {name}: {text}")
 
     @property
     def status(self):

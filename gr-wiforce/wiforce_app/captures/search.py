@@ -50,6 +50,8 @@ def find_captures(given, datatype=None):
     """
     found = {}
     for argument in given:
+        if not argument:
+            raise InputError(argument, "is not the name of a capture")
         for capture in _meant_by(argument, datatype):
             other = found.setdefault(capture.name, capture)
             if Path(other.path).resolve() != Path(capture.path).resolve():

@@ -78,7 +78,7 @@ def _plot(name: str, label: str, time_axis: Range1d) -> figure:
     plot.scatter("x", "y", source=data["points"], size=4, fill_color="color", line_color=None)
     plot.segment("x", "low", "x", "high", source=data["whiskers"], line_alpha=0.45, **color)
     plot.scatter(
-        "x", "y", source=data["doubtful"], size=6, marker="marker", fill_color="white", **color
+        "x", "y", source=data["doubtful"], size=5, marker="marker", fill_color="white", **color
     )
     plot.grid.grid_line_color = GRID
     plot.xgrid.grid_line_color = None

@@ -112,9 +112,6 @@ class PageServer:
             self._application(), idle_connection_timeout=_IDLE_S, max_body_size=_LONGEST_REQUEST
         )
         server.add_sockets([self._listening])
-        woken, descriptor = asyncio.Event(), self.source.fileno()
-        if descriptor is not None:
-            asyncio.get_running_loop().add_reader(descriptor, woken.set)
         try:
             while not self._ending.is_set():
                 last = ended()
@@ -122,13 +119,9 @@ class PageServer:
                 if last:
                     break
                 await asyncio.sleep(_SHORTEST_S)
-                with contextlib.suppress(TimeoutError):
-                    await asyncio.wait_for(woken.wait(), _LONGEST_S - _SHORTEST_S)
-                woken.clear()
+                await self._news(_LONGEST_S - _SHORTEST_S)
             await self._flush()
         finally:
-            if descriptor is not None:
-                asyncio.get_running_loop().remove_reader(descriptor)
             server.stop()
             for viewer in tuple(self.viewers):
                 viewer.drop()
@@ -146,6 +139,19 @@ class PageServer:
             self._status_s = now
         for viewer in tuple(self.viewers):
             viewer.update(status)
+
+    async def _news(self, limit_s: float) -> None:
+        """Wait until the source may have something new, or for so long."""
+        loop, woken, descriptor = asyncio.get_running_loop(), asyncio.Event(), self.source.fileno()
+        # Registered only while this waits: it stays readable until the source is polled.
+        if descriptor is not None:
+            loop.add_reader(descriptor, woken.set)
+        try:
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(woken.wait(), limit_s)
+        finally:
+            if descriptor is not None:
+                loop.remove_reader(descriptor)
 
     async def _flush(self, limit_s: float = 1.0) -> None:
         """Let the last messages leave."""

@@ -95,6 +95,8 @@ def read_gauge_file(
     forces = _numbers(path, table[force_name], force_name) * _newtons(force_name, unit)
     present = np.isfinite(forces)
     times, forces = times[present], forces[present]
+    if np.any(np.isnan(times)):
+        raise InputError(path, f"{time_name} must be given where there is a force")
     if len(times) < 2:
         raise InputError(path, "must hold two forces or more", len(times))
     if not np.all(np.diff(times) >= 0):
@@ -185,8 +187,9 @@ def _numbers(path: str | Path, column: pd.Series, name: str) -> np.ndarray:
     import pandas as pd
 
     numbers = pd.to_numeric(column, errors="coerce")
-    wrong = numbers.isna() & column.notna()
+    wrong = (numbers.isna() & column.notna()) | np.isinf(numbers)
     if wrong.any():
         row = int(np.argmax(wrong.to_numpy())) + 2
-        raise InputError(f"{path}: row {row}", f"{name} must be a number", column[wrong].iloc[0])
+        rule = f"{name} must be a finite number"
+        raise InputError(f"{path}: row {row}", rule, column[wrong].iloc[0])
     return numbers.to_numpy(float)

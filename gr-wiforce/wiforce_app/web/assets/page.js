@@ -6,7 +6,7 @@ const RECONNECT_MS = [500, 1000, 2000, 5000];
 // Histories are redrawn five times per second, as those of the Qt display, or less often where a
 // drawing takes long: at least four fifths of the time are left for readings that come in.
 const HISTORY_MS = 200;
-const PAUSE_PER_DRAWING = 4;
+const PAUSE_PER_DRAWING = 4, LONGEST_PAUSE_MS = 1000;
 const DEFAULT_LENGTH_MM = 80;
 // Numbers of sensors from which on each gets a lower picture.
 const SEVERAL = 3, CROWDED = 5;
@@ -187,7 +187,8 @@ async function keepHistory() {
     }
     const took = performance.now() - begun;
     const pause = Math.max(HISTORY_MS - took, PAUSE_PER_DRAWING * took);
-    await new Promise((resolve) => setTimeout(resolve, pause));
+    const longest = Math.min(pause, LONGEST_PAUSE_MS);
+    await new Promise((resolve) => setTimeout(resolve, longest));
   }
 }
 
