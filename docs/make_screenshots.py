@@ -2,12 +2,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Takes the pictures of docs/images that show windows, on a screen of its own (needs xvfb).
 
-    build/run python3 docs/make_screenshots.py
+    build/run python3 docs/make_screenshots.py [press] [companion] [browser]
 
 press_simulation.png is the running flowgraph with a press set, companion.png Companion with it
-open. Look at them before they are kept.
+open. browser_*.png are the page of `gr-wiforce watch --web` with readings of a simulated capture,
+in a headless Chromium. Look at them before they are kept.
 """
 
+import json
 import os
 import shutil
 import signal
@@ -15,6 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from functools import partial
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -69,7 +72,95 @@ while True:
 """
 
 
+# At a fifth of the usual rate, because only its readings are shown. The last press is harder than
+# the calibration knows.
+CAPTURE = {
+    "radio": {"sample_rate_hz": 2.5e6},
+    "sounding": {"frame_length": 400},
+    "phase_group": {"snapshots": 200},
+    "sensors": [
+        {"name": "left", "model": "line-900mhz-calibrated", "clock_hz": 400},
+        {"name": "right", "model": "line-900mhz-calibrated", "clock_hz": 560},
+    ],
+    "simulation": {
+        "truth_model": "line-900mhz",
+        "duration_s": 24.0,
+        "snr_db": 4,
+        "static_clutter_db": 50,
+        "tags": [
+            {"sensor": "left", "clock_offset_ppm": 40},
+            {"sensor": "right", "clock_offset_ppm": -65, "level_db": -3},
+        ],
+        "presses": [
+            {"sensor": sensor, "start_s": start, "rise_s": 0.3, "hold_s": hold}
+            | {"force_n": force, "end_force_n": last, "location_mm": location}
+            for sensor, start, hold, force, last, location in (
+                ("left", 2.0, 3.0, 3.0, 6.0, 33.0),
+                ("right", 4.0, 3.5, 5.0, 2.5, 52.0),
+                ("left", 8.0, 2.0, 1.5, 2.0, 61.0),
+                ("right", 10.0, 3.0, 2.0, 4.0, 24.0),
+                ("left", 14.0, 1.5, 8.0, 11.0, 40.0),
+                ("left", 18.0, 7.0, 2.5, 4.5, 28.0),
+                ("right", 19.0, 2.0, 3.0, 3.5, 66.0),
+            )
+        ],
+    },
+}
+EIGHT = ("thumb", "index", "middle", "ring", "palm", "wrist", "forearm", "elbow")
+
+
+def take_browser(home):
+    sys.path[:0] = [str(ROOT / "tests")]
+    from browser import SIZES, browser
+    from gnuradio import wiforce
+    from web_pages import publishing, serving
+    from wiforce_app.web.zmq_source import ZmqSource
+
+    scene = Path(home) / "capture.yaml"
+    scene.write_text(json.dumps(CAPTURE))
+    wiforce.simulate(wiforce.load_scene(scene), Path(home) / "capture")
+    rows = wiforce.read(Path(home) / "capture").to_dict("records")
+    for name, sensors, readings in (
+        ("browser", ("left", "right"), rows),
+        ("browser_eight", EIGHT, eight_of(rows)),
+    ):
+        with publishing(sensors=sensors) as reader, browser() as window:
+            source = ZmqSource(reader.readings, reader.control)
+            with serving(source) as (url, _):
+                window.open(url)
+                reader.until(partial(window.run, "return page.status.state === 'reading'"))
+                for start in range(0, len(readings), 100):
+                    reader.publish_rows(readings[start : start + 100])
+                    time.sleep(0.02)
+                for size in SIZES:
+                    window.resize(size)
+                    window.wait("return page.newest > 20 && !page.changed")
+                    # The last readings again, so that they are not out of date.
+                    reader.publish_rows(readings[-len(sensors) :])
+                    reader.heartbeat()
+                    window.picture(IMAGES / f"{name}_{size}.png")
+
+
+def eight_of(rows):
+    """Readings of two sensors as those of eight, each some seconds later than the one before."""
+    made = []
+    for number, name in enumerate(EIGHT):
+        own = [row for row in rows if row["sensor"] == ("left", "right")[number % 2]]
+        before = round(97 * (number // 2))
+        untouched = [row for row in own if row["flags"] == "" and row["touch"] == 0]
+        times = [row["time_s"] for row in own]
+        moved = (untouched * len(own))[:before] + own
+        made += [row | {"sensor": name, "time_s": t} for row, t in zip(moved, times, strict=False)]
+    return sorted(made, key=lambda row: row["time_s"])
+
+
 def main():
+    wanted = sys.argv[1:] or ["press", "companion", "browser"]
+    if "browser" in wanted:
+        with tempfile.TemporaryDirectory() as home:
+            take_browser(home)
+    if wanted == ["browser"]:
+        return
     if shutil.which("Xvfb") is None:
         sys.exit("make_screenshots: Xvfb is missing (apt install xvfb)")
     screen = subprocess.Popen(
@@ -79,8 +170,10 @@ def main():
         with tempfile.TemporaryDirectory() as home:
             time.sleep(1)
             environment = os.environ | {"HOME": home, "DISPLAY": DISPLAY, "QT_QPA_PLATFORM": "xcb"}
-            take_press(environment, home)
-            take_companion(environment, home)
+            if "press" in wanted:
+                take_press(environment, home)
+            if "companion" in wanted:
+                take_companion(environment, home)
     finally:
         screen.terminate()
         screen.wait()

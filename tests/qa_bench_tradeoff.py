@@ -5,10 +5,8 @@ import json
 
 import pytest
 from command_runs import run_command
-from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import load_scene
 from wiforce_app.bench.front import beat_the_plan, front, rated_error
-from wiforce_app.bench.room_reading import _forced
 from wiforce_app.bench.tradeoff_points import settings_of
 from wiforce_app.room_report import UNLISTED_TAGS
 
@@ -55,14 +53,6 @@ def test_the_front_holds_what_no_other_setting_beats():
         point("quick", 0.5, 2.0), point("unread", 0.1, None),
     ]  # fmt: skip
     assert [p["setting"] for p in front(points)] == ["quick", "plan", "fine"]
-
-
-def test_steps_that_a_room_may_need_are_timed_only_where_weights_for_them_exist():
-    """The fan's clutter band leaves no room for the lines of a tag on most other clocks."""
-    plans = _forced(plan(load_scene("fan")))
-    assert UNLISTED_TAGS in plans
-    for each in plans.values():
-        assert each.table.weights.shape == (len(each.table.tones), each.group_length)
 
 
 def test_a_longer_group_is_no_better_by_its_lower_rate_alone():

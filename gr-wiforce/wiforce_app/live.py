@@ -4,17 +4,39 @@
 import signal
 import sys
 import threading
+from functools import partial
+from pathlib import Path
 
 import click
 from gnuradio.wiforce.errors import InputError, OutputError
+from gnuradio.wiforce.io.addresses import host_and_port
 from gnuradio.wiforce.io.capture_files import recording_stem
 from gnuradio.wiforce.io.rotation import Rotation, open_rotating
 from gnuradio.wiforce.io.zmq_keys import ServerKeys
-from gnuradio.wiforce.io.zmq_sockets import ReadingsPublisher, endpoint_of, is_loopback
+from gnuradio.wiforce.io.zmq_sockets import endpoint_of, is_loopback
 from gnuradio.wiforce.scene import load_scene
 
+from .file_outputs import open_mcap, provenance
+from .live_outputs import (
+    MCAP_FILE_BYTES,
+    STAMP_COLUMNS,
+    FoxgloveMessages,
+    LiveOutputs,
+    LslStreams,
+    McapFile,
+    ReadingsFile,
+    ZmqMessages,
+)
 from .log import FORMATS, LEVELS, log
-from .options import FiniteRange, IntegerRange, radio_options, readings_output, tracked_presses
+from .options import (
+    FiniteRange,
+    IntegerRange,
+    mcap_output,
+    radio_options,
+    readings_output,
+    tracked_presses,
+    web_options,
+)
 from .radio_request import RECEIVE_S, DeviceLost, RadioRequest
 
 _LOOK_S = 0.1
@@ -53,6 +75,21 @@ FAILED, BAD_INPUT = 1, 2
     metavar="FOLDER",
     help="Encrypt both, and accept the clients whose keys are in FOLDER (gr-wiforce keys).",
 )
+@mcap_output
+@click.option(
+    "--foxglove",
+    metavar="[ADDRESS:]PORT",
+    help="Serve the same messages to Foxglove, at a port of this machine or of ADDRESS.",
+)
+@click.option(
+    "--lsl",
+    is_flag=False,
+    flag_value="machine",
+    type=click.Choice(["machine", "network"]),
+    help="Offer a stream of the Lab Streaming Layer for each sensor, to this machine (default) or "
+    "to its network.",
+)
+@web_options()
 @tracked_presses
 @click.option(
     "--latency",
@@ -92,6 +129,11 @@ def live(
     zmq_endpoint,
     control,
     zmq_keys,
+    mcap,
+    foxglove,
+    lsl,
+    web,
+    web_token,
     tracked,
     latency,
     duration,
@@ -111,14 +153,23 @@ def live(
     keys = _checked_keys(zmq_endpoint, control, zmq_keys)
     request = radio_request(args, scene, receive_s=RECEIVE_S[latency], **radio)
     rotation = Rotation.of(rotate, keep)
-    also = ("run", "time_utc")
+    metadata = provenance(scene)
     try:
-        with open_rotating(output, rotation, scene.files, also, append) as writer:
-            with _Outputs(writer, zmq_endpoint, keys) as outputs:
-                if zmq_endpoint is not None and keys is None:
+        with (
+            open_rotating(output, rotation, scene.files, STAMP_COLUMNS, append, metadata) as writer,
+            LiveOutputs() as outputs,
+        ):
+            if zmq_endpoint is not None:
+                outputs.add(ZmqMessages(zmq_endpoint, keys))
+                if keys is None:
                     _warn_of_strangers(zmq_endpoint)
-                session = _make_session(scene, request, outputs, tracked, record)
-                _run(session, request, outputs, control, keys, duration, reconnect)
+            _add_robotics_and_laboratory(outputs, scene, mcap, foxglove, lsl, metadata)
+            endpoints = [(control, keys)] if control else []
+            if web is not None:
+                endpoints.append((_open_page(outputs, web, web_token), None))
+            outputs.add(ReadingsFile(writer))
+            session = _make_session(scene, request, outputs, tracked, record)
+            _run(session, request, outputs, endpoints, duration, reconnect)
     except DeviceLost as lost:
         log.error(f"{lost}; all readings until then are kept")
         return FAILED
@@ -139,6 +190,32 @@ def _checked_keys(zmq_endpoint, control, folder):
     if control is not None and not is_loopback(given["--control"]):
         raise InputError("--control", "needs --zmq-keys for an address beyond loopback", control)
     return None
+
+
+def _add_robotics_and_laboratory(outputs, scene, mcap, foxglove, lsl, metadata):
+    if mcap is not None:
+        most_bytes = MCAP_FILE_BYTES if Path(mcap).is_dir() else None
+        outputs.add(McapFile(partial(open_mcap, mcap, scene.files, metadata), most_bytes))
+    if foxglove is not None:
+        outputs.add(FoxgloveMessages(foxglove, scene.sensor_names))
+        host, _ = host_and_port(foxglove, "--foxglove")
+        if not is_loopback(f"tcp://{host}:0"):
+            log.warning(f"--foxglove {foxglove}: everybody who reaches this address can read")
+    if lsl is not None:
+        details = {"version": metadata["wiforce:version"], "scene": metadata["wiforce:scene"]}
+        outputs.add(LslStreams(scene, lsl, details))
+
+
+def _open_page(outputs, web, token):
+    """Serve the page; gives the endpoint of its requests."""
+    from .web.address import PageAddress
+    from .web.live_page import LivePage
+
+    address = PageAddress.of(web, token)
+    page = LivePage(address, log.warning)
+    outputs.add(page)
+    log.info(address.notice)
+    return page.control
 
 
 def _warn_of_strangers(zmq_endpoint):
@@ -173,46 +250,10 @@ def _make_session(scene, request, outputs, tracked, record):
     return LiveSession(scene, request, outputs.take, tracked, record)
 
 
-class _Outputs:
-    """The outputs of a run: a file and, optionally, ZMQ."""
-
-    def __init__(self, writer, zmq_endpoint, keys):
-        self._writer = writer
-        self._publisher = None
-        self.health = None
-        self.seen = lambda reading: None
-        if zmq_endpoint is not None:
-            self._publisher = ReadingsPublisher(zmq_endpoint, keys=keys)
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        if self._publisher is not None:
-            self._publisher.close()
-
-    def begin(self):
-        """Start the file, whose former content is replaced unless it is appended to."""
-        self._writer.begin()
-
-    def take(self, reading):
-        """Write and publish one reading."""
-        stamp = self.health.stamp(reading)
-        if self._publisher is not None:
-            device_s = self.health.device_time_s(reading)
-            self._publisher.publish(reading, {"device_time_s": device_s, **stamp})
-        self._writer.write(reading, stamp)
-        self.health.note(reading)
-        self.seen(reading)
-
-    def send(self, kind, report):
-        """Publish a report of the reader's health."""
-        if self._publisher is not None:
-            self._publisher.send(kind, report)
-
-
-def _run(session, request, outputs, control, keys, duration, reconnect):
+def _run(session, request, outputs, endpoints, duration, reconnect):
     """Run the session until a signal, a request or `duration` ends it.
+
+    `endpoints` are those of requests, each with its keys or None.
 
     Raises
     ------
@@ -226,7 +267,7 @@ def _run(session, request, outputs, control, keys, duration, reconnect):
     from .run_health import Heartbeat, RunHealth
     from .service_manager import ServiceManager
     from .service_report import ServiceReport
-    from .watch import Watch
+    from .session_watch import Watch
 
     ending = _Ending()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -247,11 +288,10 @@ def _run(session, request, outputs, control, keys, duration, reconnect):
     service_report = ServiceReport(service, session, keeper)
     tares = TareLog(session, log.info)
     signal.signal(signal.SIGUSR1, lambda *_: tares.request())
-    requests = None
-    if control:
-        requests = serve_requests(
-            control, tares, watch.status, stop=lambda: ending.request("request"), keys=keys
-        )
+    requests = []
+    for endpoint, keys in endpoints:
+        stop = partial(ending.request, "request")
+        requests.append(serve_requests(endpoint, tares, watch.status, stop=stop, keys=keys))
     try:
         with Heartbeat(health.report, lambda report: outputs.send("heartbeat", report)):
             try:
@@ -260,8 +300,8 @@ def _run(session, request, outputs, control, keys, duration, reconnect):
                     watch.look()
                     health.look()
                     service_report.look()
-                    if requests is not None:
-                        requests.serve(_REQUESTS_A_LOOK)
+                    for each in requests:
+                        each.serve(_REQUESTS_A_LOOK)
                     if duration and session.time_s >= duration:
                         ending.request("duration")
             finally:
@@ -275,8 +315,8 @@ def _run(session, request, outputs, control, keys, duration, reconnect):
         service.close()
         health.look()
         watch.finish()
-        if requests is not None:
-            requests.close()
+        for each in requests:
+            each.close()
         outputs.send("end", {**health.report(), **ending.report()})
     log.info(f"read {watch.summary()}")
     if ending.failure is not None:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The flowgraph of the live reader: receive, align, record, read."""
 
+import math
 import time
 from collections import deque
 from collections.abc import Callable
@@ -134,6 +135,16 @@ class LiveSession:
     def latest(self):
         """The latest groups that were read, with their clocks and SNR: a Groups."""
         return Groups.concatenate(list(self._latest))
+
+    @property
+    def clock_offsets_ppm(self) -> dict[str, float | None]:
+        """Offset of every tag's clock in the latest group, by sensor; empty before the first."""
+        groups = next((batch for batch in reversed(list(self._latest)) if len(batch)), None)
+        if groups is None:
+            return {}
+        names = (each.name for each in self._scene.sensors)
+        offsets_ppm = zip(names, groups.clock_offset_ppm[-1].tolist(), strict=True)
+        return {name: round(ppm, 3) if math.isfinite(ppm) else None for name, ppm in offsets_ppm}
 
     @property
     def failure(self):

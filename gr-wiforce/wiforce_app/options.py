@@ -53,7 +53,14 @@ readings_output = click.option(
     "-o",
     "--output",
     type=click.Path(),
-    help="OUT.csv or OUT.jsonl. Default: CSV on standard output.",
+    help="OUT.csv, OUT.jsonl or OUT.parquet. Default: CSV on standard output.",
+)
+mcap_output = click.option(
+    "--mcap",
+    type=click.Path(),
+    metavar="FILE",
+    help="Also write ROS 2 messages, for Foxglove, PlotJuggler and rosbag2: to FILE.mcap or, where "
+    "FILE is a folder, to a new file in it.",
 )
 tracked_presses = click.option("--tracked", is_flag=True, help="Track each press over time.")
 
@@ -95,3 +102,36 @@ def optional_radio_options(command):
     for option in reversed((scene, args, *_OF_A_RADIO[1:])):
         command = option(command)
     return command
+
+
+def web_options(required=False):
+    """Add the options of a page in the browser.
+
+    Parameters
+    ----------
+    required : bool
+        Whether the command does nothing else.
+
+    Returns
+    -------
+    callable
+        A decorator.
+    """
+
+    def add(command):
+        command = click.option(
+            "--web-token",
+            metavar="TOKEN",
+            envvar="GR_WIFORCE_WEB_TOKEN",
+            show_envvar=True,
+            help="What a browser must present to open the page, 16 letters and digits or more. "
+            "Default: a random one beyond this machine, none on it.",
+        )(command)
+        return click.option(
+            "--web",
+            required=required,
+            metavar="[ADDRESS:]PORT",
+            help="Show readings in browsers, at a port of this machine or of ADDRESS.",
+        )(command)
+
+    return add

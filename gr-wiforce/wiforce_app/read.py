@@ -3,15 +3,15 @@
 
 import click
 from gnuradio.wiforce.io.capture import open_capture
-from gnuradio.wiforce.io.writers import open_writer
 from gnuradio.wiforce.planning.findings import findings
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.recording import RecordingReader
 from gnuradio.wiforce.scene import scene_of
 
 from .captures.search import is_one
+from .file_outputs import FileOutputs
 from .interrupts import Interrupted
-from .options import IntegerRange, capture_scene, sample_type, tracked_presses
+from .options import IntegerRange, capture_scene, mcap_output, sample_type, tracked_presses
 from .progress import progress
 from .room_report import RoomNews
 from .stream_events import describe_events
@@ -28,6 +28,7 @@ from .workers import worker_options
     help="OUT.csv, OUT.jsonl or OUT.parquet; of several captures a folder, for a file of each, or "
     "one OUT.parquet. Default: CSV on standard output.",
 )
+@mcap_output
 @click.option(
     "--plot",
     "plot_path",
@@ -51,7 +52,19 @@ from .workers import worker_options
 )
 @click.option("--again", is_flag=True, help="Read captures that have been read before as well.")
 @worker_options
-def read(captures, scene_path, output, plot_path, follow, form, again, jobs, scheduler, **settings):
+def read(
+    captures,
+    scene_path,
+    output,
+    mcap,
+    plot_path,
+    follow,
+    form,
+    again,
+    jobs,
+    scheduler,
+    **settings,
+):
     """Read force and location from each CAPTURE.
 
     A CAPTURE is a SigMF pair, a file of raw samples with --datatype, a folder that is searched for
@@ -61,8 +74,8 @@ def read(captures, scene_path, output, plot_path, follow, form, again, jobs, sch
     if is_one(captures):
         one = {"--format": form, "--again": again, "--jobs": jobs, "--scheduler": scheduler}
         _refuse(one, "needs several captures or a folder")
-        return _read_one(captures[0], scene_path, output, plot_path, follow, **settings)
-    _refuse({"--plot": plot_path, "--follow": follow}, "takes one capture")
+        return _read_one(captures[0], scene_path, output, mcap, plot_path, follow, **settings)
+    _refuse({"--mcap": mcap, "--plot": plot_path, "--follow": follow}, "takes one capture")
     from .captures.run import read_many
 
     return read_many(captures, scene_path, output, form, again, jobs, scheduler, settings)
@@ -74,7 +87,9 @@ def _refuse(options, rule):
             raise click.UsageError(f"{option} {rule}")
 
 
-def _read_one(capture, scene_path, output, plot_path, follow, datatype, frame_offset, tracked):
+def _read_one(
+    capture, scene_path, output, mcap, plot_path, follow, datatype, frame_offset, tracked
+):
     recording = open_capture(capture, datatype)
     scene, differences = scene_of(recording, scene_path)
     settings = plan(scene)
@@ -83,7 +98,7 @@ def _read_one(capture, scene_path, output, plot_path, follow, datatype, frame_of
         from .plots import check_picture
 
         check_picture(plot_path, inputs)
-    writer = open_writer(output, inputs)
+    writer = FileOutputs(output, mcap, inputs, scene)
     if follow:
         from .follow import GrowingCapture
 

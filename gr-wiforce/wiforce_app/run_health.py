@@ -48,7 +48,8 @@ def new_run() -> str:
 class _Tag:
     """When a sensor's readings held values."""
 
-    def __init__(self):
+    def __init__(self, length_mm):
+        self.length_mm = length_mm
         self.arrived_s = None
         self.received_s = None
         self.first_s = None
@@ -88,7 +89,7 @@ class RunHealth:
         self.run = new_run()
         self._session, self._clock, self._log, self._now = session, clock, log, now
         self._device_state = device_state
-        self._tags = {each.name: _Tag() for each in self._stream.plan.sensors}
+        self._tags = {each.name: _Tag(each.model.length_mm) for each in self._stream.plan.sensors}
         self._events = deque()
         self._suspected = set()
         self._samples, self._samples_s = 0, now()
@@ -171,11 +172,14 @@ class RunHealth:
         session, now = self._session, self._now()
         self._follow_clock()
         state, reason = self.state
+        clocks_ppm = session.clock_offsets_ppm
         sensors = {
             name: {
                 "age_s": None if tag.arrived_s is None else round(now - tag.arrived_s, 3),
                 "received": tag.arrived_s is not None and not tag.silent,
                 "doubt": self._stream.doubt_of(name),
+                "clock_offset_ppm": clocks_ppm.get(name),
+                "length_mm": tag.length_mm,
             }
             for name, tag in self._tags.items()
         }

@@ -22,7 +22,7 @@ class Run:
         self.now_s, self.said = 0.0, []
         self.doubt, self.device, self.suspicions = "", RUNNING, []
         tares = SimpleNamespace(measuring=False, state=TareState())
-        sensor = SimpleNamespace(name="arm")
+        sensor = SimpleNamespace(name="arm", model=SimpleNamespace(length_mm=80.0))
         self.stream = SimpleNamespace(
             state="reading",
             tares=tares,
@@ -38,6 +38,7 @@ class Run:
             time_s=1.0,
             gaps=0,
             samples_lost=0,
+            clock_offsets_ppm={"arm": 40.1},
             alignment=SimpleNamespace(offset=0),
             reader=SimpleNamespace(
                 stream=self.stream, counts=GroupCounts(), cancel_tare=self.cancelled.append

@@ -5,7 +5,6 @@ import time
 from dataclasses import dataclass, replace
 
 import numpy as np
-from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.compression import Compression
 from gnuradio.wiforce.estimation.tracked_tag import TagClock
 from gnuradio.wiforce.receiver import Receiver
@@ -114,20 +113,12 @@ def _quicker(recording, settings, survey):
     return min(runs, key=lambda run: run.start_s + run.samples_s + run.groups_s)
 
 
-def _readable(settings):
-    """Whether the tags of a plan can be separated from each other and from clutter."""
-    try:
-        return settings.separable and bool(settings.table.tones)
-    except InputError:
-        return False
-
-
 def _forced(settings):
     """The plan with each step that only some rooms need."""
     forced = {}
     for ratio in _CLOCK_RATIOS:
         more = replace(settings, others=(TagClock(ratio * max(settings.clocks_hz)),))
-        if _readable(more):
+        if more.separable:
             forced[UNLISTED_TAGS] = more
             break
     # One line, as strong as the noise of a snapshot, between the first two of the first tag.

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from gnuradio.wiforce.errors import InputError, OutputError
 
-NAME = "captures.jsonl"
+RECORD = "captures.jsonl"
 
 
 class Journal:
@@ -27,7 +27,7 @@ class Journal:
     """
 
     def __init__(self, folder):
-        self._path = Path(folder) / NAME
+        self._path = Path(folder) / RECORD
         try:
             self._path.parent.mkdir(parents=True, exist_ok=True)
             self._file = open(self._path, "a+", encoding="utf-8")

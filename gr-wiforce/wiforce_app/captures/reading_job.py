@@ -14,6 +14,7 @@ from gnuradio.wiforce.io.writers import open_writer
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import scene_of
 
+from ..file_outputs import provenance
 from ..marks import mark_of
 
 
@@ -107,7 +108,9 @@ def _read(job):
     # Another worker may read the same capture, if this one is taken for lost.
     partial = output.with_name(f".{output.stem}.{uuid.uuid4().hex}{output.suffix}")
     try:
-        with open_writer(partial, [*recording.files, *scene.files]) as writer:
+        metadata = provenance(scene) if output.suffix == ".parquet" else {}
+        inputs = [*recording.files, *scene.files]
+        with open_writer(partial, inputs, metadata=metadata) as writer:
             for batch in reader:
                 for reading in batch:
                     writer.write(reading)

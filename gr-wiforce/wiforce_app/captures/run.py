@@ -8,11 +8,12 @@ from pathlib import Path
 import click
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.readings import GroupCounts
+from gnuradio.wiforce.scene import load_scene
 
 from ..interrupts import Interrupted
 from ..progress import progress
-from ..workers import run_tasks
-from .journal import Journal
+from ..workers import WorkerLost, run_tasks
+from .journal import RECORD, Journal
 from .reading_job import ReadingJob, read_capture_file
 from .search import find_captures
 
@@ -51,6 +52,8 @@ def read_many(given, scene, output, form, again, jobs, scheduler, settings):
     InputError
         For bad arguments, before anything is read.
     """
+    if scene is not None:
+        load_scene(scene)
     captures = find_captures(given, settings["datatype"])
     whole = _whole_file(output, form)
     folder = _folder_of(output) if whole is None else whole.with_name(f"{whole.name}.parts")
@@ -59,6 +62,9 @@ def read_many(given, scene, output, form, again, jobs, scheduler, settings):
 
         check_whole(whole)
     suffix = "parquet" if whole is not None else form or "csv"
+    for capture in captures:
+        if f"{capture.name}.{suffix}" == RECORD:
+            raise InputError(capture.path, f"readings cannot be called {RECORD}; use --format csv")
     with Journal(folder) as journal:
         tasks = []
         for capture in captures:
@@ -80,9 +86,16 @@ def read_many(given, scene, output, form, again, jobs, scheduler, settings):
         if whole is not None:
             names = [task.name for task in tasks if task.name not in summary.failures]
             rows = join_parts(whole, [(name, folder / f"{name}.parquet") for name in names])
-            click.echo(f"gr-wiforce: wrote {rows} readings to {whole}", err=True)
-    click.echo(f"gr-wiforce: {summary}", err=True)
+            kept = f"{folder} is for a repeated run, and may be deleted"
+            _say(f"wrote {rows} readings to {whole}; {kept}")
+    _say(str(summary))
     return summary.status
+
+
+def _say(text):
+    """Print one line; names of files may contain anything."""
+    line = "".join(c if c.isprintable() else " " for c in text)
+    click.echo(f"gr-wiforce: {line}", err=True)
 
 
 def _run(tasks, jobs, scheduler, journal, summary):
@@ -134,13 +147,14 @@ class _Summary:
         self._counts.add(outcome.result.counts)
         for message in outcome.result.messages:
             named = message if task.path in message else f"{task.name}: {message}"
-            click.echo(f"gr-wiforce: {named}", err=True)
+            _say(named)
 
     def list_failures(self):
         """Print each capture that could not be read, and why."""
         for name, error in sorted(self.failures.items()):
-            text = str(error) if isinstance(error, InputError | OutputError) else repr(error)
-            click.echo(f"gr-wiforce: error: {name}: {text}", err=True)
+            known = isinstance(error, InputError | OutputError | WorkerLost)
+            text = str(error) if known else f"{type(error).__name__}: {error}"
+            _say(f"error: {name}: {text}")
 
     @property
     def status(self):

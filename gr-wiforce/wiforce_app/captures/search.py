@@ -50,6 +50,8 @@ def find_captures(given, datatype=None):
     """
     found = {}
     for argument in given:
+        if not argument:
+            raise InputError(argument, "is not the name of a capture")
         for capture in _meant_by(argument, datatype):
             other = found.setdefault(capture.name, capture)
             if Path(other.path).resolve() != Path(capture.path).resolve():
@@ -87,7 +89,7 @@ def _meant_by(argument, datatype):
     else:
         return [_named(argument, datatype)]
     if not captures:
-        raise InputError(argument, "contains no captures")
+        raise InputError(argument, "contains no captures: no .sigmf-meta files")
     return captures
 
 

@@ -11,12 +11,13 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from ..errors import InputError
+from .optional import optional_module
 from .readings import Reading
 from .zmq_keys import ServerKeys
 
 
 def endpoint_of(text: str, option: str) -> str:
-    """A ZMQ endpoint from ``PORT`` (on loopback) or ``tcp://ADDRESS:PORT``.
+    """A ZMQ endpoint from ``PORT`` (on loopback), ``tcp://ADDRESS:PORT`` or ``ipc:///PATH``.
 
     ``localhost`` becomes 127.0.0.1, because ZMQ binds to addresses, not to names of hosts.
 
@@ -40,6 +41,8 @@ def endpoint_of(text: str, option: str) -> str:
     >>> endpoint_of("5555", "--zmq")
     'tcp://127.0.0.1:5555'
     """
+    if text.startswith("ipc:///"):
+        return text
     address, _, port = text.rpartition(":")
     if address in ("", "tcp://localhost"):
         address = "tcp://127.0.0.1"
@@ -65,6 +68,8 @@ def is_loopback(endpoint: str) -> bool:
     >>> is_loopback("tcp://127.0.0.1:5555"), is_loopback("tcp://*:5555")
     (True, False)
     """
+    if endpoint.startswith("ipc://"):
+        return True
     host = endpoint.removeprefix("tcp://").rpartition(":")[0].strip("[]")
     try:
         return ipaddress.ip_address(host).is_loopback
@@ -100,10 +105,7 @@ class _Endpoint:
     longest = _LONGEST_REQUEST
 
     def __init__(self, endpoint: str, option: str, keys: ServerKeys | None) -> None:
-        try:
-            import zmq
-        except ImportError as error:
-            raise InputError(option, "needs pyzmq (python3-zmq)", endpoint) from error
+        zmq = optional_module("zmq", option)
         self._context, self._keys = zmq.Context(), keys
         self._authenticator = keys.authenticate(self._context) if keys is not None else None
         self._socket = self._open()

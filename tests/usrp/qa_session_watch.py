@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 from gnuradio.wiforce.io.readings import GroupCounts
-from wiforce_app import watch
+from wiforce_app import session_watch
 
 
 def session_in_words():
@@ -21,14 +21,14 @@ def session_in_words():
         alignment=SimpleNamespace(searches=0, offset=0),
         start_s=None,
         reader=SimpleNamespace(counts=GroupCounts(), findings=None),
-        latest=[],
+        clock_offsets_ppm={},
     )
 
 
 def test_watch_timing_shift_warns_of_times_and_claims_no_loss(capsys):
     now = [0.0]
     session = session_in_words()
-    looking = watch.Watch(session, now=lambda: now[0])
+    looking = session_watch.Watch(session, now=lambda: now[0])
     cases = (
         (1, 0, ["frame timing shifted once; times may be off by a multiple of the frame length"]),
         (3, 1, ["frame timing shifted 2 times; times", "ignored 1 implausible rx_time tag"]),
@@ -54,10 +54,10 @@ def test_watch_many_gaps_advises_larger_socket_buffers(
 ):
     limit = tmp_path / "rmem_max"
     limit.write_text(f"{buffer}\n")
-    monkeypatch.setattr(watch, "_BUFFER_LIMIT", limit)
+    monkeypatch.setattr(session_watch, "_BUFFER_LIMIT", limit)
     now = [0.0]
     session = session_in_words()
-    looking = watch.Watch(session, now=lambda: now[0])
+    looking = session_watch.Watch(session, now=lambda: now[0])
     for gaps, lost, warned in ((1, 100, False), (7, 600, True)):
         now[0] += 1.1
         session.gaps, session.samples_lost = gaps, 100 * gaps

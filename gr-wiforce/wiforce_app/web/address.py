@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Where the page is served, and the token that opens it."""
+
+import hmac
+import importlib.util
+import ipaddress
+import re
+import secrets
+import socket
+from dataclasses import dataclass
+
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.addresses import host_and_port
+
+from . import MODULES, NEEDS
+
+OPTION = "--web"
+_EVERYWHERE = ("0.0.0.0", "::")
+# 192 random bits cannot be guessed over a network.
+_TOKEN_BYTES = 24
+_TOKEN = re.compile("[A-Za-z0-9_-]{16,128}")
+# Connections that wait to be accepted.
+_BACKLOG = 128
+
+
+@dataclass(frozen=True)
+class PageAddress:
+    """An address of the page.
+
+    Attributes
+    ----------
+    host : str
+        Address that the port is opened at, without brackets.
+    port : int
+    token : str or None
+        What a browser must present; None where everybody of this machine may look.
+    """
+
+    host: str
+    port: int
+    token: str | None = None
+
+    @classmethod
+    def of(cls, text: str, token: str | None = None) -> "PageAddress":
+        """The address that options ask for.
+
+        Parameters
+        ----------
+        text : str
+            ``PORT``, on loopback, or ``ADDRESS:PORT``; ``*`` stands for all addresses.
+        token : str, optional
+            The user's own; beyond loopback a random one is made by default.
+
+        Returns
+        -------
+        PageAddress
+
+        Raises
+        ------
+        InputError
+            When a package is missing, for another text, and for a token that is easily guessed.
+
+        Examples
+        --------
+        >>> PageAddress.of("8080")
+        PageAddress(host='127.0.0.1', port=8080, token=None)
+        >>> PageAddress.of("[::1]:8080").url
+        'http://[::1]:8080/'
+        """
+        for module in MODULES:
+            if importlib.util.find_spec(module) is None:
+                raise InputError(OPTION, f"needs {NEEDS}: pip install {NEEDS}")
+        host, port = host_and_port(text, OPTION)
+        if token is not None and not _TOKEN.fullmatch(token):
+            rule = "must be 16 to 128 letters, digits, - or _"
+            raise InputError("--web-token", rule)
+        address = cls(host, port, token)
+        if token is None and not address.is_loopback:
+            return cls(host, port, secrets.token_urlsafe(_TOKEN_BYTES))
+        return address
+
+    @property
+    def is_loopback(self) -> bool:
+        """Whether only this machine can connect."""
+        return ipaddress.ip_address(self.host).is_loopback
+
+    @property
+    def url(self) -> str:
+        """What a user opens."""
+        host = socket.gethostname() if self.host in _EVERYWHERE else self.host
+        host = f"[{host}]" if ":" in host else host
+        query = "" if self.token is None else f"?token={self.token}"
+        return f"http://{host}:{self.port}/{query}"
+
+    @property
+    def notice(self) -> str:
+        """What a user is told when the page is there."""
+        text = f"page: {self.url}"
+        if self.is_loopback:
+            return text
+        return f"{text} (plain HTTP: whoever reads the network sees readings and the token)"
+
+    def accepts(self, token: str) -> bool:
+        """Whether a token is the right one; takes as long for every token.
+
+        Parameters
+        ----------
+        token : str
+
+        Returns
+        -------
+        bool
+        """
+        return self.token is None or hmac.compare_digest(self.token.encode(), token.encode())
+
+    def listen(self) -> socket.socket:
+        """Open the port.
+
+        Returns
+        -------
+        socket.socket
+
+        Raises
+        ------
+        InputError
+            When the port is taken, or the address is not one of this machine.
+        """
+        family = socket.AF_INET6 if ":" in self.host else socket.AF_INET
+        listening = socket.socket(family, socket.SOCK_STREAM)
+        try:
+            listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            listening.bind((self.host, self.port))
+            listening.listen(_BACKLOG)
+        except OSError as error:
+            listening.close()
+            given = f"{self.host}:{self.port}"
+            raise InputError(OPTION, f"cannot be opened ({error.strerror})", given) from error
+        listening.setblocking(False)
+        return listening

@@ -1,0 +1,238 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Takes the messages of wiforce_app/web/server.py and keeps the page up to date.
+"use strict";
+
+const RECONNECT_MS = [500, 1000, 2000, 5000];
+// Histories are redrawn five times per second, as those of the Qt display, or less often where a
+// drawing takes long: at least four fifths of the time are left for readings that come in.
+const HISTORY_MS = 200;
+const PAUSE_PER_DRAWING = 4, LONGEST_PAUSE_MS = 1000;
+const DEFAULT_LENGTH_MM = 80;
+// Numbers of sensors from which on each gets a lower picture.
+const SEVERAL = 3, CROWDED = 5;
+const TOO_MANY = 4001;
+
+const page = {
+  tracks: new Map(), // by sensor: readings of the history, and its view
+  status: { state: "connecting", reason: "", sensors: {}, ages: {} },
+  statusAt: 0,
+  newest: 0,
+  settings: { history_s: 30, length_mm: null },
+  connected: false,
+  lostAt: null,
+  attempts: 0,
+  refusal: "",
+  socket: null,
+  plots: null,
+  asked: false,
+  changed: true,
+  messages: 0,
+};
+window.wiforce = page;
+
+const byId = (id) => document.getElementById(id);
+
+function trackOf(sensor) {
+  if (!page.tracks.has(sensor)) {
+    const view = new SensorView(sensor, page.tracks.size, byId("sensors"), () => {
+      page.changed = true;
+    });
+    page.tracks.set(sensor, { readings: [], latest: null, arrivedAt: -Infinity, view });
+    byId("empty").hidden = true;
+    byId("sensors").classList.toggle("several", page.tracks.size >= SEVERAL);
+    byId("sensors").classList.toggle("crowded", page.tracks.size >= CROWDED);
+  }
+  return page.tracks.get(sensor);
+}
+
+function take(message) {
+  page.messages += 1;
+  const now = performance.now();
+  if (message.answer) takeAnswer(message.answer);
+  if (message.restart) {
+    page.newest = 0;
+    for (const track of page.tracks.values()) Object.assign(track, { readings: [], latest: null });
+  }
+  for (const row of message.rows ?? []) {
+    const reading = asReading(row);
+    const track = trackOf(reading.sensor);
+    track.readings.push(reading);
+    track.latest = reading;
+    track.arrivedAt = now;
+    page.newest = Math.max(page.newest, reading.time);
+  }
+  if (message.rows?.length) page.changed = true;
+  if (message.status) takeStatus(message.status, now);
+  for (const track of page.tracks.values()) {
+    const oldest = page.newest - page.settings.history_s;
+    const stale = track.readings.findIndex((reading) => reading.time >= oldest);
+    if (stale > 0) track.readings.splice(0, stale);
+    else if (stale < 0) track.readings.length = 0;
+  }
+  drawSensors();
+  if (message.status || message.answer) drawHead();
+}
+
+function takeStatus(status, now) {
+  page.status = { ...status, sensors: status.sensors ?? {}, ages: status.ages ?? {} };
+  page.statusAt = now;
+  for (const sensor of Object.keys(page.status.sensors)) trackOf(sensor);
+  // Readings of the history that comes first are older than their arrival here.
+  for (const [sensor, ageS] of Object.entries(page.status.ages)) {
+    trackOf(sensor).arrivedAt = Math.min(trackOf(sensor).arrivedAt, now - 1000 * ageS);
+  }
+}
+
+function takeAnswer(answer) {
+  page.asked = false;
+  const outcome = byId("outcome");
+  outcome.textContent = answer.ok ? "tare complete" : answer.error || "tare failed";
+  outcome.classList.toggle("bad", !answer.ok);
+  page.answered = JSON.stringify(page.status.tare ?? null);
+}
+
+function lengthOf(sensor) {
+  const known = page.status.sensors[sensor]?.length_mm ?? page.settings.length_mm;
+  if (known) return known;
+  let farthest = DEFAULT_LENGTH_MM;
+  for (const reading of page.tracks.get(sensor).readings) {
+    if (!reading.doubtful && reading.location > farthest) farthest = reading.location;
+  }
+  return 10 * Math.ceil(farthest / 10);
+}
+
+function drawSensors() {
+  const now = performance.now();
+  for (const [sensor, track] of page.tracks) {
+    const health = page.status.sensors[sensor] ?? {};
+    const ageS = (now - track.arrivedAt) / 1000;
+    track.view.draw(track.latest, health, ageS, lengthOf(sensor));
+  }
+}
+
+function drawHead() {
+  const { status } = page;
+  const ended = status.state === "ended";
+  const state = page.connected || ended ? status.state : "disconnected";
+  byId("state").dataset.state = state;
+  setText(byId("state"), state);
+  setText(byId("reason"), page.connected || ended ? status.reason ?? "" : "");
+  setText(byId("time"), page.newest ? `${page.newest.toFixed(1)} s of signal` : "");
+  setText(byId("run"), status.run ? `run ${status.run}` : status.source ?? "");
+  setText(byId("losses"), lossesOf(status));
+  document.title = `${state} – gr-wiforce`;
+  drawTare(state);
+  const notice = byId("connection");
+  notice.hidden = page.connected || ended || page.lostAt === null;
+  if (!notice.hidden) {
+    const sinceS = (performance.now() - page.lostAt) / 1000;
+    setText(notice, page.refusal || `No connection to gr-wiforce for ${ageText(sinceS)}; trying again.`);
+  }
+}
+
+function lossesOf(status) {
+  const dropped = status.groups?.dropped;
+  const parts = [];
+  if (status.gaps) parts.push(`${status.gaps} gaps`);
+  if (dropped) parts.push(`${dropped} groups lost`);
+  return parts.join(", ");
+}
+
+function drawTare(state) {
+  const { status } = page;
+  const tare = status.tare ?? { state: "none" };
+  const measuring = tare.state === "measuring";
+  const button = byId("tare");
+  setText(button, measuring ? "Measuring…" : page.asked ? "Asked…" : "Tare");
+  const idle = ["ended", "lost", "waiting", "connecting", "disconnected"].includes(state);
+  button.disabled = !status.can_tare || measuring || page.asked || idle;
+  button.title = status.can_tare
+    ? "Measure the untouched reference again; nothing may press a sensor."
+    : "The source takes no requests. Start with --control to tare from here.";
+  // The outcome of a tare that somebody else has requested.
+  const seen = JSON.stringify(status.tare ?? null);
+  if (seen !== page.answered && !page.asked) {
+    page.answered = seen;
+    const outcome = byId("outcome");
+    const shown = tare.state === "none" || measuring ? "" :
+      `tare ${tare.state}${tare.forced ? " (forced)" : ""}${tare.reason ? `: ${tare.reason}` : ""}`;
+    outcome.textContent = shown;
+    outcome.classList.toggle("bad", shown !== "" && tare.state !== "complete");
+  }
+}
+
+function drawHistory() {
+  const tracks = [];
+  let lengthMm = 0;
+  for (const [sensor, track] of page.tracks) {
+    lengthMm = Math.max(lengthMm, lengthOf(sensor));
+    const { color, dash, shown } = track.view;
+    if (shown) tracks.push({ readings: track.readings, color, dash });
+  }
+  page.plots.draw(tracks, page.newest, lengthMm || DEFAULT_LENGTH_MM);
+}
+
+// Resolves when what was changed has been painted.
+function painted() {
+  return new Promise((resolve) => requestAnimationFrame(() => setTimeout(resolve)));
+}
+
+async function keepHistory() {
+  for (;;) {
+    const begun = performance.now();
+    if (page.changed) {
+      page.changed = false;
+      drawHistory();
+      await painted();
+    }
+    const took = performance.now() - begun;
+    const pause = Math.max(HISTORY_MS - took, PAUSE_PER_DRAWING * took);
+    const longest = Math.min(pause, LONGEST_PAUSE_MS);
+    await new Promise((resolve) => setTimeout(resolve, longest));
+  }
+}
+
+function connect() {
+  const address = new URL("readings", location.href);
+  address.protocol = address.protocol.replace("http", "ws");
+  const socket = new WebSocket(address);
+  page.socket = socket;
+  socket.onopen = () => {
+    Object.assign(page, { connected: true, attempts: 0, refusal: "", lostAt: null });
+  };
+  socket.onmessage = (event) => take(JSON.parse(event.data));
+  socket.onclose = (event) => {
+    page.connected = page.asked = false;
+    page.lostAt ??= performance.now();
+    page.refusal = event.code === TOO_MANY ? `Not connected: ${event.reason}; trying again.` : "";
+    const wait = RECONNECT_MS[Math.min(page.attempts++, RECONNECT_MS.length - 1)];
+    setTimeout(connect, wait);
+  };
+}
+
+async function begin() {
+  const response = await fetch("figures.json");
+  const { figures, ...settings } = await response.json();
+  page.settings = settings;
+  page.plots = new Plots(settings.history_s);
+  await page.plots.embed(figures);
+  byId("tare").onclick = () => {
+    page.asked = true;
+    byId("outcome").textContent = "";
+    page.socket.send("tare");
+    drawHead();
+  };
+  page.plots.fit();
+  window.addEventListener("resize", () => {
+    page.plots.fit();
+    drawSensors();
+  });
+  setInterval(() => {
+    drawSensors();
+    drawHead();
+  }, 200);
+  connect();
+  keepHistory();
+}
+
+begin();

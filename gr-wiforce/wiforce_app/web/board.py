@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What all viewers are shown: the readings of the last seconds, and the state of their source."""
+
+import json
+import math
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Any
+
+# Whatever the length of a group, so that memory and messages stay small.
+_MOST_ROWS = 50_000
+# The columns of a row as the page gets it, in this order.
+ROW = (
+    "sensor",
+    "time_s",
+    "touch",
+    "force_n",
+    "force_std_n",
+    "location_mm",
+    "location_std_mm",
+    "snr_db",
+    "interference",
+    "flags",
+)
+_TEXTS = ("sensor", "flags")
+
+
+def page_row(values: Mapping[str, Any]) -> list[Any] | None:
+    """A row of the page from a row of a readings file or a message.
+
+    Parameters
+    ----------
+    values : mapping
+        Columns by name; numbers may be text, as in CSV.
+
+    Returns
+    -------
+    list or None
+        Values in the order of :data:`ROW`, unknown numbers None; None for what is no reading.
+
+    Examples
+    --------
+    >>> page_row({"sensor": "arm", "time_s": "0.018", "touch": "0", "flags": "gap"})
+    ['arm', 0.018, 0.0, None, None, None, None, None, None, 'gap']
+    """
+    row = [
+        str(values.get(name) or "") if name in _TEXTS else _number(values.get(name)) for name in ROW
+    ]
+    return row if row[0] and row[1] is not None else None
+
+
+def _number(value: Any) -> float | None:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        return None
+    return number if math.isfinite(number) else None
+
+
+class Board:
+    """The readings of the last seconds and the latest status.
+
+    Each viewer remembers how far it has read. A viewer that falls behind catches up from the rows
+    that are kept here, so nothing is stored per viewer.
+
+    Parameters
+    ----------
+    history_s : float
+        Seconds of signal that are kept.
+    now : callable
+        Steady time in seconds.
+
+    Attributes
+    ----------
+    place : tuple of (int, int)
+        How far a viewer is that has everything: number of the run, and of the next row.
+
+    Examples
+    --------
+    >>> board = Board(30.0)
+    >>> board.add({"sensor": "arm", "time_s": 0.5, "touch": 0})
+    >>> json.loads(board.message((0, 0), status=False))["rows"][0][:3]
+    ['arm', 0.5, 0.0]
+    """
+
+    def __init__(self, history_s: float, now: Callable[[], float] = time.monotonic):
+        self._history_s, self._now = history_s, now
+        self._rows: deque[list[Any]] = deque(maxlen=_MOST_ROWS)
+        self._runs, self._count = 0, 0
+        self._run: str | None = None
+        self._newest: dict[str, float] = {}
+        self._arrived: dict[str, float] = {}
+        self._status: dict[str, Any] = {}
+        self._texts: dict[tuple[tuple[int, int], bool], str] = {}
+
+    @property
+    def place(self) -> tuple[int, int]:
+        return self._runs, self._count
+
+    def add(self, values: Mapping[str, Any]) -> None:
+        """Add a reading; one of another run, or an earlier one, begins a new history.
+
+        Parameters
+        ----------
+        values : mapping
+            As for :func:`page_row`.
+        """
+        row = page_row(values)
+        if row is None:
+            return
+        sensor, time_s = row[0], row[1]
+        self.follow(values.get("run"))
+        if time_s < self._newest.get(sensor, time_s):
+            self._restart()
+        self._newest[sensor] = time_s
+        self._arrived[sensor] = self._now()
+        self._rows.append(row)
+        self._count += 1
+        while self._rows[0][1] < time_s - self._history_s:
+            self._rows.popleft()
+        self._texts.clear()
+
+    def follow(self, run: str | None) -> None:
+        """Begin a new history where another run has begun.
+
+        Parameters
+        ----------
+        run : str or None
+            Its identifier; None where it is not known.
+        """
+        if run and run != self._run:
+            self._run = str(run)
+            self._restart()
+
+    def _restart(self) -> None:
+        if self._rows:
+            self._runs += 1
+        self._rows.clear()
+        self._newest.clear()
+        self._arrived.clear()
+
+    def ages(self) -> dict[str, float]:
+        """Seconds since the latest reading of each sensor has arrived."""
+        now = self._now()
+        return {name: round(now - arrived, 3) for name, arrived in self._arrived.items()}
+
+    def show(self, status: Mapping[str, Any]) -> None:
+        """Take the status of the source.
+
+        Parameters
+        ----------
+        status : mapping of str to plain values
+        """
+        self._status = dict(status)
+        self._texts.clear()
+
+    def message(self, place: tuple[int, int], status: bool) -> str:
+        """What a viewer lacks; made once for all viewers that are equally far.
+
+        Parameters
+        ----------
+        place : tuple of (int, int)
+            How far the viewer is; ``(-1, 0)`` for a new one.
+        status : bool
+            With the status.
+
+        Returns
+        -------
+        str
+            A JSON object; ``restart`` is true where former rows are to be forgotten.
+        """
+        key = (place, status)
+        if key not in self._texts:
+            runs, count = place
+            kept = self._count - len(self._rows)
+            restart = runs != self._runs or count < kept
+            first = 0 if restart else count - kept
+            rows = [self._rows[n] for n in range(first, len(self._rows))] if first else self._rows
+            message: dict[str, Any] = {"restart": restart, "rows": list(rows)}
+            if status:
+                message["status"] = {**self._status, "run": self._run, "ages": self.ages()}
+            self._texts[key] = json.dumps(message, separators=(",", ":"), allow_nan=False)
+        return self._texts[key]

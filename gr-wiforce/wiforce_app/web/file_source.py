@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Readings of a file that grows, as a source of the page."""
+
+import csv
+import json
+import os
+import time
+from collections.abc import Callable
+from io import BufferedReader
+from pathlib import Path
+from typing import Any
+
+from gnuradio.wiforce.errors import InputError
+
+from .board import Board, page_row
+
+# Of a long file only the end is read: half a minute of eight sensors takes 1 MB.
+_TAIL_BYTES = 4 << 20
+# Most that one call reads, so that viewers are served meanwhile.
+_CHUNK_BYTES = 1 << 20
+# A file that has not grown for this long is shown as paused; readings come 28 times per second.
+_PAUSED_S = 2.0
+_NEEDED = ("time_s", "sensor")
+
+
+class FileSource:
+    """Reads a CSV or JSON lines file while another program writes to it.
+
+    A file that is replaced, as by ``--rotate``, or that becomes shorter is read anew.
+
+    Parameters
+    ----------
+    path : str or Path
+        ``.csv`` or ``.jsonl``; it may not exist yet.
+    now : callable
+        Steady time in seconds.
+
+    Raises
+    ------
+    InputError
+        For another suffix, and for a file that holds no readings.
+    """
+
+    can_tare = False
+
+    def __init__(self, path: str | Path, now: Callable[[], float] = time.monotonic):
+        self._path, self._now = Path(path), now
+        self._lines = self._path.suffix.lower() == ".jsonl"
+        if not self._lines and self._path.suffix.lower() != ".csv":
+            raise InputError(path, "must be a file .csv or .jsonl, or a ZMQ endpoint tcp://...")
+        self._file: BufferedReader | None = None
+        self._columns: list[str] = []
+        self._rest = b""
+        self._grown_s = now()
+        self._sensors: dict[str, dict[str, Any]] = {}
+        self._open()
+
+    def fileno(self) -> None:
+        """None: files do not tell that they have grown."""
+
+    def poll(self, board: Board) -> None:
+        """Give the board what the file holds by now.
+
+        Parameters
+        ----------
+        board : Board
+        """
+        if self._file is None or not (data := self._file.read(_CHUNK_BYTES)):
+            data = b""
+            if self._is_replaced():
+                self._open()
+        if data:
+            self._grown_s = self._now()
+            *lines, self._rest = (self._rest + data).split(b"\n")
+            for line in lines:
+                self._take(line.decode("utf-8", "replace"), board)
+        board.show(self._status())
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+
+    def _open(self) -> None:
+        self.close()
+        self._columns, self._rest = [], b""
+        try:
+            self._file = open(self._path, "rb")
+        except FileNotFoundError:
+            return
+        except OSError as error:
+            raise InputError(self._path, f"cannot be read ({error.strerror})") from error
+        if not self._lines:
+            self._take_header()
+        start = os.fstat(self._file.fileno()).st_size - _TAIL_BYTES
+        if start > self._file.tell():
+            self._file.seek(start)
+            self._file.readline()  # the rest of a row
+
+    def _take_header(self) -> None:
+        """The columns; a file that is just being created may have no complete first line."""
+        assert self._file is not None
+        line = self._file.readline(_CHUNK_BYTES)
+        if not line.endswith(b"\n"):
+            self._file.seek(0)
+            return
+        self._columns = next(csv.reader([line.decode("utf-8", "replace").strip()]))
+        if missing := [name for name in _NEEDED if name not in self._columns]:
+            raise InputError(self._path, f"must hold readings, but has no column {missing[0]}")
+
+    def _take(self, line: str, board: Board) -> None:
+        if not self._lines and not self._columns:
+            self._columns = next(csv.reader([line.strip()]), [])
+            return
+        values = self._values(line)
+        if (row := page_row(values)) is not None:
+            board.add(values)
+            self._sensors.setdefault(row[0], {})
+
+    def _values(self, line: str) -> dict[str, Any]:
+        if not self._lines:
+            return dict(zip(self._columns, next(csv.reader([line]), []), strict=False))
+        try:
+            values = json.loads(line)
+        except ValueError:
+            return {}
+        return values if isinstance(values, dict) else {}
+
+    def _is_replaced(self) -> bool:
+        try:
+            found = os.stat(self._path)
+        except OSError:
+            return False
+        if self._file is None:
+            return True
+        opened = os.fstat(self._file.fileno())
+        same = (found.st_dev, found.st_ino) == (opened.st_dev, opened.st_ino)
+        return not same or found.st_size < self._file.tell()
+
+    def _status(self) -> dict[str, Any]:
+        state, reason, idle_s = "reading", "", self._now() - self._grown_s
+        if self._file is None:
+            state, reason = "waiting", "the file does not exist yet"
+        elif not self._sensors:
+            state, reason = "waiting", "no readings in the file yet"
+        elif idle_s > _PAUSED_S:
+            state, reason = "paused", f"the file has not grown for {idle_s:.0f} s"
+        source = {"source": self._path.name, "can_tare": False}
+        return {**source, "state": state, "reason": reason, "sensors": self._sensors}

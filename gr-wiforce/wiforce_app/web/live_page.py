@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The page of a live run: an output that a process of its own shows (:mod:`page_process`)."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from gnuradio.wiforce.io.readings import Reading
+from gnuradio.wiforce.io.zmq_sockets import ReadingsPublisher
+
+from ..live_outputs import Output
+from .address import OPTION, PageAddress
+
+# The process sends viewers the end of the run before it ends itself.
+_CLOSE_S = 3.0
+
+
+class LivePage(Output):
+    """Passes readings and health to the process that serves the page.
+
+    Both processes are connected by ZMQ sockets in a folder that only this user can enter. A process
+    that is slow loses messages, and one that ends is reported; the run goes on in both cases.
+
+    Parameters
+    ----------
+    address : PageAddress
+    warn : callable
+        Takes a line for the user.
+
+    Attributes
+    ----------
+    control : str
+        Endpoint at which requests of the page arrive.
+
+    Raises
+    ------
+    InputError
+        When the port cannot be opened.
+    """
+
+    def __init__(self, address: PageAddress, warn: Callable[[str], None]):
+        self._warn, self._reported = warn, False
+        with address.listen() as listening:
+            self._folder = tempfile.mkdtemp(prefix="gr-wiforce-page-")
+            readings, self.control = (
+                f"ipc://{self._folder}/{name}" for name in ("readings", "control")
+            )
+            try:
+                self._publisher = ReadingsPublisher(readings, OPTION)
+            except Exception:
+                shutil.rmtree(self._folder, ignore_errors=True)
+                raise
+            sockets = {"readings": readings, "control": self.control, "folder": self._folder}
+            settings = {**vars(address), **sockets}
+            self._process = _spawned(listening.fileno())
+        self._tell(settings)
+
+    def take(self, reading: Reading, stamp: Mapping[str, Any]) -> None:
+        """Publish one reading."""
+        self._publisher.publish(reading, stamp)
+
+    def send(self, kind: str, report: Mapping[str, Any]) -> None:
+        """Publish a report, and tell the user when the process has ended."""
+        self._publisher.send(kind, report)
+        status = self._process.poll()
+        if status is not None and not self._reported:
+            self._reported = True
+            self._warn(f"the page has ended with status {status}; readings go on")
+
+    def close(self) -> None:
+        """End the process, after viewers were told of the end."""
+        assert self._process.stdin is not None
+        self._process.stdin.close()
+        try:
+            self._process.wait(_CLOSE_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._publisher.close()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    def _tell(self, settings: Mapping[str, Any]) -> None:
+        """Give the process its settings; by its input, since every user can see arguments."""
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(json.dumps(settings).encode() + b"\n")
+            self._process.stdin.flush()
+        except BrokenPipeError:
+            pass  # it has ended already, which is reported
+
+
+def _spawned(descriptor: int) -> "subprocess.Popen[bytes]":
+    """The process, with the port that is open already."""
+    packages = [str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")]
+    environment = {"PYTHONPATH": os.pathsep.join(filter(None, packages)), "PYTHONSAFEPATH": "1"}
+    return subprocess.Popen(
+        [sys.executable, "-m", f"{__package__}.page_process", str(descriptor)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        env=os.environ | environment,
+        pass_fds=(descriptor,),
+    )

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The plots of the page: force and location of all sensors over the last seconds.
+
+Python describes them, and ``assets/page.js`` fills their sources by name: `lines` and `bands` with
+readings that have no flag, `doubtful` and `whiskers` with those that have one.
+"""
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from bokeh.embed import json_item
+from bokeh.layouts import column
+from bokeh.models import ColumnDataSource, Range1d
+from bokeh.plotting import figure
+from bokeh.resources import Resources
+
+INK, FAINT, GRID = "#202428", "#737a82", "#e3e7eb"
+_HEIGHT_PX = 210
+# The same on both plots, so that their time axes are aligned.
+_LEFT_PX = 52
+_SOURCES = {
+    "lines": ("xs", "ys", "color", "dash"),
+    "bands": ("xs", "ys", "color"),
+    "points": ("x", "y", "color"),
+    "doubtful": ("x", "y", "color", "marker"),
+    "whiskers": ("x", "low", "high", "color"),
+}
+
+
+def bokeh_scripts() -> list[Path]:
+    """The files of Bokeh that the page needs, as they are installed with it."""
+    return [Path(path) for path in Resources(mode="absolute", components=["bokeh"]).js_files]
+
+
+@cache
+def figures() -> dict[str, Any]:
+    """Both plots, in the form that Bokeh's ``embed_item`` takes.
+
+    Returns
+    -------
+    dict
+    """
+    time_axis = Range1d(0, 30, name="time")
+    force = _plot("force", "force (N)", time_axis)
+    location = _plot("location", "location (mm)", time_axis)
+    force.xaxis.major_label_text_font_size = "0px"
+    location.xaxis.axis_label = "time (s)"
+    return json_item(column(force, location, sizing_mode="stretch_width", spacing=0))
+
+
+def _plot(name: str, label: str, time_axis: Range1d) -> figure:
+    """One quantity over time; nothing in it takes touches, so that a phone can scroll over it."""
+    plot = figure(
+        name=f"{name}-plot",
+        height=_HEIGHT_PX,
+        sizing_mode="stretch_width",
+        tools="",
+        toolbar_location=None,
+        x_range=time_axis,
+        y_range=Range1d(0, 1, name=f"{name}-range"),
+        y_axis_label=label,
+        outline_line_color=GRID,
+        min_border_left=_LEFT_PX,
+        min_border_right=10,
+        min_border_top=8,
+        lod_threshold=None,
+    )
+    data = {
+        kind: ColumnDataSource({key: [] for key in keys}, name=f"{name}-{kind}")
+        for kind, keys in _SOURCES.items()
+    }
+    color = {"line_color": "color"}
+    plot.patches(
+        "xs", "ys", source=data["bands"], fill_color="color", fill_alpha=0.2, line_color=None
+    )
+    plot.multi_line("xs", "ys", source=data["lines"], line_width=2, line_dash="dash", **color)
+    plot.scatter("x", "y", source=data["points"], size=4, fill_color="color", line_color=None)
+    plot.segment("x", "low", "x", "high", source=data["whiskers"], line_alpha=0.45, **color)
+    plot.scatter(
+        "x", "y", source=data["doubtful"], size=5, marker="marker", fill_color="white", **color
+    )
+    plot.grid.grid_line_color = GRID
+    plot.xgrid.grid_line_color = None
+    for axis in (*plot.xaxis, *plot.yaxis):
+        axis.axis_label_text_font_style = "normal"
+        axis.axis_label_text_color = axis.major_label_text_color = INK
+        axis.axis_line_color = axis.major_tick_line_color = FAINT
+        axis.minor_tick_line_color = None
+    return plot

@@ -1,0 +1,367 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Serves the page to any number of browsers, none of which can delay another."""
+
+import asyncio
+import contextlib
+import ipaddress
+import json
+import logging
+import math
+import signal
+import socket
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any, Protocol
+
+import tornado.httpserver
+import tornado.iostream
+import tornado.web
+import tornado.websocket
+
+from .address import PageAddress
+from .board import Board
+from .page import bokeh_scripts, figures
+
+_ASSETS = Path(__file__).with_name("assets")
+# Most often and least often that viewers are sent something. A reading that comes in wakes the
+# server, and those of short groups are collected.
+_SHORTEST_S, _LONGEST_S = 0.02, 0.04
+_STATUS_S = 0.5  # as often as heartbeats come
+# A viewer whose last message has not left this machine for so long is disconnected.
+_STALLED_S = 20.0
+# Of connections that have died without a word; Tornado ends them after three of these.
+_PING_S = 20.0
+# Of messages that wait in the system, for each viewer. Its own limit is some megabytes, and a
+# viewer that stalls would be noticed after minutes only.
+_KERNEL_BYTES = 32 << 10
+_MOST_VIEWERS = 200
+_LONGEST_REQUEST = 1024
+_IDLE_S = 60.0
+_TOO_MANY = 4001  # code by which the page knows why it was closed, from the private range
+_NEW = (-1, 0)
+# The page may load nothing from elsewhere. Bokeh sets styles from scripts.
+_POLICY = (
+    "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
+    "frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
+)
+
+
+class Source(Protocol):
+    """What the page shows: `FileSource` or `ZmqSource`."""
+
+    @property
+    def can_tare(self) -> bool:
+        """Whether there is a reader that can be asked for a tare."""
+
+    def fileno(self) -> int | None:
+        """Descriptor that becomes readable when something may be new, if there is one."""
+
+    def poll(self, board: Board) -> None:
+        """Give the board what is new; never waits."""
+
+    def close(self) -> None:
+        """Give back what is open."""
+
+
+class PageServer:
+    """Serves one source.
+
+    Parameters
+    ----------
+    source : Source
+    address : PageAddress
+    listening : socket.socket
+        Of :meth:`PageAddress.listen`.
+    history_s : float
+        Seconds of signal that are shown.
+    length_mm : float, optional
+        Length of sensors whose source does not state it.
+
+    Attributes
+    ----------
+    viewers : set
+        Browsers that are connected.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        address: PageAddress,
+        listening: socket.socket,
+        history_s: float = 30.0,
+        length_mm: float | None = None,
+    ):
+        self.source, self.address = source, address
+        self.board = Board(history_s)
+        self.viewers: set[_Viewer] = set()
+        self._listening = listening
+        self._status_s = -math.inf
+        self._settings = {"history_s": history_s, "length_mm": length_mm}
+        self._ending = asyncio.Event()
+
+    async def serve(self, ended: Callable[[], bool] = lambda: False) -> None:
+        """Serve until `end` is called.
+
+        Parameters
+        ----------
+        ended : callable
+            Asked now and then; the page also ends when this is true, after everything was sent.
+        """
+        server = tornado.httpserver.HTTPServer(
+            self._application(), idle_connection_timeout=_IDLE_S, max_body_size=_LONGEST_REQUEST
+        )
+        server.add_sockets([self._listening])
+        try:
+            while not self._ending.is_set():
+                last = ended()
+                self._tick(final=last)
+                if last:
+                    break
+                await asyncio.sleep(_SHORTEST_S)
+                await self._news(_LONGEST_S - _SHORTEST_S)
+            await self._flush()
+        finally:
+            server.stop()
+            for viewer in tuple(self.viewers):
+                viewer.drop()
+            await server.close_all_connections()
+            self.source.close()
+
+    def end(self) -> None:
+        """End soon; may be called from a signal handler of the loop."""
+        self._ending.set()
+
+    def _tick(self, final: bool = False) -> None:
+        self.source.poll(self.board)
+        now = time.monotonic()
+        if status := final or now - self._status_s >= _STATUS_S:
+            self._status_s = now
+        for viewer in tuple(self.viewers):
+            viewer.update(status)
+
+    async def _news(self, limit_s: float) -> None:
+        """Wait until the source may have something new, or for so long."""
+        loop, woken, descriptor = asyncio.get_running_loop(), asyncio.Event(), self.source.fileno()
+        # Registered only while this waits: it stays readable until the source is polled.
+        if descriptor is not None:
+            loop.add_reader(descriptor, woken.set)
+        try:
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(woken.wait(), limit_s)
+        finally:
+            if descriptor is not None:
+                loop.remove_reader(descriptor)
+
+    async def _flush(self, limit_s: float = 1.0) -> None:
+        """Let the last messages leave."""
+        waiting = [viewer.sent for viewer in self.viewers if viewer.sent is not None]
+        if waiting:
+            await asyncio.wait(waiting, timeout=limit_s)
+
+    def _application(self) -> tornado.web.Application:
+        scripts = [f"bokeh/{path.name}" for path in bokeh_scripts()]
+        shown = {"page": self, "scripts": scripts}
+        static = {"page": self}
+        return tornado.web.Application(
+            [
+                ("/", _Page, shown),
+                ("/figures.json", _Figures, shown),
+                ("/readings", _Viewer, {"page": self}),
+                ("/bokeh/(.*)", _File, {**static, "path": str(bokeh_scripts()[0].parent)}),
+                ("/assets/(.*)", _File, {**static, "path": str(_ASSETS)}),
+            ],
+            default_handler_class=_Missing,
+            default_handler_args={"page": self},
+            websocket_ping_interval=_PING_S,
+            websocket_max_message_size=_LONGEST_REQUEST,
+            template_path=str(_ASSETS),
+            log_function=lambda handler: None,
+        )
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What the page has to know before the first message."""
+        return self._settings
+
+    @property
+    def cookie(self) -> str:
+        """Name of the cookie with the token; browsers share cookies between ports."""
+        return f"gr-wiforce-{self.address.port}"
+
+
+class _Guarded(tornado.web.RequestHandler):
+    """A handler that answers only those who may look."""
+
+    def initialize(self, page: PageServer, scripts: Any = ()) -> None:
+        self.page, self.scripts = page, scripts
+
+    def set_default_headers(self) -> None:
+        self.set_header("Server", "gr-wiforce")
+        self.set_header("Content-Security-Policy", _POLICY)
+        self.set_header("X-Content-Type-Options", "nosniff")
+        self.set_header("Referrer-Policy", "no-referrer")
+
+    def prepare(self) -> None:
+        if self.request.method not in ("GET", "HEAD"):
+            raise tornado.web.HTTPError(405)
+        if self.page.address.token is None:
+            # A page elsewhere whose name was made to lead here must not read what is shown.
+            if not _is_local(self.request.host_name):
+                raise tornado.web.HTTPError(403, reason="Forbidden host name")
+            return
+        given = self.get_query_argument("token", None)
+        if not self.page.address.accepts(given or self.get_cookie(self.page.cookie) or ""):
+            raise tornado.web.HTTPError(403, reason="Token missing or wrong")
+        if given is not None:
+            self.set_cookie(self.page.cookie, given, httponly=True, samesite="Strict")
+
+    def write_error(self, status_code: int, **_: Any) -> None:
+        self.set_header("Content-Type", "text/plain; charset=utf-8")
+        hint = "; open the address that gr-wiforce printed" if status_code == 403 else ""
+        self.finish(f"{self._reason}{hint}\n")
+
+
+class _Missing(_Guarded):
+    def prepare(self) -> None:
+        super().prepare()
+        raise tornado.web.HTTPError(404)
+
+
+class _Page(_Guarded):
+    def get(self) -> None:
+        self.set_header("Cache-Control", "no-store")
+        self.render("page.html", scripts=self.scripts)
+
+
+class _Figures(_Guarded):
+    def get(self) -> None:
+        self.set_header("Cache-Control", "no-store")
+        self.set_header("Content-Type", "application/json")
+        self.write(json.dumps({"figures": figures(), **self.page.settings}))
+
+
+class _File(_Guarded, tornado.web.StaticFileHandler):
+    """A file of the page, sent in pieces, so that a slow browser holds one piece in memory."""
+
+    def initialize(self, page: PageServer, path: str) -> None:
+        _Guarded.initialize(self, page)
+        tornado.web.StaticFileHandler.initialize(self, path)
+
+
+class _Viewer(_Guarded, tornado.websocket.WebSocketHandler):
+    """One browser.
+
+    At most one message waits to leave. Until it has left, the browser is sent nothing, and then
+    everything that it lacks, from what the board keeps for all.
+    """
+
+    sent: "asyncio.Future[None] | None" = None
+    _asked = False
+    _answer: str | None = None
+
+    def open(self, *_: str) -> None:
+        self._place, self._sent_s = _NEW, 0.0
+        if len(self.page.viewers) >= _MOST_VIEWERS:
+            self.close(_TOO_MANY, f"{_MOST_VIEWERS} viewers are connected already")
+            return
+        self.set_nodelay(True)
+        buffer = self.ws_connection.stream.socket
+        buffer.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _KERNEL_BYTES)
+        self.page.viewers.add(self)
+        self.update(status=True)
+
+    def on_close(self) -> None:
+        self.page.viewers.discard(self)
+
+    def on_message(self, message: str | bytes) -> None:
+        tare = getattr(self.page.source, "tare", None)
+        if message == "tare" and tare is not None and not self._asked:
+            self._asked = True
+            tare(self._take_answer)
+
+    def on_ping(self, data: bytes) -> None:
+        if self._waits:  # an answer to each would have to be stored
+            self.drop()
+
+    def update(self, status: bool) -> None:
+        """Send what the browser lacks, unless it has not taken the last message yet."""
+        board = self.page.board
+        if self._waits:
+            if time.monotonic() - self._sent_s > _STALLED_S:
+                self.drop()
+        elif self._answer is not None:
+            self._send(self._answer)
+            self._answer = None
+        elif self._place != board.place or status:
+            text = board.message(self._place, status or self._place == _NEW)
+            self._place = board.place
+            self._send(text)
+
+    @property
+    def _waits(self) -> bool:
+        """Whether the last message has not left yet."""
+        return self.sent is not None and not self.sent.done()
+
+    def _take_answer(self, answer: dict[str, Any]) -> None:
+        self._asked = False
+        self._answer = json.dumps({"answer": {key: answer.get(key) for key in ("ok", "error")}})
+
+    def _send(self, text: str) -> None:
+        try:
+            written = self.write_message(text)
+        except tornado.websocket.WebSocketClosedError:
+            self.page.viewers.discard(self)
+            return
+        self._sent_s = time.monotonic()
+        self.sent = asyncio.ensure_future(_done(written))
+
+    def drop(self) -> None:
+        """Disconnect at once: a handshake at the end would wait for the browser."""
+        self.page.viewers.discard(self)
+        if self.ws_connection is not None:
+            self.ws_connection.stream.close()
+
+
+async def _done(written: Any) -> None:
+    try:
+        await written
+    except (tornado.websocket.WebSocketClosedError, tornado.iostream.StreamClosedError):
+        pass
+
+
+def _is_local(name: str) -> bool:
+    try:
+        return ipaddress.ip_address(name.strip("[]")).is_loopback
+    except ValueError:
+        return name == "localhost"
+
+
+def serve_until_signal(
+    make: Callable[[], PageServer],
+    ended: Callable[[], bool] = lambda: False,
+    signals: Iterable[int] = (signal.SIGINT, signal.SIGTERM),
+) -> None:
+    """Serve in this thread, until the process is asked to end.
+
+    Parameters
+    ----------
+    make : callable
+        Makes the server, within the loop.
+    ended : callable
+        See :meth:`PageServer.serve`.
+    signals : iterable of int
+        Signals that end it.
+    """
+
+    # Refused requests are the browser's business, and would fill a journal.
+    logging.getLogger("tornado").setLevel(logging.CRITICAL)
+
+    async def run():
+        server = make()
+        loop = asyncio.get_running_loop()
+        for number in signals:
+            loop.add_signal_handler(number, server.end)
+        await server.serve(ended)
+
+    asyncio.run(run())

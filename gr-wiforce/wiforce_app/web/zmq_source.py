@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Readings and health that a live reader publishes over ZMQ, as a source of the page."""
+
+import json
+import math
+import time
+from collections.abc import Callable
+from typing import Any
+
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.optional import optional_module
+from gnuradio.wiforce.io.zmq_keys import ClientKeys
+from gnuradio.wiforce.io.zmq_sockets import endpoint_of
+
+from .board import Board
+
+# Heartbeats come every 0.5 s; after four that are missing, the reader counts as lost.
+_SILENT_S = 2.0
+# A tare takes as long as the reference, some seconds at most.
+_ANSWER_S = 60.0
+# Most messages that one call takes, so that viewers are served meanwhile.
+_MOST_MESSAGES = 2000
+_LONGEST_MESSAGE = 1 << 20
+# What the page shows of a heartbeat.
+_SHOWN = ("state", "reason", "time_s", "tare", "sensors", "gaps", "groups")
+
+
+class ZmqSource:
+    """Subscribes to a live reader, and passes tares on to it.
+
+    Parameters
+    ----------
+    readings, control : str
+        Endpoints of ``live --zmq`` and ``live --control``; without ``control`` there is no tare.
+    keys : ClientKeys, optional
+        Where the reader has keys.
+    name : str, optional
+        Of the source, on the page. The endpoint by default.
+    now : callable
+        Steady time in seconds.
+
+    Attributes
+    ----------
+    ended : bool
+        Whether the reader has said that its run is over.
+
+    Raises
+    ------
+    InputError
+        When pyzmq is missing or an endpoint is none.
+    """
+
+    def __init__(
+        self,
+        readings: str,
+        control: str | None = None,
+        keys: ClientKeys | None = None,
+        name: str | None = None,
+        now: Callable[[], float] = time.monotonic,
+    ):
+        zmq = optional_module("zmq", "SOURCE")
+        self._now, self._keys, self._name = now, keys, name or readings
+        self._control = None if control is None else endpoint_of(control, "--control")
+        self._context = zmq.Context()
+        self._subscriber = self._connected(zmq.SUB, endpoint_of(readings, "SOURCE"), "SOURCE")
+        self._subscriber.subscribe("")
+        self._asked: Any = None
+        self._asked_s = 0.0
+        self._answers: list[Callable[[dict[str, Any]], None]] = []
+        self._heard_s: float | None = None
+        self._shown: dict[str, Any] = {"state": "waiting", "sensors": {}}
+        self.ended = False
+
+    @property
+    def can_tare(self) -> bool:
+        """Whether the reader accepts requests."""
+        return self._control is not None
+
+    def fileno(self) -> int:
+        """Descriptor that becomes readable when messages may have come in."""
+        return self._subscriber.fileno()
+
+    def poll(self, board: Board) -> None:
+        """Give the board what has come in.
+
+        Parameters
+        ----------
+        board : Board
+        """
+        for _ in range(_MOST_MESSAGES):
+            if not self._subscriber.poll(0):
+                break
+            self._take(_loaded(self._subscriber.recv()), board)
+        self._take_answer()
+        board.show(self._status())
+
+    def tare(self, answer: Callable[[dict[str, Any]], None]) -> None:
+        """Request a tare; a request during another one shares its answer.
+
+        Parameters
+        ----------
+        answer : callable
+            Takes what the reader answers: ``ok`` and, where it refuses, ``error``.
+        """
+        import zmq
+
+        if self._control is None:
+            answer({"ok": False, "error": "tare refused: the page has no --control endpoint"})
+            return
+        self._answers.append(answer)
+        if self._asked is None:
+            self._asked = self._connected(zmq.REQ, self._control, "--control")
+            self._asked.send_string("tare")
+            self._asked_s = self._now()
+
+    def give_up(self, reason: str) -> None:
+        """Expect no more messages.
+
+        Parameters
+        ----------
+        reason : str
+            For the viewers.
+        """
+        self._shown |= {"state": "lost", "reason": reason}
+        self.ended = True
+
+    def close(self) -> None:
+        """Give the sockets back."""
+        self._subscriber.close(linger=0)
+        if self._asked is not None:
+            self._asked.close(linger=0)
+        self._context.term()
+
+    def _connected(self, kind: int, endpoint: str, option: str) -> Any:
+        import zmq
+
+        socket = self._context.socket(kind)
+        socket.setsockopt(zmq.MAXMSGSIZE, _LONGEST_MESSAGE)
+        socket.setsockopt(zmq.LINGER, 0)
+        if self._keys is not None:
+            self._keys.apply(socket)
+        try:
+            socket.connect(endpoint)
+        except zmq.ZMQError as error:
+            socket.close()
+            raise InputError(option, f"cannot be connected to ({error})", endpoint) from error
+        return socket
+
+    def _take(self, message: dict[str, Any], board: Board) -> None:
+        kind = message.get("message")
+        if kind not in ("reading", "heartbeat", "end"):
+            return
+        self._heard_s = self._now()
+        self.ended = kind == "end"
+        if kind == "reading":
+            board.add(message)
+            return
+        board.follow(message.get("run"))
+        self._shown = {name: message.get(name) for name in _SHOWN}
+
+    def _take_answer(self) -> None:
+        if self._asked is None:
+            return
+        if self._asked.poll(0):
+            self._finish(_loaded(self._asked.recv()))
+        elif self._now() - self._asked_s > _ANSWER_S:
+            self._finish({"ok": False, "error": f"no answer from the reader in {_ANSWER_S:g} s"})
+
+    def _finish(self, answer: dict[str, Any]) -> None:
+        self._asked.close(linger=0)
+        answers, self._asked, self._answers = self._answers, None, []
+        for take in answers:
+            take(answer)
+
+    def _status(self) -> dict[str, Any]:
+        status = {**self._shown, "source": self._name, "can_tare": self.can_tare}
+        if self._heard_s is None:
+            status["reason"] = f"no messages from {self._name} yet"
+        elif not self.ended and (silent_s := self._now() - self._heard_s) > _SILENT_S:
+            reason = f"no messages for {silent_s:.0f} s: the reader or its network is down"
+            status |= {"state": "lost", "reason": reason}
+        elif status.get("state", "waiting") == "waiting" and not status.get("reason"):
+            status["state"] = "reading"  # a publisher of readings without heartbeats
+        return status
+
+
+def _loaded(data: bytes) -> dict[str, Any]:
+    """A JSON object; empty where it is none. Numbers that JSON cannot hold become None."""
+    try:
+        values = json.loads(data, parse_constant=lambda _: None, parse_float=_finite)
+    except (ValueError, RecursionError):
+        return {}
+    return values if isinstance(values, dict) else {}
+
+
+def _finite(text: str) -> float | None:
+    value = float(text)
+    return value if math.isfinite(value) else None

@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the page shows, in a headless Chromium, as wide as on a desktop and on a phone."""
+
+import pytest
+from gnuradio.wiforce.io.writers import open_writer
+from web_pages import RawViewer, publishing, serving, touched, untouched
+from wiforce_app.web import zmq_source
+from wiforce_app.web.file_source import FileSource
+from wiforce_app.web.zmq_source import ZmqSource
+
+pytest.importorskip("selenium")
+from browser import SIZES, browser
+
+EIGHT = ["arm", "leg", "gripper_left_finger_of_the_second_robot", *"abcde"]
+SHOWN = "SNR 12.3 dBclock +40.1 ppminterference 25 %"
+SERIES = """return Object.fromEntries(["lines", "bands", "points", "doubtful", "whiskers"].map(
+    (kind) => [kind, page.plots.models(arguments[0] + "-" + kind).data]))"""
+AXIS = "const range = page.plots.models(arguments[0] + '-range'); return [range.start, range.end]"
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    with browser() as window:
+        yield window
+
+
+@pytest.fixture
+def window(chromium):
+    """The browser; whatever it did, it had nothing to complain of and stayed on this machine."""
+    yield chromium
+    assert chromium.errors() == []
+    requests = chromium.requests()
+    assert any("/bokeh.min.js" in url for url in requests)
+    assert any(url.startswith("ws://127.0.0.1") for url in requests)
+    assert chromium.foreign_requests() == []
+    chromium.resize("desktop")
+
+
+@pytest.fixture
+def reader():
+    with publishing(sensors=EIGHT) as publisher:
+        yield publisher
+
+
+def opened(window, url, reader):
+    """The page, once it has readings of the reader."""
+    with_messages = "return page.status.state === 'reading'"
+    window.driver.get(url)
+    window.wait("return typeof page !== 'undefined' && !!page.plots?.models")
+    reader.until(lambda: window.run(with_messages))
+
+
+def drawn(window):
+    """Wait until the plots show all that has arrived."""
+    window.wait("return !page.changed")
+
+
+def test_page_shows_what_was_published(window, reader):
+    """Values, flags and states of the page are those of the reader."""
+    with serving(ZmqSource(reader.readings, reader.control)) as (url, _):
+        opened(window, url, reader)
+        past = [untouched(0.1 * step) for step in range(1, 10)]
+        press = [touched(1.0, 30.0, flags=("transition",), stds=(40.0, 5.0))]
+        press += [touched(1.0 + 0.1 * step, 3.0 + 0.1 * step) for step in range(1, 6)]
+        doubtful = touched(1.6, 70.0, 44.0, flags=("weak", "inconsistent"))
+        reader.publish(*past, *press, doubtful, touched(1.7, 3.456, 41.23))
+        window.wait("return page.newest === 1.7")
+        drawn(window)
+        arm = "[data-sensor=arm] "
+        assert window.text(f"{arm}.force") == "3.46 ± 0.10 N"
+        assert window.text(f"{arm}.location") == "41.2 ± 0.4 mm"
+        assert window.text(f"{arm}.flags") == ""
+        assert window.text(f"{arm}.details").startswith(
+            "SNR 12.3 dBclock +40.1 ppminterference 25 %"
+        )
+        # Good readings are lines, flagged ones hollow markers, which do not stretch the axis.
+        force = window.run(SERIES, "force")
+        assert force["lines"]["ys"] == [[0] * 9, pytest.approx([3.1, 3.2, 3.3, 3.4, 3.5])]
+        assert force["points"]["y"] == [3.456]
+        assert force["doubtful"]["x"] == [1.0, 1.6]
+        assert force["doubtful"]["marker"] == ["triangle", "triangle"]
+        assert window.run(AXIS, "force")[1] == pytest.approx(1.04 * 1.15 * 3.5)
+        assert max(force["doubtful"]["y"]) == pytest.approx(1.15 * 3.5)
+        location = window.run(SERIES, "location")
+        assert location["doubtful"]["y"] == [40.0, 44.0]
+        assert location["whiskers"]["low"] == pytest.approx([30.0, 43.6])
+        assert location["lines"]["ys"] == [[40.0] * 5]
+        assert len(location["bands"]["xs"][0]) == 10
+        # A doubtful reading says so, and an untouched sensor carries no force.
+        reader.publish(doubtful := touched(1.8, flags=("weak",)), untouched(1.8, "leg"))
+        window.wait(f"return document.querySelector('{arm}.flags').textContent === 'weak'")
+        window.wait("return document.querySelector('.doubtful[data-sensor=arm]')")
+        assert doubtful.flags == ("weak",)
+        assert window.text("[data-sensor=leg] .force") == "0 N"
+        # Another run begins with an empty history.
+        reader.publish(untouched(0.5), run="another")
+        window.wait("return page.newest === 0.5")
+        reader.until(lambda: window.text("#run") == "run another", run="another")
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_page_of_eight_sensors_fits_its_window(window, reader, size):
+    window.resize(size)
+    with serving(ZmqSource(reader.readings)) as (url, _):
+        opened(window, url, reader)
+        for sensor in EIGHT:
+            reader.publish(*(touched(t / 10, 123.4, 79.9, sensor, ("weak",) * 5) for t in range(9)))
+        window.wait("return page.tracks.size === 8 && page.newest === 0.8")
+        drawn(window)
+        assert window.overflow_px() <= 0
+        outside = (
+            "return [...document.querySelectorAll('body *')].filter((node) => {"
+            "const box = node.getBoundingClientRect(); return box.width && "
+            "(box.right > innerWidth + 1 || box.left < -1)}).map((node) => node.outerHTML)"
+        )
+        assert window.run(outside) == []
+        # A sensor can be taken out of the plots.
+        window.run("document.querySelector('[data-sensor=a] .name').click()")
+        window.wait("return page.plots.models('force-doubtful').data.x.length === 63")
+        assert window.run("return document.getElementById('tare').disabled")
+        if size == "desktop":
+            assert window.run("return document.documentElement.scrollHeight") <= SIZES[size][1]
+
+
+def test_page_tells_why_a_tare_is_refused_and_that_the_run_has_ended(window, reader, monkeypatch):
+    monkeypatch.setattr(zmq_source, "_SILENT_S", 0.4)
+    press_tare = "document.getElementById('tare').click()"
+    with serving(ZmqSource(reader.readings, reader.control)) as (url, _):
+        opened(window, url, reader)
+        reader.refusal = "arm is touched (3.00 N at 40.0 mm)"
+        reader.until(lambda: window.run("return !document.getElementById('tare').disabled"))
+        window.run(press_tare)
+        reader.until(lambda: window.text("#outcome") == f"tare refused: {reader.refusal}")
+        assert window.run("return document.getElementById('outcome').className") == "bad"
+        reader.refusal = ""
+        window.run(press_tare)
+        reader.until(lambda: window.text("#outcome") == "tare complete")
+        # Without a word for four heartbeats the reader counts as lost, and its sensors as silent.
+        window.wait("return document.getElementById('state').textContent === 'lost'")
+        assert "no messages for" in window.text("#reason")
+        reader.until(lambda: window.text("#state") == "reading")
+        reader.heartbeat("ended", "signal", kind="end")
+        window.wait("return document.getElementById('state').textContent === 'ended'")
+    # The page stays as it was when its server ends with the run.
+    window.wait("return !page.connected")
+    assert window.text("#state") == "ended" and window.run("return page.lostAt !== null")
+    window.driver.get("about:blank")
+    assert all("ERR_CONNECTION_REFUSED" in line for line in window.errors())
+
+
+def test_page_of_a_file_shows_its_past_and_follows_it(window, tmp_path):
+    """A page that is opened late shows the recent history; the file's size does not matter."""
+    path = tmp_path / "readings.csv"
+    with open_writer(path) as writer:
+        for step in range(1, 20):
+            writer.write(untouched(0.1 * step))
+        with serving(FileSource(path)) as (url, _):
+            with RawViewerOf(url):
+                window.open(url)
+                window.wait("return page.newest.toFixed(1) === '1.9'")
+                assert window.run("return page.tracks.get('arm').readings.length") == 19
+                writer.write(touched(2.0, 3.21))
+                window.wait("return page.newest === 2")
+            assert window.text("[data-sensor=arm] .force") == "3.21 ± 0.10 N"
+            assert window.text("#run") == "readings.csv"
+            assert window.run("return document.getElementById('tare').disabled")
+            window.driver.get("about:blank")
+
+
+class RawViewerOf(RawViewer):
+    """Another viewer, who has been there before."""
+
+    def __enter__(self):
+        assert self.message()["restart"]
+        return self
+
+    def __exit__(self, *_):
+        self.close()

@@ -1,0 +1,298 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The server of the page: who may look, what each viewer is sent, and what it watches."""
+
+import json
+import time
+import urllib.error
+import urllib.request
+from contextlib import closing
+
+import pytest
+from command_runs import run_command
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.readings import COLUMNS
+from gnuradio.wiforce.io.writers import open_writer
+from web_pages import RUN, RawViewer, free_port, publishing, serving, touched, untouched
+from wiforce_app.web import server as server_module
+from wiforce_app.web.address import PageAddress
+from wiforce_app.web.board import ROW, Board, page_row
+from wiforce_app.web.file_source import FileSource
+from wiforce_app.web.zmq_source import ZmqSource, _loaded
+
+TOKEN = "a-token-of-a-test"
+
+
+class NoSource:
+    """A source that has nothing to say."""
+
+    can_tare = False
+
+    def fileno(self):
+        return None
+
+    def poll(self, board):
+        board.show({"state": "waiting"})
+
+    def close(self):
+        pass
+
+
+def fetch(url, path="", **headers):
+    """Status and text of an answer."""
+    try:
+        request = urllib.request.Request(url + path, headers=headers)
+        with urllib.request.urlopen(request, timeout=10) as answer:
+            return answer.status, answer.read().decode()
+    except urllib.error.HTTPError as error:
+        return error.code, error.read().decode()
+
+
+@pytest.mark.parametrize("text", ["", "0", "70000", "http", "host.example:80", "1.2.3:80", "::80"])
+def test_page_address_refuses_what_is_no_address_and_port(text):
+    with pytest.raises(InputError, match="--web: must be PORT or ADDRESS:PORT"):
+        PageAddress.of(text)
+
+
+@pytest.mark.parametrize("text", ["8080", "localhost:8080", "127.0.0.2:8080", "[::1]:8080"])
+def test_page_on_loopback_needs_no_token(text):
+    address = PageAddress.of(text)
+    assert address.is_loopback and address.token is None and address.accepts("")
+
+
+@pytest.mark.parametrize("text", ["*:8080", "0.0.0.0:8080", "192.168.1.20:80", "[2001:db8::1]:80"])
+def test_page_beyond_loopback_gets_a_random_token(text):
+    first, second = PageAddress.of(text), PageAddress.of(text)
+    assert len(first.token) == 32 and first.token != second.token
+    assert first.accepts(first.token) and not first.accepts("") and not first.accepts(second.token)
+    assert first.url.endswith(f"?token={first.token}") and "plain HTTP" in first.notice
+
+
+def test_page_refuses_a_token_that_is_easily_guessed():
+    with pytest.raises(InputError, match="--web-token: must be 16 to 128") as error:
+        PageAddress.of("8080", "secret")
+    assert "secret" not in str(error.value)
+
+
+def test_watch_port_in_use_is_refused_in_one_line(tmp_path):
+    port = free_port()
+    with closing(PageAddress.of(str(port)).listen()):
+        done = run_command("watch", "--web", port, tmp_path / "readings.csv")
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
+    assert (
+        f"--web: cannot be opened (Address already in use), got '127.0.0.1:{port}'" in done.stderr
+    )
+
+
+@pytest.mark.parametrize(
+    "arguments, words",
+    [
+        (["readings.txt"], "must be a file .csv or .jsonl, or a ZMQ endpoint"),
+        (["r.csv", "--control", "5556"], "--control: needs a ZMQ endpoint as SOURCE"),
+        (["tcp://nowhere"], "SOURCE: must be a port or tcp://ADDRESS:PORT"),
+    ],
+)
+def test_watch_bad_source_is_refused_in_one_line(arguments, words, tmp_path):
+    done = run_command("watch", "--web", "8080", *arguments, cwd=tmp_path)
+    assert done.returncode == 2 and words in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_page_with_token_answers_nobody_without_it():
+    """Readings, and the tare button, would be everybody's in the network."""
+    with serving(NoSource(), TOKEN) as (url, _):
+        for path in ("", "figures.json", "assets/page.js", "bokeh/bokeh.min.js", "readings", "no"):
+            for given in ("", "?token=", f"?token={TOKEN}x"):
+                status, text = fetch(url, path + given)
+                assert status == 403 and "Token missing or wrong" in text and len(text) < 100
+        assert fetch(url, f"?token={TOKEN}")[0] == 200
+        cookie = f"gr-wiforce-{url.rstrip('/').rpartition(':')[2]}"
+        assert fetch(url, "figures.json", Cookie=f"{cookie}={TOKEN}")[0] == 200
+        assert fetch(url, "figures.json", Cookie=f"{cookie}={TOKEN[:-1]}")[0] == 403
+        for path, status in (("/readings", 403), (f"/readings?token={TOKEN}", 101)):
+            with closing(RawViewer(url, path)) as viewer:
+                assert viewer.status == status
+
+
+def test_page_on_loopback_is_not_for_other_pages():
+    """A site in the same browser must not read a page, nor press its tare button."""
+    with serving(NoSource()) as (url, _):
+        assert fetch(url)[0] == 200
+        assert fetch(url, Host="rebound.example")[0] == 403
+        assert fetch(url, "assets/../server.py")[0] == 403
+        for origin, status in (("http://other.example", 403), (url.rstrip("/"), 101)):
+            with closing(RawViewer(url, headers=[f"Origin: {origin}"])) as viewer:
+                assert viewer.status == status
+
+
+def test_board_keeps_the_history_and_sends_what_a_viewer_lacks():
+    board = Board(history_s=10.0)
+    for step in range(20):
+        board.add(untouched(float(step)).row() | {"run": RUN})
+    everything = json.loads(board.message((-1, 0), status=True))
+    assert [row[1] for row in everything["rows"]] == [float(step) for step in range(9, 20)]
+    assert everything["restart"] and everything["status"]["run"] == RUN
+    place = board.place
+    assert json.loads(board.message(place, status=False))["rows"] == []
+    board.add(touched(20.0).row())
+    more = json.loads(board.message(place, status=False))
+    assert not more["restart"] and [row[1] for row in more["rows"]] == [20.0]
+    # A viewer that fell behind by more than the history begins anew.
+    behind = json.loads(board.message((place[0], 2), status=False))
+    assert behind["restart"] and len(behind["rows"]) == 11
+
+
+@pytest.mark.parametrize("row", [{"run": "another"}, {"time_s": 0.5}])
+def test_board_begins_anew_with_another_run(row):
+    """Readings of two runs would be drawn over each other."""
+    board = Board(history_s=10.0)
+    for time_s in (1.0, 2.0):
+        board.add({"sensor": "arm", "time_s": time_s, "run": RUN})
+    place = board.place
+    board.add({"sensor": "arm", "time_s": 3.0, "run": RUN} | row)
+    message = json.loads(board.message(place, status=False))
+    assert message["restart"] and len(message["rows"]) == 1
+
+
+def test_page_row_takes_numbers_as_text_and_unknown_ones_as_none():
+    assert set(ROW) <= set(COLUMNS)
+    row = dict(zip(ROW, page_row(touched(1.5).row()), strict=True))
+    assert row["force_n"] == 3.0 and row["interference"] == 0.25
+    text = {key: "" if value is None else str(value) for key, value in touched(1.5).row().items()}
+    assert page_row(text) == list(row.values())
+    assert page_row({"sensor": "arm", "time_s": "nan"}) is None
+    assert page_row({"time_s": 1.0}) is None
+
+
+@pytest.mark.parametrize("suffix", ["csv", "jsonl"])
+def test_file_source_follows_a_file_that_grows_and_is_replaced(suffix, tmp_path):
+    path = tmp_path / f"readings.{suffix}"
+    now, board = [0.0], Board(30.0)
+    source = FileSource(path, now=lambda: now[0])
+
+    def shown():
+        source.poll(board)
+        return json.loads(board.message((-1, 0), status=True))
+
+    assert shown()["status"]["state"] == "waiting"
+    with open_writer(path) as writer:
+        writer.write(touched(1.0))
+        assert [row[1] for row in shown()["rows"]] == []  # opened by this call
+        assert [row[1] for row in shown()["rows"]] == [1.0]
+        writer.write(untouched(2.0))
+        message = shown()
+        assert [row[1] for row in message["rows"]] == [1.0, 2.0]
+        assert message["status"]["state"] == "reading"
+    line = path.read_text().splitlines()[-1].replace("2.0", "3.0", 1)
+    with path.open("a") as file:
+        file.write(line[:20])
+        file.flush()
+        assert len(shown()["rows"]) == 2
+        file.write(line[20:] + "\n")
+    assert [row[1] for row in shown()["rows"]] == [1.0, 2.0, 3.0]
+    now[0] = 10.0
+    message = shown()["status"]
+    assert (message["state"], message["reason"]) == ("paused", "the file has not grown for 10 s")
+    path.rename(tmp_path / f"old.{suffix}")
+    with open_writer(path) as writer:
+        writer.write(touched(0.5))
+    shown()
+    assert [row[1] for row in shown()["rows"]] == [0.5]
+    source.close()
+
+
+def test_file_source_reads_only_the_end_of_a_long_file(tmp_path, monkeypatch):
+    """A file of a month would keep the page busy for minutes."""
+    monkeypatch.setattr("wiforce_app.web.file_source._TAIL_BYTES", 2000)
+    path, board = tmp_path / "readings.csv", Board(1e9)
+    with open_writer(path) as writer:
+        for step in range(1000):
+            writer.write(untouched(float(step)))
+    source = FileSource(path)
+    source.poll(board)
+    times = [row[1] for row in json.loads(board.message((-1, 0), status=False))["rows"]]
+    assert 20 < len(times) < 100 and times == [float(step) for step in range(1000)][-len(times) :]
+    source.close()
+
+
+def test_file_source_refuses_a_file_that_holds_no_readings(tmp_path):
+    path = tmp_path / "other.csv"
+    path.write_text("time_s,value\n1,2\n")
+    with pytest.raises(InputError, match="must hold readings, but has no column sensor"):
+        FileSource(path)
+
+
+def test_stalled_viewer_is_dropped_and_others_get_every_reading(monkeypatch):
+    """One laptop that was closed must not fill the memory of the robot."""
+    monkeypatch.setattr(server_module, "_STALLED_S", 0.5)
+
+    class Flood(NoSource):
+        time_s = 0.0
+
+        def poll(self, board):
+            for _ in range(400):
+                self.time_s = round(self.time_s + 0.01, 2)
+                board.add({"sensor": "arm", "time_s": self.time_s, "flags": "gap " * 20})
+            board.show({"state": "reading"})
+
+    with serving(Flood(), history_s=1000.0) as (url, page):
+        with (
+            closing(RawViewer(url, receive_buffer=4096)) as stalled,
+            closing(RawViewer(url)) as one,
+        ):
+            assert stalled.status == one.status == 101
+            times, deadline = [], time.monotonic() + 15
+            while len(page.viewers) < 2 or not times:
+                times += [row[1] for row in one.message()["rows"]]
+            while len(page.viewers) > 1:
+                times += [row[1] for row in one.message()["rows"]]
+                assert time.monotonic() < deadline, "the stalled viewer is still there"
+            for _ in range(3):
+                times += [row[1] for row in one.message()["rows"]]
+            assert len(page.viewers) == 1
+    assert times == sorted(set(times)) and len(times) == round(100 * (times[-1] - times[0])) + 1
+
+
+def test_viewers_beyond_the_limit_are_told_so(monkeypatch):
+    monkeypatch.setattr(server_module, "_MOST_VIEWERS", 2)
+    with serving(NoSource()) as (url, page):
+        with (
+            closing(RawViewer(url)) as first,
+            closing(RawViewer(url)),
+            closing(RawViewer(url)) as third,
+        ):
+            assert first.message()["status"]["state"] == "waiting"
+            assert third.message() is None and len(page.viewers) == 2
+
+
+def test_tares_of_two_viewers_are_one_request():
+    """Two people who press the button at once must both see the outcome."""
+    with publishing() as reader:
+        reader.refusal = "arm is touched (3.00 N at 40.0 mm)"
+        with serving(ZmqSource(reader.readings, reader.control)) as (url, _):
+            with closing(RawViewer(url)) as one, closing(RawViewer(url)) as two:
+                for viewer in (one, two, two, two):
+                    viewer.send("tare")
+                for viewer in (one, two):
+                    while "answer" not in (message := viewer.message()):
+                        pass
+                    assert not message["answer"]["ok"]
+                    assert message["answer"]["error"] == f"tare refused: {reader.refusal}"
+        assert 1 <= reader.tares <= 2
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"[1]",
+        b"{",
+        b"[" * 100_000,
+        b'{"message": "reading"}',
+        b'{"message": "heartbeat", "time_s": 1e999}',
+    ],
+)
+def test_zmq_source_ignores_messages_of_another_kind(data):
+    board = Board(30.0)
+    with publishing() as reader, closing(ZmqSource(reader.readings)) as source:
+        source._take(_loaded(data), board)
+        source.poll(board)
+        assert json.loads(board.message((-1, 0), status=True))["rows"] == []

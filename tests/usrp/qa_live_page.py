@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``gr-wiforce live --web``: the page's process shows the readings, and never affects them."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+from live_runs import command, free_ports, live, rows_of, wait_until
+from web_pages import RawViewer, touched
+from wiforce_app.web import live_page
+from wiforce_app.web.address import PageAddress
+from wiforce_app.web.board import page_row
+
+GONE = "the reader's process has ended without a word"
+
+
+def page_process(reader):
+    """Process that serves the page of a live reader."""
+    for task in Path(f"/proc/{reader.pid}/task").iterdir():
+        for child in (task / "children").read_text().split():
+            if b"page_process" in Path(f"/proc/{child}/cmdline").read_bytes():
+                return int(child)
+    return None
+
+
+def first_viewer(url):
+    """A viewer, as soon as the port is open."""
+    found = []
+
+    def connect():
+        with contextlib.suppress(OSError):
+            found.append(RawViewer(url))
+        return found
+
+    wait_until(connect)
+    return found[0]
+
+
+def cmdline(pid):
+    """Empty for a process that has ended."""
+    with contextlib.suppress(OSError):
+        return Path(f"/proc/{pid}/cmdline").read_bytes()
+    return b""
+
+
+@pytest.mark.parametrize("ending", ["signal", "killed"])
+def test_live_page_shows_all_readings_and_how_the_run_ends(
+    slow_device, slow_scene, tmp_path, ending, long_run
+):
+    if ending == "killed" and not long_run:
+        pytest.skip("in the long form")
+    (port,) = free_ports(1)
+    output = tmp_path / "readings.csv"
+    options = ["--web", port, "-o", output]
+    with live(slow_device.args, slow_scene, *options) as reader:
+        with closing(first_viewer(f"http://127.0.0.1:{port}/")) as viewer:
+            rows, statuses = [], []
+
+            def take(message):
+                assert message is not None, "the page has ended without a word"
+                rows.extend(message["rows"])
+                statuses.append(message.get("status", {}))
+
+            while not rows or rows[-1][1] < 1.0:
+                take(viewer.message())
+            page = page_process(reader)
+            reader.send_signal(signal.SIGTERM if ending == "signal" else signal.SIGKILL)
+            wanted = "ended" if ending == "signal" else "lost"
+            while statuses[-1].get("state") != wanted:
+                take(viewer.message())
+        assert statuses[-1]["reason"] == ("signal" if ending == "signal" else GONE)
+        assert statuses[-1]["can_tare"] and statuses[-1]["sensors"]["arm"]["length_mm"] == 80.0
+        wait_until(lambda: not cmdline(page), 10)
+        if ending == "signal":
+            assert reader.wait(10) == 0
+    written = [page_row(row) for row in rows_of(output)]
+    first = next(n for n, row in enumerate(written) if row[1] == rows[0][1])
+    assert len(rows) > 20 and rows == written[first : first + len(rows)]
+
+
+def test_live_page_that_dies_leaves_the_readings_alone(slow_device, slow_scene, tmp_path, long_run):
+    if not long_run:
+        pytest.skip("in the long form")
+    (port,) = free_ports(1)
+    output = tmp_path / "readings.csv"
+    with live(slow_device.args, slow_scene, "--web", port, "-o", output) as reader:
+        wait_until(lambda: page_process(reader) and output.exists() and len(rows_of(output)) > 5)
+        os.kill(page_process(reader), signal.SIGKILL)
+        before = len(rows_of(output))
+        wait_until(lambda: len(rows_of(output)) > before + 20)
+        reader.send_signal(signal.SIGTERM)
+        _, said = reader.communicate(timeout=20)
+    assert reader.returncode == 0
+    assert said.count("warning: the page has ended with status -9; readings go on") == 1
+
+
+def test_live_page_port_in_use_is_refused_before_the_device_is_opened(slow_scene, tmp_path):
+    (port,) = free_ports(1)
+    output = tmp_path / "readings.csv"
+    output.write_text("of yesterday\n")
+    with closing(PageAddress.of(str(port)).listen()):
+        status, _, said = command(
+            "live", "--scene", slow_scene, "--args", "addr=127.9.9.9", "--web", port, "-o", output
+        )
+    assert status == 2 and "--web: cannot be opened (Address already in use)" in said
+    assert len(said.splitlines()) == 1 and output.read_text() == "of yesterday\n"
+
+
+def test_live_page_whose_process_ends_is_reported_once(monkeypatch):
+    """A run of weeks must not end with its page, nor repeat that it has gone."""
+
+    def ends_at_once(descriptor):
+        return subprocess.Popen([sys.executable, "-S", "-c", "raise SystemExit(3)"], stdin=-1)
+
+    monkeypatch.setattr(live_page, "_spawned", ends_at_once)
+    (port,), said = free_ports(1), []
+    page = live_page.LivePage(PageAddress.of(str(port)), said.append)
+    while page._process.poll() is None:
+        time.sleep(0.01)
+    for _ in range(3):
+        page.take(touched(1.0), {"run": "r"})
+        page.send("heartbeat", {"run": "r"})
+    folder = Path(page.control.removeprefix("ipc://")).parent
+    assert folder.stat().st_mode & 0o077 == 0
+    page.close()
+    assert said == ["the page has ended with status 3; readings go on"] and not folder.exists()

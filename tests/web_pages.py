@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Pages of readings for tests: served in this process, with readings that the test publishes."""
+
+import asyncio
+import json
+import socket
+import threading
+import time
+from contextlib import closing, contextmanager
+from urllib.parse import urlsplit
+
+from gnuradio.wiforce.io.readings import Reading
+from gnuradio.wiforce.io.zmq_sockets import ReadingsPublisher, Replies, answer_words
+from wiforce_app.web.address import PageAddress
+from wiforce_app.web.server import PageServer
+
+RUN = "20260101T000000Z-abcdef"
+
+
+def free_port():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return server.getsockname()[1]
+
+
+@contextmanager
+def serving(source, token=None, host="127.0.0.1", **options):
+    """A page in a thread: its address and its server."""
+    address = PageAddress(host, free_port(), token)
+    made, ready = [], threading.Event()
+
+    async def serve():
+        server = PageServer(source, address, address.listen(), **options)
+        made.extend((server, asyncio.get_running_loop()))
+        ready.set()
+        await server.serve()
+
+    thread = threading.Thread(target=lambda: asyncio.run(serve()))
+    thread.start()
+    try:
+        assert ready.wait(20)
+        yield f"http://127.0.0.1:{address.port}/", made[0]
+    finally:
+        made[1].call_soon_threadsafe(made[0].end)
+        thread.join(20)
+
+
+class Publisher:
+    """A live reader of which a test says what it reads.
+
+    Attributes
+    ----------
+    readings, control : str
+        Its endpoints.
+    refusal : str
+        Why it refuses a tare; empty where it does not.
+    """
+
+    def __init__(self, sensors=("arm",)):
+        self.sensors, self.refusal, self.tares = sensors, "", 0
+        self.readings, self.control = str(free_port()), str(free_port())
+        self._publisher = ReadingsPublisher(self.readings)
+        self._replies = Replies(self.control, answer_words({"tare": self._tare}))
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._serve)
+        self._thread.start()
+
+    def _tare(self):
+        self.tares += 1
+        return {"ok": False, "error": f"tare refused: {self.refusal}"} if self.refusal else {}
+
+    def _serve(self):
+        while not self._ending.wait(0.02):
+            self._replies.serve(10)
+
+    def publish(self, *readings, run=RUN):
+        for reading in readings:
+            self._publisher.publish(reading, {"run": run, "time_utc": None})
+
+    def publish_rows(self, rows, run=RUN):
+        """Publish rows of a frame of readings."""
+        for row in rows:
+            known = {key: None if value != value else value for key, value in row.items()}
+            self._publisher.send("reading", {**known, "run": run})
+
+    def heartbeat(self, state="reading", reason="", kind="heartbeat", run=RUN, **more):
+        sensors = {
+            name: {
+                "age_s": 0.01,
+                "received": True,
+                "doubt": "",
+                "clock_offset_ppm": 40.12 - 17.0 * number,
+                "length_mm": 80.0,
+            }
+            for number, name in enumerate(self.sensors)
+        }
+        report = {"run": run, "time_s": 1.0, "state": state, "reason": reason}
+        report |= {"tare": {"state": "none", "reason": ""}, "sensors": sensors, "gaps": 0}
+        self._publisher.send(kind, {**report, "groups": {"dropped": 0}, **more})
+
+    def until(self, condition, limit_s=10.0, **heartbeat):
+        """Send heartbeats until a condition holds."""
+        end = time.monotonic() + limit_s
+        while not condition():
+            assert time.monotonic() < end, "not in time"
+            self.heartbeat(**heartbeat)
+            time.sleep(0.05)
+
+    def close(self):
+        self._ending.set()
+        self._thread.join()
+        self._replies.close()
+        self._publisher.close()
+
+
+@contextmanager
+def publishing(**options):
+    with closing(Publisher(**options)) as publisher:
+        yield publisher
+
+
+def touched(time_s, force_n=3.0, location_mm=40.0, sensor="arm", flags=(), stds=(0.05, 0.2)):
+    """A reading of a touched sensor."""
+    values = (1, force_n, stds[0], location_mm, stds[1], -20.0, 30.0, 12.34)
+    return Reading(time_s, sensor, *values, flags, interference=0.25)
+
+
+def untouched(time_s, sensor="arm"):
+    return Reading(time_s, sensor, 0, snr_db=12.0, interference=0.0)
+
+
+class RawViewer:
+    """A websocket client that reads only when it is told to."""
+
+    def __init__(self, url, path="/readings", headers=(), receive_buffer=None):
+        parts = urlsplit(url)
+        self._socket = socket.socket()
+        if receive_buffer is not None:
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
+        self._socket.settimeout(20)
+        self._socket.connect((parts.hostname, parts.port))
+        lines = [
+            f"GET {path} HTTP/1.1",
+            f"Host: {parts.netloc}",
+            "Upgrade: websocket",
+            "Connection: Upgrade",
+            "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",  # the example of RFC 6455
+            "Sec-WebSocket-Version: 13",
+            *headers,
+        ]
+        self._socket.sendall(("\r\n".join(lines) + "\r\n\r\n").encode())
+        self._file = self._socket.makefile("rb")
+        self.status = int(self._file.readline().split()[1])
+        while self._file.readline().strip():
+            pass
+
+    def send(self, text):
+        """Send a short text, masked with zeros."""
+        data = text.encode()
+        self._socket.sendall(bytes([0x81, 0x80 | len(data), 0, 0, 0, 0]) + data)
+
+    def message(self):
+        """The next message; None after the server has closed the connection."""
+        while True:
+            head = self._file.read(2)
+            if len(head) < 2 or head[0] & 0xF == 8:
+                return None
+            length = head[1] & 0x7F
+            if length >= 126:
+                length = int.from_bytes(self._file.read(2 if length == 126 else 8), "big")
+            data = self._file.read(length)
+            if head[0] & 0xF == 1:
+                return json.loads(data)
+
+    def close(self):
+        self._file.close()
+        self._socket.close()
