@@ -21,6 +21,7 @@ DOCS = ROOT / "docs"
 OTHERS = {
     ROOT / "README.md": "readme.md",
     ROOT / "examples" / "README.md": "examples.md",
+    ROOT / "ros2" / "README.md": "ros2.md",
     ROOT / "CHANGELOG.md": "changelog.md",
 }
 # The list of blocks is also their table of contents.

@@ -8,7 +8,7 @@ import pytest
 from gnuradio.wiforce.io.readings import Reading
 from gnuradio.wiforce.sensor import calibrate, load_sensor, measure_vna
 from gnuradio.wiforce.signal.carrier import wrap_deg
-from matplotlib.figure import Figure
+
 from wiforce_app.calibration_plot import plot_calibration
 from wiforce_app.plots import plot_readings
 
@@ -16,6 +16,8 @@ from wiforce_app.plots import plot_readings
 @pytest.fixture
 def figures(monkeypatch):
     """The figures that are saved, instead of their files."""
+    from matplotlib.figure import Figure
+
     saved = []
     monkeypatch.setattr(Figure, "savefig", lambda figure, *args, **options: saved.append(figure))
     return saved

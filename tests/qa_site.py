@@ -51,19 +51,22 @@ def test_site_links_point_to_pages_of_the_site(maker, text, source, name, expect
 
 def test_notebook_executes_and_reads_what_was_applied(maker, tmp_path, monkeypatch, capsys):
     """The first thing that a researcher tries would fail."""
+    from matplotlib import pyplot
+
     cells = json.loads((DOCS / f"{maker.NOTEBOOK}.ipynb").read_text())["cells"]
     assert not any(cell.get("outputs") for cell in cells), "store the notebook without outputs"
     monkeypatch.chdir(tmp_path)
+    pyplot.close("all")
     found = {}
     for cell in cells:
         if cell["cell_type"] == "code":
             exec("".join(cell["source"]), found)
     said = capsys.readouterr().out
     assert len(found["joined"]) > 80 and found["errors_n"].median() < 0.15
-    drawn = [axis for number in (1, 2) for axis in found["plt"].figure(number).axes]
+    drawn = [axis for number in (1, 2) for axis in pyplot.figure(number).axes]
     assert [axis.get_xlabel() for axis in drawn] == ["time (s)", "force (N)", "force (N)"]
     assert all(axis.get_lines() for axis in drawn)
-    found["plt"].close("all")
+    pyplot.close("all")
     assert (tmp_path / "my-sensor.yaml").is_file() and "warning" not in said
     force_n, location_mm = found["found"].force_n[0], found["found"].location_mm[0]
     assert force_n == pytest.approx(4.3, abs=0.2) and location_mm == pytest.approx(45, abs=0.5)
