@@ -14,21 +14,19 @@ from software_usrp import software_usrp  # noqa: F401
 
 ROOT = Path(__file__).parent
 TIMEOUT_S = 120
-# Files of ten seconds and more, by the time they take.
+# Files that take or wait for eight seconds and more, with a device and without, by their time.
 LONGEST = (
-    *("qa_live_reconnect", "qa_live_ends", "qa_live_examples", "qa_guided_live"),
-    *("qa_live_recording", "qa_live_health", "qa_live_presses", "qa_programs", "qa_streams"),
-    *(
-        "qa_live_requests",
-        "qa_live_room",
-        "qa_live_outputs",
-        "qa_rooms_read",
-        "qa_examples",
-        "qa_interference",
-    ),
-    *("qa_files", "qa_faults", "qa_running", "qa_estimation_separation", "qa_golden"),
-    *("qa_read", "qa_outside_captures", "qa_estimation_pulses", "qa_receiver", "qa_fuzz"),
-    *("qa_bench_tradeoff", "qa_read_output", "qa_capture_scene", "qa_reader", "qa_bench_speed"),
+    *("qa_live_reconnect", "qa_live_ends", "qa_live_examples", "qa_device"),
+    *("qa_streams", "qa_guided_live", "qa_live_recording", "qa_device_hostile"),
+    *("qa_check", "qa_live_health", "qa_programs", "qa_live_presses"),
+    *("qa_live_requests", "qa_rooms_read", "qa_examples", "qa_interference"),
+    *("qa_faults", "qa_read", "qa_estimation_separation", "qa_receiver"),
+    *("qa_outside_captures", "qa_running", "qa_antenna_ratio", "qa_fuzz"),
+    *("qa_golden", "qa_files", "qa_simulation_effects", "qa_bench_speed"),
+    *("qa_simulation_channel", "qa_sensor_calibration", "qa_stream", "qa_bench_tradeoff"),
+    *("qa_planning_plan", "qa_reader", "qa_read_output", "qa_capture_scene"),
+    *("qa_backscatter_tag", "qa_evaluate_scenes", "qa_sensor_inversion", "qa_rooms"),
+    *("qa_command", "qa_estimation_pulses", "qa_live_outputs", "qa_live_room"),
 )
 # Workers and hundreds of processes import the same files: without their bytecode each compiles them
 # again, pytest with rewritten assertions in several seconds.

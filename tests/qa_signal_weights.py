@@ -10,7 +10,6 @@ from gnuradio.wiforce.signal.clutter import clutter_basis
 from gnuradio.wiforce.signal.lines import tag_lines
 from gnuradio.wiforce.signal.weights import design_weights
 from plain import WAVEFORM, T
-from scipy.signal.windows import dpss
 
 # Weights are rounded to single precision (24 bits): relative error of a sum about 1e-7.
 SINGLE = 3e-7
@@ -82,6 +81,9 @@ def test_weights_clutter_band_costs_line_1_stated_noise(length, cost_db):
 def test_clutter_basis_holds_sequences_of_scipy(length, hertz):
     basis = clutter_basis(length, T, hertz)
     half_bandwidth = max(hertz * length * T, 0.1)
+    # SciPy's signal package takes long to import, and all workers collect this file.
+    from scipy.signal.windows import dpss
+
     expected = dpss(length, half_bandwidth, basis.shape[1]).T
     signs = np.sign(np.sum(basis * expected, axis=0))
     assert np.allclose(basis * signs, expected, atol=1e-9)
