@@ -192,7 +192,7 @@ def measure_run(viewers, seconds):
             time.sleep(0.5)
             try:
                 answer = page.device.command("sent")["sent_s"]
-                used.append((_processor_s(page.process.pid), _processor_s(page.server_pid())))
+                used.append(_processor_s(page.server_pid()))
             except (RuntimeError, OSError):
                 break
             sent += answer
@@ -207,7 +207,7 @@ def measure_run(viewers, seconds):
     # From the middle on, when everything has been loaded, until before the end.
     first, last = (round(part * len(used)) for part in (0.5, 0.9))
     signal_s = (sent[-1][0] - sent[0][0]) * (last - first) / (len(used) - 1)
-    return rows, delays, np.subtract(used[last], used[first]) / signal_s
+    return rows, delays, (used[last] - used[first]) / signal_s
 
 
 def wait_for_page(url):
@@ -227,9 +227,8 @@ def measure_viewers(arguments):
     without = measure_run(0, arguments.seconds)
     with_viewers = measure_run(arguments.viewers, arguments.seconds)
     for name, (rows, delays, cores) in (("no", without), ("all", with_viewers)):
-        own, server = cores[0] - cores[1], cores[1]
         print(f"{name} viewers: {len(rows)} readings; delay of {len(delays)} (ms): ", end="")
-        print(f"{quantiles(delays)}; cores: {own:.2f}, page {server:.3f}")
+        print(f"{quantiles(delays)}; processor time of the page: {cores:.3f} cores")
     common = min(len(without[0]), len(with_viewers[0]))
     same = without[0][:common] == with_viewers[0][:common]
     print(f"{common} readings common to both runs are {'equal' if same else 'NOT EQUAL'}")
