@@ -18,7 +18,14 @@ TIMEOUT_S = 120
 LONGEST = (
     *("qa_live_reconnect", "qa_live_ends", "qa_live_examples", "qa_guided_live"),
     *("qa_live_recording", "qa_live_health", "qa_live_presses", "qa_programs", "qa_streams"),
-    *("qa_live_requests", "qa_live_room", "qa_rooms_read", "qa_examples", "qa_interference"),
+    *(
+        "qa_live_requests",
+        "qa_live_room",
+        "qa_live_outputs",
+        "qa_rooms_read",
+        "qa_examples",
+        "qa_interference",
+    ),
     *("qa_files", "qa_faults", "qa_running", "qa_estimation_separation", "qa_golden"),
     *("qa_read", "qa_outside_captures", "qa_estimation_pulses", "qa_receiver", "qa_fuzz"),
     *("qa_bench_tradeoff", "qa_read_output", "qa_capture_scene", "qa_reader", "qa_bench_speed"),

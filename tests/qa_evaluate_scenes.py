@@ -20,7 +20,8 @@ from wiforce_app.evaluation.checks import UNDESCRIBED, checks
 from wiforce_app.evaluation.experiment import simulated
 from wiforce_app.evaluation.paper_method import paper_changes, paper_errors
 from wiforce_app.evaluation.report import cause_table, table
-from wiforce_app.evaluation.runs import mark_of, result_of
+from wiforce_app.evaluation.runs import result_of
+from wiforce_app.marks import mark_of
 
 SCENE = {
     "sensors": [{"name": "arm", "model": "line-900mhz-calibrated"}],
@@ -188,7 +189,7 @@ def test_a_sensor_calibrated_anew_makes_another_experiment(tmp_path):
     marks = []
     for onset_n in (sensor["onset_force_n"], sensor["onset_force_n"] * 1.01):
         (tmp_path / "mine.yaml").write_text(yaml.safe_dump(sensor | {"onset_force_n": onset_n}))
-        marks.append(mark_of(tmp_path / "short.yaml"))
+        marks.append(mark_of(load_scene(tmp_path / "short.yaml"), simulated=True))
     assert marks[0] != marks[1]
 
 

@@ -5,6 +5,7 @@ import contextlib
 import csv
 import importlib.util
 import io
+import json
 import runpy
 import shutil
 import subprocess
@@ -26,17 +27,23 @@ FORCE_LIMIT_N, LOCATION_LIMIT_MM = 0.15, 0.5
 
 
 @pytest.fixture(scope="module")
-def generated(tmp_path_factory, qt):
-    """Import the generated module of a flowgraph by name; one grcc compiles all of them."""
+def compiled(tmp_path_factory):
+    """The folder of the generated programs, and where Companion draws each flowgraph."""
     folder = tmp_path_factory.mktemp("generated")
-    command = ["grcc", "-o", str(folder), *map(str, FLOWGRAPHS)]
+    script = Path(__file__).with_name("grc_layout.py")
+    command = [sys.executable, str(script), str(folder), *map(str, FLOWGRAPHS)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=110)
-    output = done.stdout + done.stderr
-    assert done.returncode == 0, output
+    assert done.returncode == 0, done.stderr
+    return folder, json.loads(done.stdout)
+
+
+@pytest.fixture(scope="module")
+def generated(compiled, qt):
+    """Import the generated module of a flowgraph by name."""
 
     def module(name):
-        path = folder / f"{name}.py"
-        assert path.is_file(), output
+        path = compiled[0] / f"{name}.py"
+        assert path.is_file()
         spec = importlib.util.spec_from_file_location(f"example_{name}", path)
         loaded = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(loaded)
@@ -68,6 +75,39 @@ def test_flowgraph_compiles_and_is_documented(generated, path):
     assert f"`{path.name}`" in listed
     assert f"`headless/{path.stem}.py`" in listed
     assert (HEADLESS / f"{path.stem}.py").is_file()
+
+
+def overlap(first, second):
+    """Whether two boxes (left, top, right, bottom) have common points."""
+    return all(first[i] < second[i + 2] and second[i] < first[i + 2] for i in (0, 1))
+
+
+@pytest.mark.parametrize("path", FLOWGRAPHS, ids=lambda p: p.stem)
+def test_flowgraph_is_drawn_without_overlaps(compiled, path):
+    """A user could not read what lies behind another block, nor connect a port off the canvas."""
+    drawn = compiled[1][path.stem]
+    boxes = [
+        (name.split()[0], f"{kind[:-1]} {name}", box)
+        for kind in ("blocks", "comments", "ports")
+        for name, box in drawn[kind].items()
+    ]
+    assert len(drawn["blocks"]) > 5 and len(drawn["ports"]) > 1 and drawn["wires"]
+    assert [what for _, what, box in boxes if min(box) < 0] == []
+    assert [
+        (what, other)
+        for n, (owner, what, box) in enumerate(boxes)
+        for other_owner, other, other_box in boxes[:n]
+        if owner != other_owner and overlap(box, other_box)
+    ] == []
+    for wire in drawn["wires"]:
+        # The first and the last point are those at the ports.
+        behind = {
+            name
+            for name, (left, top, right, bottom) in drawn["blocks"].items()
+            for x, y in wire["points"][1:-1]
+            if left < x < right and top < y < bottom
+        }
+        assert not behind, f"{wire['from']} to {wire['to']}"
 
 
 class Collector(gr.basic_block):

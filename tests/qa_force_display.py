@@ -14,7 +14,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.gui import Trend, track, trend, widget, words
 from gnuradio.wiforce.io.readings import Flag, Reading
 from PyQt5 import QtCore, QtWidgets
-from PyQt5.QtGui import QColor
+from PyQt5.QtGui import QColor, QFontMetrics
 
 PRESSED = {
     "time_s": 1.0,
@@ -136,6 +136,17 @@ def test_display_flagged_reading_looks_different(display, qt):
     assert plain != doubtful
 
 
+@pytest.mark.parametrize("size", [None, (640, 420), (1200, 900)])
+def test_display_labels_of_locations_do_not_overlap(display, qt, size):
+    """Labels on top of each other cannot be read."""
+    display.resize(*(size or (display.sizeHint().width(), display.sizeHint().height())))
+    picture(display, qt, PRESSED, PRESSED | {"sensor": "finger"})
+    axis = display._history._location.getAxis("left")
+    (spacing,) = {step for step, _ in axis._tickSpacing}
+    shown_mm = np.diff(axis.range)[0]
+    assert axis.height() * spacing / shown_mm >= QFontMetrics(axis.font()).ascent()
+
+
 def test_display_silent_sensor_turns_grey_and_is_removed(display, qt, monkeypatch):
     clock = {"now": 0.0}
     monkeypatch.setattr(widget.time, "monotonic", lambda: clock["now"])
@@ -184,6 +195,45 @@ def test_track_history_keeps_span_and_gaps():
     times, forces = kept.series("force_n")
     assert times.tolist() == [3.0, 4.0, 5.0]
     np.testing.assert_array_equal(forces, [np.nan, np.nan, 5.0])
+    np.testing.assert_array_equal(kept.series("force_n", flagged=True)[1], [3.0, np.nan, np.nan])
+
+
+def test_track_untouched_sensor_has_no_force_and_no_location():
+    """A force that disappears from the plot looks like a lost sensor, not like a release."""
+    kept = track.Track(2.0)
+    kept.add(Reading(1.0, "arm", touch=0, flags=("reference",)))
+    kept.add(Reading(1.1, "arm", flags=("gap",)))
+    np.testing.assert_array_equal(kept.series("force_n")[1], [0.0, np.nan])
+    np.testing.assert_array_equal(kept.series("location_mm")[1], [np.nan, np.nan])
+
+
+def drawn(display, column):
+    """(values of the line, values of the crosses, upper limit of the axis) of a history."""
+    history = display._history
+    plot = history._plots()[column]
+    line, marks = history._curves["arm"][column]
+    return line.getData()[1], marks.getData()[1], plot.viewRange()[1][1]
+
+
+def test_display_flagged_readings_are_crosses_that_do_not_stretch_the_axis(display, qt):
+    """One absurd reading must not flatten all others, nor look as reliable as they do."""
+    absurd = PRESSED | {"force_n": 40.0, "location_mm": 700.0, "flags": "weak"}
+    doubtful = PRESSED | {"time_s": 1.2, "force_n": 3.0, "location_mm": 50.0, "flags": "weak"}
+    picture(display, qt, PRESSED, absurd | {"time_s": 1.1}, doubtful)
+    for column, reliable, crosses in ((0, 4.0, [4.0, 3.0]), (1, 40.0, [80.0, 50.0])):
+        line, marks, limit = drawn(display, column)
+        np.testing.assert_array_equal(line, [reliable, np.nan, np.nan])
+        np.testing.assert_array_equal(marks, crosses)
+        assert max(crosses) <= limit < 1.2 * max(crosses)
+
+
+def test_display_flagged_readings_alone_are_seen_within_the_span(display, qt):
+    """While every reading is weak, the force must still be visible."""
+    for time_s, force_n in ((1.0, 3.0), (1.1, 5.0), (1.2, 40.0)):
+        picture(display, qt, PRESSED | {"time_s": time_s, "force_n": force_n, "flags": "weak"})
+    _, marks, limit = drawn(display, 0)
+    np.testing.assert_array_equal(marks, [3.0, 5.0, 8.0])
+    assert 8.0 < limit < 9.6
 
 
 def test_display_readings_from_other_thread_faster_than_refresh_are_shown(display, qt):

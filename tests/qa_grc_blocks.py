@@ -16,6 +16,7 @@ from PyQt5.QtWidgets import QVBoxLayout
 
 FOLDER = Path(__file__).resolve().parent.parent / "grc"
 DESCRIPTIONS = {p.name.split(".")[0]: p for p in sorted(FOLDER.glob("*.block.yml"))}
+CATEGORIES = ("Start here", "Simulation", "Inside the chain", "Displays", "Recording")
 # Files without which a block cannot be created; any file is sufficient here.
 NEEDED = {
     "wiforce_recording_source": {"path": __file__},
@@ -78,7 +79,8 @@ def made_by(block):
 def test_description_is_complete(block_id):
     description = yaml.safe_load(DESCRIPTIONS[block_id].read_text())
     assert description["id"] == block_id
-    assert description["category"] == "[WiForce]"
+    root, category = description["category"].split("/")
+    assert root == "[WiForce]" and category in CATEGORIES
     assert len(description["documentation"]) > 80
     for ports, heading in (("inputs", "In"), ("outputs", "Out")):
         said = re.search(rf"^(In, )?{heading}(, Out)?:$", description["documentation"], re.M)

@@ -63,7 +63,12 @@ CALIBRATE = ["calibrate", "file.csv", "-o", "s.yaml"]
             "freq_mhz: must be positive, from 1 to 100000 MHz, got 0.9",
         ),
         (HEADER, ["evaluate", "demo", "--outptu", "x"], "evaluate: No such option: --outptu"),
-        (HEADER, ["read", "folder"], "folder: is a folder; name a file of the capture in it"),
+        (HEADER, ["check", "folder"], "folder: is a folder; name a file of the capture in it"),
+        (
+            HEADER,
+            ["read", "folder", "-o", "out"],
+            "folder: contains no captures: no .sigmf-meta files",
+        ),
         (HEADER, ["simulate", "demo", "x", "--seed", "1.5"], "'1.5' is not a valid integer."),
         (HEADER, ["transfer", "line-900mhz", "--frequency-hz", "9MHz"], "is not a valid number."),
         (

@@ -13,8 +13,8 @@ from gnuradio.wiforce.planning.advice import improve, warnings
 from gnuradio.wiforce.planning.expected import expect
 from gnuradio.wiforce.planning.levels import receive_levels
 from gnuradio.wiforce.planning.loss import line_loss_db
-from gnuradio.wiforce.planning.plan import plan
-from gnuradio.wiforce.planning.steps import steps
+from gnuradio.wiforce.planning.plan import HARMONICS, plan
+from gnuradio.wiforce.planning.steps import MORE_LINES, steps, with_more_lines
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.weights import design_weights
 from gnuradio.wiforce.simulation.score import read_truth, score
@@ -288,3 +288,16 @@ def test_plan_clock_without_own_line_names_sensor():
     scene = scene_of([sensor], sounding={"frame_length": 4000}, phase_group={"snapshots": 125})
     with pytest.raises(InputError, match=r"sensors\[0\].clock_hz: must leave the tag a line"):
         plan(scene)
+
+
+def test_more_lines_are_offered_only_where_weights_for_them_exist():
+    """`plan --measure` of a scene with a wide clutter band must not end with an error."""
+    fan = plan(load_scene("fan"))
+    assert fan.clutter_hz == 200
+    with pytest.raises(InputError, match="too short to separate the lines from clutter of 200 Hz"):
+        dataclasses.replace(fan, harmonics=HARMONICS[-1]).table  # noqa: B018
+    more = with_more_lines(fan)
+    assert more is None or more.harmonics < HARMONICS[-1]
+    for name in ("fan", "demo"):
+        named = {step.name for step in steps(plan(load_scene(name)))}
+        assert (MORE_LINES in named) == (with_more_lines(plan(load_scene(name))) is not None)

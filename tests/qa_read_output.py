@@ -10,11 +10,14 @@ import subprocess
 import time
 
 import numpy as np
+import pandas
 import pytest
 import yaml
 from command_runs import run_command
 from gnuradio import wiforce
 from gnuradio.wiforce.sensor import load_sensor, write_sensor
+from pyarrow import parquet
+from ros_clients import bag_messages
 
 # A tenth of the usual sample rate, and groups so short that their centres need seven decimals.
 SCENE = {
@@ -56,6 +59,27 @@ def test_read_rows_join_with_the_truth_by_time_and_by_group(capture, tmp_path):
     assert [row["time_s"] for row in read] == [row["time_s"] for row in truth]
     assert any(len(row["time_s"].partition(".")[2]) > 6 for row in truth)
     assert [int(row["group"]) for row in read] == list(range(len(truth)))
+
+
+def test_read_parquet_and_mcap_hold_the_rows_of_csv_and_their_scene(capture, tmp_path):
+    """Both describe themselves: a file that is passed on needs no other beside it."""
+    table, bag = tmp_path / "out.parquet", tmp_path / "out.mcap"
+    assert run_command("read", capture, "-o", tmp_path / "out.csv").returncode == 0
+    assert run_command("read", capture, "-o", table, "--mcap", bag).returncode == 0
+    rows, frame = rows_of(tmp_path / "out.csv"), pandas.read_parquet(table)
+    messages = bag_messages(bag)["/wiforce/arm/reading"]
+    for name in ("time_s", "force_n", "location_std_mm", "snr_db", "group"):
+        column = [float(row[name] or "nan") for row in rows]
+        assert np.array_equal(frame[name], column, equal_nan=True)
+        if name != "group":
+            assert np.array_equal([getattr(m, name) for m in messages], column, equal_nan=True)
+    assert frame["flags"].tolist() == [row["flags"] for row in rows]
+    truth = pandas.read_csv(f"{capture}.truth.csv")
+    assert len(frame.merge(truth, on=["time_s", "sensor"])) == len(rows)
+    described = parquet.read_schema(table).metadata
+    assert json.loads(described[b"wiforce:scene"])["sensors"][0]["name"] == "arm"
+    assert json.loads(described[b"wiforce:sensors"])["arm"]["length_mm"] == 80
+    assert described[b"wiforce:version"]
 
 
 def test_read_function_gives_group_as_an_integer(capture):
@@ -142,7 +166,8 @@ def test_read_interrupted_says_that_its_output_is_partial(tmp_path, number, stat
             stream.write(data[: 4 * 321 * frames])
     forget_checksum(tmp_path / "long.sigmf-meta")
     output = tmp_path / "out.csv"
-    command = ["gr-wiforce", "read", str(tmp_path / "long"), "-o", str(output)]
+    bag = tmp_path / "out.mcap"
+    command = ["gr-wiforce", "read", str(tmp_path / "long"), "-o", str(output), "--mcap", str(bag)]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         end = time.monotonic() + 60
         while not (output.exists() and output.stat().st_size > 1000):
@@ -155,6 +180,7 @@ def test_read_interrupted_says_that_its_output_is_partial(tmp_path, number, stat
     assert found, said
     # The signal may come just after a row was written.
     assert 0 <= len(rows_of(output)) - int(found[1]) <= 1 and int(found[1]) < int(found[2])
+    assert 0 <= len(rows_of(output)) - len(bag_messages(bag)["/wiforce/arm/reading"]) <= 1
 
 
 def forget_checksum(meta):

@@ -24,7 +24,15 @@ ROOMS = (
 # Shorter than the rooms of the score, with both presses, or one in mixtures; the long form reads
 # those.
 PRESSES = ((0.55, 0.03, 0.36, 3.0, 5.5, 33.0), (1.0, 0.03, 0.36, 6.0, 4.0, 54.0))
-MIXTURES = tuple(f"mixture-{seed}" for seed in range(1, 11))
+MIXTURES, LONG_MIXTURES = (
+    tuple(f"mixture-{seed}" for seed in range(1, last + 1)) for last in (4, 10)
+)
+
+
+def pytest_generate_tests(metafunc):
+    if "name" in metafunc.fixturenames:
+        mixtures = LONG_MIXTURES if metafunc.config.getoption("--long") else MIXTURES
+        metafunc.parametrize("name", ROOMS + mixtures)
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +48,6 @@ def short_room(name):
     return replace(room_named(name), presses=((PRESSES[0][0], *press[1:]),), duration_s=1.05)
 
 
-@pytest.mark.parametrize("name", ROOMS + MIXTURES)
 def test_undescribed_room_gives_no_confident_wrong_reading(name, cache, tmp_path, long_run):
     """The one thing that the project promises never to give."""
     room = room_named(name) if long_run else short_room(name)

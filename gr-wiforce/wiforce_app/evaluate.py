@@ -10,8 +10,8 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.textfile import check_output
 
 from .evaluation import published
-from .options import IntegerRange
 from .progress import progress
+from .workers import worker_options
 
 
 class _PaperOrScenes(click.Group):
@@ -41,17 +41,13 @@ def evaluate():
     show_default=True,
     help="Where results and report are kept; existing results are not computed again.",
 )
-@click.option(
-    "--jobs",
-    type=IntegerRange(1),
-    help="Number of parallel processes. Default: one per processor.",
-)
+@worker_options
 @click.option("--fresh", is_flag=True, help="Compute all results again.")
-def scenes(scenes, folder, jobs, fresh):
+def scenes(scenes, folder, jobs, scheduler, fresh):
     """Simulate, read and score SCENES (or all), and write a report."""
     from .evaluation.runs import evaluate_scenes
 
-    evaluate_scenes(scenes, Path(folder), jobs, fresh)
+    evaluate_scenes(scenes, Path(folder), jobs, fresh, scheduler)
 
 
 @evaluate.command()

@@ -5,20 +5,33 @@ import signal
 import sys
 import threading
 from functools import partial
+from pathlib import Path
 
 import click
 from gnuradio.wiforce.errors import InputError, OutputError
+from gnuradio.wiforce.io.addresses import host_and_port
 from gnuradio.wiforce.io.capture_files import recording_stem
 from gnuradio.wiforce.io.rotation import Rotation, open_rotating
 from gnuradio.wiforce.io.zmq_keys import ServerKeys
 from gnuradio.wiforce.io.zmq_sockets import endpoint_of, is_loopback
 from gnuradio.wiforce.scene import load_scene
 
-from .live_outputs import STAMP_COLUMNS, LiveOutputs, ReadingsFile, ZmqMessages
+from .file_outputs import open_mcap, provenance
+from .live_outputs import (
+    MCAP_FILE_BYTES,
+    STAMP_COLUMNS,
+    FoxgloveMessages,
+    LiveOutputs,
+    LslStreams,
+    McapFile,
+    ReadingsFile,
+    ZmqMessages,
+)
 from .log import FORMATS, LEVELS, log
 from .options import (
     FiniteRange,
     IntegerRange,
+    mcap_output,
     radio_options,
     readings_output,
     tracked_presses,
@@ -62,6 +75,20 @@ FAILED, BAD_INPUT = 1, 2
     metavar="FOLDER",
     help="Encrypt both, and accept the clients whose keys are in FOLDER (gr-wiforce keys).",
 )
+@mcap_output
+@click.option(
+    "--foxglove",
+    metavar="[ADDRESS:]PORT",
+    help="Serve the same messages to Foxglove, at a port of this machine or of ADDRESS.",
+)
+@click.option(
+    "--lsl",
+    is_flag=False,
+    flag_value="machine",
+    type=click.Choice(["machine", "network"]),
+    help="Offer a stream of the Lab Streaming Layer for each sensor, to this machine (default) or "
+    "to its network.",
+)
 @web_options()
 @tracked_presses
 @click.option(
@@ -102,6 +129,9 @@ def live(
     zmq_endpoint,
     control,
     zmq_keys,
+    mcap,
+    foxglove,
+    lsl,
     web,
     web_token,
     tracked,
@@ -123,15 +153,17 @@ def live(
     keys = _checked_keys(zmq_endpoint, control, zmq_keys)
     request = radio_request(args, scene, receive_s=RECEIVE_S[latency], **radio)
     rotation = Rotation.of(rotate, keep)
+    metadata = provenance(scene)
     try:
         with (
-            open_rotating(output, rotation, scene.files, STAMP_COLUMNS, append) as writer,
+            open_rotating(output, rotation, scene.files, STAMP_COLUMNS, append, metadata) as writer,
             LiveOutputs() as outputs,
         ):
             if zmq_endpoint is not None:
                 outputs.add(ZmqMessages(zmq_endpoint, keys))
                 if keys is None:
                     _warn_of_strangers(zmq_endpoint)
+            _add_robotics_and_laboratory(outputs, scene, mcap, foxglove, lsl, metadata)
             endpoints = [(control, keys)] if control else []
             if web is not None:
                 endpoints.append((_open_page(outputs, web, web_token), None))
@@ -158,6 +190,20 @@ def _checked_keys(zmq_endpoint, control, folder):
     if control is not None and not is_loopback(given["--control"]):
         raise InputError("--control", "needs --zmq-keys for an address beyond loopback", control)
     return None
+
+
+def _add_robotics_and_laboratory(outputs, scene, mcap, foxglove, lsl, metadata):
+    if mcap is not None:
+        most_bytes = MCAP_FILE_BYTES if Path(mcap).is_dir() else None
+        outputs.add(McapFile(partial(open_mcap, mcap, scene.files, metadata), most_bytes))
+    if foxglove is not None:
+        outputs.add(FoxgloveMessages(foxglove, scene.sensor_names))
+        host, _ = host_and_port(foxglove, "--foxglove")
+        if not is_loopback(f"tcp://{host}:0"):
+            log.warning(f"--foxglove {foxglove}: everybody who reaches this address can read")
+    if lsl is not None:
+        details = {"version": metadata["wiforce:version"], "scene": metadata["wiforce:scene"]}
+        outputs.add(LslStreams(scene, lsl, details))
 
 
 def _open_page(outputs, web, token):

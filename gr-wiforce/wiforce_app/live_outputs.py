@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Outputs of a live run: any number of them behind one interface."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
 from typing import Any
 
@@ -12,6 +12,9 @@ from gnuradio.wiforce.io.writers import ReadingsWriter
 from gnuradio.wiforce.io.zmq_keys import ServerKeys
 from gnuradio.wiforce.io.zmq_sockets import ReadingsPublisher
 
+# Files in a folder of MCAP are ended at this size, some seven hours of one sensor: the index of an
+# open file takes memory, a quarter of its size.
+MCAP_FILE_BYTES = 64_000_000
 # What a file of readings holds of a stamp.
 STAMP_COLUMNS = ("run", "time_utc")
 
@@ -99,6 +102,82 @@ class ZmqMessages(Output):
     def close(self) -> None:
         """Give the endpoint back."""
         self._publisher.close()
+
+
+class McapFile(Output):
+    """An MCAP file of readings and health, or a folder of such files.
+
+    Parameters
+    ----------
+    open_next : callable
+        Opens a writer: of the file, or of the next file in the folder.
+    most_bytes : int or None
+        Size at which the next file is begun; None for a single file.
+    """
+
+    def __init__(self, open_next: Callable[[], Any], most_bytes: int | None = None):
+        self._open_next, self._most_bytes = open_next, most_bytes
+        self._writer, self._begun = open_next(), False
+
+    def begin(self) -> None:
+        """Replace the content of the file."""
+        self._writer.begin()
+        self._begun = True
+
+    def take(self, reading: Reading, stamp: Mapping[str, Any]) -> None:
+        """Write the messages of a reading."""
+        self._writer.write(reading, stamp)
+        if self._most_bytes is not None and self._writer.size_bytes >= self._most_bytes:
+            full, self._writer = self._writer, self._open_next().begin()
+            full.close()
+
+    def send(self, kind: str, report: Mapping[str, Any]) -> None:
+        """Write a report."""
+        self._writer.write_health(report)
+
+    def close(self) -> None:
+        """End the file; a run that was refused leaves the former one as it was."""
+        if self._begun:
+            self._writer.close()
+
+
+class FoxgloveMessages(Output):
+    """The messages of an MCAP file for Foxglove clients."""
+
+    def __init__(self, address: str, sensors: Iterable[str]):
+        from gnuradio.wiforce.io.foxglove_server import FoxgloveServer
+
+        self._server = FoxgloveServer(address, sensors)
+
+    def take(self, reading: Reading, stamp: Mapping[str, Any]) -> None:
+        """Send one reading."""
+        self._server.publish(reading, stamp)
+
+    def send(self, kind: str, report: Mapping[str, Any]) -> None:
+        """Send a report."""
+        self._server.publish_health(report)
+
+    def close(self) -> None:
+        """Disconnect all clients."""
+        self._server.close()
+
+
+class LslStreams(Output):
+    """A stream of the Lab Streaming Layer for each sensor."""
+
+    def __init__(self, scene, reach: str, details: Mapping[str, str]):
+        from gnuradio.wiforce.io.lsl_outlets import LslOutlets
+
+        network = reach == "network"
+        self._outlets = LslOutlets(scene.sensor_names, scene.group_period_s, network, details)
+
+    def take(self, reading: Reading, stamp: Mapping[str, Any]) -> None:
+        """Send one sample."""
+        self._outlets.push(reading, stamp["time_utc"])
+
+    def close(self) -> None:
+        """End the streams."""
+        self._outlets.close()
 
 
 class LiveOutputs:

@@ -35,9 +35,11 @@ COMMANDS = {
     "transfer": "Transfer a sensor model to another carrier.",
     "off-reflection": "Estimate the off state of the switches from a capture.",
     "invert": "Convert measured phases to force and location.",
+    "export": "Convert readings between CSV, JSON lines, Parquet and MCAP.",
     "survey": "Show what is in the room of a capture besides its tags.",
     "plan": "Show steps, cost and expected errors of a scene.",
     "emulate": "Run a software USRP N210 that simulates a scene.",
+    "score": "Compare readings with the record of a force gauge.",
     "evaluate": "Compare readings with the truth and with the paper.",
     "bench": "Measure accuracy, speed and numerical limits.",
 }

@@ -18,9 +18,8 @@ import numpy as np
 from gnuradio.wiforce.estimation.average import AdaptiveAverage
 from gnuradio.wiforce.estimation.folded_groups import FoldedGroups
 from gnuradio.wiforce.estimation.groups import Groups
-from gnuradio.wiforce.planning.plan import HARMONICS
 from gnuradio.wiforce.planning.plan import plan as plan_of
-from gnuradio.wiforce.planning.steps import steps
+from gnuradio.wiforce.planning.steps import MORE_LINES, with_more_lines
 from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.scene import Press
 from gnuradio.wiforce.signal.waveform import FFT_LENGTH
@@ -63,9 +62,8 @@ def measure_steps(plan):
         took["tones"] = transform - took["channel"]
         took["guard and first repetition"] = blocks.whole_frames() - took["fold"]
         took["channel per snapshot"] = blocks.channel_first() - took["channel"]
-        if any(step.name == "more lines" for step in steps(plan)):
-            most = dataclasses.replace(plan, harmonics=HARMONICS[-1])
-            took["more lines"] = _transform(most, folded)[1] - transform
+        if (more := with_more_lines(plan)) is not None:
+            took[MORE_LINES] = _transform(more, folded)[1] - transform
     took = {name: seconds / signal_s for name, seconds in took.items()}
     took |= _group_skips(plan)
     return {name: max(seconds, 0.0) for name, seconds in took.items()}

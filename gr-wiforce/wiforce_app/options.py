@@ -53,7 +53,14 @@ readings_output = click.option(
     "-o",
     "--output",
     type=click.Path(),
-    help="OUT.csv or OUT.jsonl. Default: CSV on standard output.",
+    help="OUT.csv, OUT.jsonl or OUT.parquet. Default: CSV on standard output.",
+)
+mcap_output = click.option(
+    "--mcap",
+    type=click.Path(),
+    metavar="FILE",
+    help="Also write ROS 2 messages, for Foxglove, PlotJuggler and rosbag2: to FILE.mcap or, where "
+    "FILE is a folder, to a new file in it.",
 )
 tracked_presses = click.option("--tracked", is_flag=True, help="Track each press over time.")
 

@@ -3,23 +3,32 @@
 
 import click
 from gnuradio.wiforce.io.capture import open_capture
-from gnuradio.wiforce.io.writers import open_writer
 from gnuradio.wiforce.planning.findings import findings
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.recording import RecordingReader
 from gnuradio.wiforce.scene import scene_of
 
+from .captures.search import is_one
+from .file_outputs import FileOutputs
 from .interrupts import Interrupted
-from .options import IntegerRange, capture_scene, readings_output, sample_type, tracked_presses
+from .options import IntegerRange, capture_scene, mcap_output, sample_type, tracked_presses
 from .progress import progress
 from .room_report import RoomNews
 from .stream_events import describe_events
+from .workers import worker_options
 
 
 @click.command()
-@click.argument("capture", type=click.Path())
+@click.argument("captures", nargs=-1, required=True, type=click.Path(), metavar="CAPTURE...")
 @capture_scene
-@readings_output
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(),
+    help="OUT.csv, OUT.jsonl or OUT.parquet; of several captures a folder, for a file of each, or "
+    "one OUT.parquet. Default: CSV on standard output.",
+)
+@mcap_output
 @click.option(
     "--plot",
     "plot_path",
@@ -35,8 +44,52 @@ from .stream_events import describe_events
 )
 @tracked_presses
 @click.option("--follow", is_flag=True, help="Keep reading while the capture grows, until ^C.")
-def read(capture, scene_path, output, plot_path, datatype, frame_offset, tracked, follow):
-    """Read force and location from a CAPTURE (SigMF pair, or raw samples with --datatype)."""
+@click.option(
+    "--format",
+    "form",
+    type=click.Choice(["csv", "jsonl", "parquet"]),
+    help="Of the files in a folder. Default: csv.",
+)
+@click.option("--again", is_flag=True, help="Read captures that have been read before as well.")
+@worker_options
+def read(
+    captures,
+    scene_path,
+    output,
+    mcap,
+    plot_path,
+    follow,
+    form,
+    again,
+    jobs,
+    scheduler,
+    **settings,
+):
+    """Read force and location from each CAPTURE.
+
+    A CAPTURE is a SigMF pair, a file of raw samples with --datatype, a folder that is searched for
+    SigMF pairs, or a pattern such as 'day*/press*'. Several captures are read in parallel; a run
+    that is repeated reads those that are new or have changed.
+    """
+    if is_one(captures):
+        one = {"--format": form, "--again": again, "--jobs": jobs, "--scheduler": scheduler}
+        _refuse(one, "needs several captures or a folder")
+        return _read_one(captures[0], scene_path, output, mcap, plot_path, follow, **settings)
+    _refuse({"--mcap": mcap, "--plot": plot_path, "--follow": follow}, "takes one capture")
+    from .captures.run import read_many
+
+    return read_many(captures, scene_path, output, form, again, jobs, scheduler, settings)
+
+
+def _refuse(options, rule):
+    for option, value in options.items():
+        if value:
+            raise click.UsageError(f"{option} {rule}")
+
+
+def _read_one(
+    capture, scene_path, output, mcap, plot_path, follow, datatype, frame_offset, tracked
+):
     recording = open_capture(capture, datatype)
     scene, differences = scene_of(recording, scene_path)
     settings = plan(scene)
@@ -45,20 +98,14 @@ def read(capture, scene_path, output, plot_path, datatype, frame_offset, tracked
         from .plots import check_picture
 
         check_picture(plot_path, inputs)
-    writer = open_writer(output, inputs)
+    writer = FileOutputs(output, mcap, inputs, scene)
     if follow:
         from .follow import GrowingCapture
 
         reader = GrowingCapture(capture, datatype, settings, frame_offset, tracked)
     else:
-        reader = RecordingReader(recording, settings, frame_offset, tracked)
-        warn_of_leftover(recording, reader)
-        RoomNews().report(findings(reader.survey, settings, reader.plan))
-    for difference in differences:
-        warn(recording.path, difference)
-    if frame_offset is None and reader.frame_offset:
-        first = f"the first frame begins at sample {reader.frame_offset}"
-        click.echo(f"gr-wiforce: {recording.path}: {first}", err=True)
+        reader = open_reader(recording, settings, frame_offset, tracked)
+    warn_of_start(recording, reader, differences, frame_offset)
     kept = []
     rows = 0 if follow else reader.groups * len(scene.sensors)
     try:
@@ -71,21 +118,57 @@ def read(capture, scene_path, output, plot_path, datatype, frame_offset, tracked
                 step(len(batch))
     except KeyboardInterrupt as interrupt:
         raise Interrupted(_partial(writer, output, rows)) from interrupt
+    warn_of_end(capture, reader)
+    click.echo(f"gr-wiforce: read {reader.counts}", err=True)
+    if plot_path is not None:
+        from .plots import plot_readings
+
+        plot_readings(kept, plot_path, title=str(capture))
+    return 0
+
+
+def open_reader(recording, settings, frame_offset, tracked):
+    """The reader of a recording, after warnings of samples left over and of what is in the room.
+
+    Parameters
+    ----------
+    recording : Capture
+    settings : Plan
+    frame_offset : int or None
+        Samples before the first frame; searched when None.
+    tracked : bool
+
+    Returns
+    -------
+    RecordingReader
+    """
+    reader = RecordingReader(recording, settings, frame_offset, tracked)
+    warn_of_leftover(recording, reader)
+    RoomNews().report(findings(reader.survey, settings, reader.plan))
+    return reader
+
+
+def warn_of_start(recording, reader, differences, frame_offset):
+    """Warn of differences between two scenes, and mention where the first frame was found."""
+    for difference in differences:
+        warn(recording.path, difference)
+    if frame_offset is None and reader.frame_offset:
+        first = f"the first frame begins at sample {reader.frame_offset}"
+        click.echo(f"gr-wiforce: {recording.path}: {first}", err=True)
+
+
+def warn_of_end(capture, reader):
+    """Warn of what was wrong with a recording that has been read."""
     warn_of_events(reader)
     for name, found in reader.suspicions().items():
         for suspicion in found:
             warn(capture, f"{name}: {suspicion.text}")
     counts = reader.counts
-    click.echo(f"gr-wiforce: read {counts}", err=True)
     if counts.groups and not counts.clear:
         rule = (
             "every reading is flagged; check the datatype, clock_hz and frame_length of the scene"
         )
         warn(capture, f"{rule}, and the signal level")
-    if plot_path is not None:
-        from .plots import plot_readings
-
-        plot_readings(kept, plot_path, title=str(capture))
 
 
 def _partial(writer, output, rows):

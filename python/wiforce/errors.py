@@ -82,7 +82,11 @@ class OutputError(OSError):
     """
 
     def __init__(self, where: object, rule: str) -> None:
+        self._where, self._rule = str(where), rule
         super().__init__(f"{where}: {rule}")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self._where, self._rule)
 
 
 def unwritable(where: object, error: OSError) -> OutputError | InputError:

@@ -243,8 +243,8 @@ def test_live_blocked_output_is_not_taken_for_a_lost_device(slow_scene, slow_dev
         os.set_blocking(process.stdout.fileno(), False)
         wait_until(lambda: streaming_s(slow_device) > 0.5)
         driver = children(process)
-        # Shrunk, the pipe is full after a second of readings.
+        # Shrunk, the pipe is full after a second of readings; a device is lost after 5 s.
         fcntl.fcntl(process.stdout.fileno(), fcntl.F_SETPIPE_SZ, 4096)
-        time.sleep(10)
+        time.sleep(7)
         assert children(process) == driver
         os.set_blocking(process.stdout.fileno(), True)

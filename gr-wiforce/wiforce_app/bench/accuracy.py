@@ -3,13 +3,12 @@
 
 import dataclasses
 import json
-import multiprocessing
-import os
 
 import click
 
 from ..options import IntegerRange
 from ..progress import progress
+from ..workers import run_tasks, worker_options
 from .cases import cases
 from .rooms import RoomRow, room_cases, room_table
 
@@ -29,8 +28,8 @@ _QUICK_RUNS, _FULL_RUNS = 10, 40
     help="Write a picture of loss over SNR (PNG, PDF or SVG).",
 )
 @click.option("--seed", type=IntegerRange(0), default=1, show_default=True)
-@click.option("--jobs", type=IntegerRange(1), help="Number of processes. Default: one per core.")
-def accuracy(as_json, full, part, plot_path, seed, jobs):
+@worker_options
+def accuracy(as_json, full, part, plot_path, seed, jobs, scheduler):
     """Compare phase errors of each estimator with the Cramer-Rao bound.
 
     Monte Carlo simulation of channel snapshots: noise, fading, static and moving clutter, clock
@@ -44,7 +43,7 @@ def accuracy(as_json, full, part, plot_path, seed, jobs):
         from ..plots import check_picture
 
         check_picture(plot_path)
-    rows = measure(wanted, _FULL_RUNS if full else _QUICK_RUNS, seed, jobs)
+    rows = measure(wanted, _FULL_RUNS if full else _QUICK_RUNS, seed, jobs, scheduler)
     if as_json:
         click.echo(json.dumps({"rows": [dataclasses.asdict(row) for row in rows]}, indent=1))
     else:
@@ -59,8 +58,8 @@ def accuracy(as_json, full, part, plot_path, seed, jobs):
         plot_losses(rows, wanted, plot_path)
 
 
-def measure(wanted, runs, seed=1, jobs=None):
-    """Run cases on all cores.
+def measure(wanted, runs, seed=1, jobs=None, scheduler=None):
+    """Run cases on all cores, or on a cluster.
 
     Parameters
     ----------
@@ -70,6 +69,8 @@ def measure(wanted, runs, seed=1, jobs=None):
     seed : int
     jobs : int, optional
         Processes; one per core by default.
+    scheduler : str, optional
+        Address of a Dask scheduler.
 
     Returns
     -------
@@ -80,12 +81,11 @@ def measure(wanted, runs, seed=1, jobs=None):
     tasks = [(case, run, seed) for case in wanted for run in range(case.runs or runs)]
     tasks.sort(key=lambda task: -task[0].groups)
     found = {case.name: [] for case in wanted}
-    jobs = jobs or len(os.sched_getaffinity(0))
-    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
-        with progress("measuring", len(tasks)) as step:
-            for name, run, result in pool.imap_unordered(_work, tasks):
-                found[name].append((run, result))
-                step(1)
+    with progress("measuring", len(tasks)) as step:
+        for outcome in run_tasks(_work, tasks, jobs, scheduler):
+            name, run, result = outcome.get()
+            found[name].append((run, result))
+            step(1)
     rows = []
     for case in wanted:
         results = [result for _, result in sorted(found[case.name], key=lambda item: item[0])]

@@ -38,12 +38,12 @@ def tradeoff(scenes, as_json, quick, folder, fresh, plot_path, page_path):
     """
     from gnuradio.wiforce.scene import load_scene, shipped_scenes
 
-    from ..evaluation.runs import keep_result, mark_of, result_of
+    from ..evaluation.runs import keep_result, result_of
+    from ..marks import mark_of
 
     names = list(dict.fromkeys(scenes or shipped_scenes()))
-    marks = {
-        name: mark_of(name) for name in names
-    }  # refuses invalid scenes before any work is done
+    # Invalid scenes are refused before any work is done.
+    marks = {name: mark_of(load_scene(name), simulated=True) for name in names}
     inputs = [file for name in names for file in load_scene(name).files]
     if plot_path is not None:
         from ..plots import check_picture

@@ -1,26 +1,22 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Many scenes as experiments: run in parallel, stored, resumed, reported."""
 
-import hashlib
 import json
-import multiprocessing
-import os
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
 import click
-from gnuradio.wiforce._config import VERSION
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.textfile import check_output, write_whole
 from gnuradio.wiforce.scene import load_scene, shipped_scenes, simulation_warnings
-from gnuradio.wiforce.sensor.file import sensor_to_dict
 
+from ..marks import mark_of
 from ..progress import progress
+from ..workers import run_tasks
 from .causes import other_causes, paper_figures
 from .report import cause_table, table, write_report
 
 
-def evaluate_scenes(names, folder, jobs=None, fresh=False):
+def evaluate_scenes(names, folder, jobs=None, fresh=False, scheduler=None):
     """Run the scenes without a stored result, and write ``report.md`` and a picture per scene.
 
     Parameters
@@ -32,6 +28,8 @@ def evaluate_scenes(names, folder, jobs=None, fresh=False):
         Number of parallel processes.
     fresh : bool
         Compute stored results again.
+    scheduler : str, optional
+        Address of a Dask scheduler, whose workers see ``folder`` under the same path.
     """
     if "all" in names:
         names = shipped_scenes()
@@ -40,9 +38,10 @@ def evaluate_scenes(names, folder, jobs=None, fresh=False):
     for name, stem in zip(names, stems, strict=True):
         if stems.count(stem) > 1:
             raise InputError("scenes", "must have different file names", name)
+    # Invalid scenes are refused before any work is done.
     marks = {
-        name: mark_of(name) for name in names
-    }  # refuses invalid scenes before any work is done
+        name: mark_of(load_scene(name), other_causes(str(name)), simulated=True) for name in names
+    }
     inputs = [file for name in names for file in load_scene(name).files]
     for name in names:
         for warning in simulation_warnings(load_scene(name)):
@@ -53,20 +52,13 @@ def evaluate_scenes(names, folder, jobs=None, fresh=False):
             check_output(output, inputs)
     check_output(folder / "report.md", inputs)
     missing = [name for name in names if fresh or result_of(folder, name, marks[name]) is None]
-    jobs = min(jobs or os.cpu_count() or 1, max(len(missing), 1))
-    # A fork is safe: this process has not started any flowgraph, and so no threads.
-    context = multiprocessing.get_context("fork")
-    with progress("evaluating", len(missing)) as step, ProcessPoolExecutor(jobs, context) as pool:
-        waiting = {pool.submit(_run, name, str(folder)): name for name in missing}
-        try:
-            for done in as_completed(waiting):
-                name = waiting[done]
-                keep_result(folder, name, marks[name], done.result())
-                step(1)
-        except BaseException:
-            # Leaving the pool waits for the scenes that are being evaluated, but not for others.
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    # A worker of a cluster has another working folder.
+    tasks = [(name, _findable(name), str(folder.absolute())) for name in missing]
+    with progress("evaluating", len(missing)) as step:
+        for outcome in run_tasks(_run, tasks, jobs, scheduler):
+            name = missing[outcome.index]
+            keep_result(folder, name, marks[name], outcome.get())
+            step(1)
     results = [result_of(folder, name, marks[name]) for name in names]
     figures = paper_figures()
     write_report(results, folder, figures)
@@ -76,22 +68,15 @@ def evaluate_scenes(names, folder, jobs=None, fresh=False):
     click.echo(f"\nreport: {folder / 'report.md'}")
 
 
-def _run(name, folder):
+def _findable(name):
+    return str(Path(name).absolute()) if Path(name).is_file() else name
+
+
+def _run(task):
     from .experiment import run
 
-    return run(name, folder)
-
-
-def mark_of(name):
-    """Hash of everything a result depends on: the scene, its causes, sensors and this version."""
-    scene = load_scene(name)
-    used = {sensor.model for sensor in scene.sensors}
-    used |= {tag.truth_model for tag in scene.simulation.tags} if scene.simulation else set()
-    sensors = [sensor_to_dict(scene.load_model(model)) for model in sorted(used)]
-    content = json.dumps(
-        [VERSION, scene.as_dict(), other_causes(str(name)), sensors], sort_keys=True
-    )
-    return hashlib.sha256(content.encode()).hexdigest()
+    name, *where = task
+    return {**run(*where), "scene": str(name)}
 
 
 def _file(folder, name):

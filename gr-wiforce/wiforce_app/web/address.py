@@ -10,11 +10,11 @@ import socket
 from dataclasses import dataclass
 
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.addresses import host_and_port
 
 from . import MODULES, NEEDS
 
 OPTION = "--web"
-_LOOPBACK = "127.0.0.1"
 _EVERYWHERE = ("0.0.0.0", "::")
 # 192 random bits cannot be guessed over a network.
 _TOKEN_BYTES = 24
@@ -70,22 +70,13 @@ class PageAddress:
         for module in MODULES:
             if importlib.util.find_spec(module) is None:
                 raise InputError(OPTION, f"needs {NEEDS} (pip install {NEEDS})", text)
-        host, _, port = text.rpartition(":")
-        host = {"": _LOOPBACK, "localhost": _LOOPBACK, "*": "0.0.0.0"}.get(host, host)
-        host = host[1:-1] if host.startswith("[") and host.endswith("]") else host
-        try:
-            ipaddress.ip_address(host)
-            if not (re.fullmatch("[0-9]{1,5}", port) and 0 < int(port) < 65536):
-                raise ValueError
-        except ValueError:
-            rule = "must be PORT or ADDRESS:PORT, with an IP address of this machine or *"
-            raise InputError(OPTION, rule, text) from None
+        host, port = host_and_port(text, OPTION)
         if token is not None and not _TOKEN.fullmatch(token):
             rule = "must be 16 to 128 letters, digits, - or _"
             raise InputError("--web-token", rule)
-        address = cls(host, int(port), token)
+        address = cls(host, port, token)
         if token is None and not address.is_loopback:
-            return cls(host, int(port), secrets.token_urlsafe(_TOKEN_BYTES))
+            return cls(host, port, secrets.token_urlsafe(_TOKEN_BYTES))
         return address
 
     @property

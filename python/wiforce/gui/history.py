@@ -1,19 +1,27 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Qt widget: force and location of all sensors over the last seconds."""
+"""Qt widget: force and location of all sensors over the last seconds, reliable or not."""
 
 import numpy as np
 import pyqtgraph as pg
 from PyQt5.QtCore import QSize
+from PyQt5.QtGui import QFontMetrics
 from PyQt5.QtWidgets import QSizePolicy, QVBoxLayout, QWidget
 
 from .style import time_plot
 from .track import Track
 
-_COLUMNS = ("force_n", "location_mm")
+# The force axis shows at least this much, so that it does not magnify noise around 0 N.
+_LEAST_FORCE_N = 1.0
+_MARK_PX = 6
+# Widest spacing of labels first.
+_LOCATION_STEPS = (1, 2, 4)
 
 
 class History(QWidget):
     """Force and location of all sensors in two plots over the same time.
+
+    Readings with a flag other than ``reference`` are crosses in the colour of the line. They do not
+    stretch the force axis: a value beyond it is marked at its edge.
 
     Parameters
     ----------
@@ -21,19 +29,22 @@ class History(QWidget):
         Length of the time axis, in s.
     length_mm : float
         Upper limit of the location axis.
+    force_span_n : float
+        Upper limit of the force axis while all presses are unreliable.
     """
 
-    def __init__(self, history_s: float, length_mm: float) -> None:
+    def __init__(self, history_s: float, length_mm: float, force_span_n: float) -> None:
         super().__init__()
         self._history_s = history_s
+        self._length_mm = length_mm
+        self._force_span_n = force_span_n
         self._force = time_plot("force (N)")
         self._force.getAxis("bottom").setStyle(showValues=False)
         self._location = time_plot("location (mm)")
-        self._location.setLabel("bottom", "time (s)")
+        self._location.setLabel("bottom", "time (s), \u00d7 flagged")
         self._location.setYRange(0, length_mm, padding=0.05)
-        self._location.getAxis("left").setTickSpacing(length_mm / 4, length_mm / 4)
         self._force.setXLink(self._location)
-        self._curves: dict[str, list[pg.PlotDataItem]] = {}
+        self._curves: dict[str, list[tuple[pg.PlotDataItem, pg.PlotDataItem]]] = {}
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(0)
@@ -54,24 +65,55 @@ class History(QWidget):
         colors : dict of str to str
         """
         for name in set(self._curves) - set(tracks):
-            for plot, curve in zip(self._plots(), self._curves.pop(name), strict=True):
-                plot.removeItem(curve)
-        newest, largest = 0.0, 1.0
-        for name, track in tracks.items():
-            if name not in self._curves:
-                pen = pg.mkPen(colors[name])
-                self._curves[name] = [
-                    plot.plot(pen=pen, connect="finite") for plot in self._plots()
-                ]
-            for curve, column in zip(self._curves[name], _COLUMNS, strict=True):
-                curve.setData(*track.series(column))
-            forces = track.series("force_n")[1]
-            largest = max(largest, np.max(forces, initial=0.0, where=np.isfinite(forces)))
+            for plot, items in zip(self._plots(), self._curves.pop(name), strict=True):
+                for item in items:
+                    plot.removeItem(item)
+        newest, largest = 0.0, _LEAST_FORCE_N
+        for track in tracks.values():
+            largest = max(largest, self._largest_force(track))
             if track.latest is not None:
                 newest = max(newest, track.latest.time_s)
+        for name, track in tracks.items():
+            if name not in self._curves:
+                self._curves[name] = [_items(plot, colors[name]) for plot in self._plots()]
+            for (line, marks), (column, limit) in zip(
+                self._curves[name],
+                (("force_n", largest), ("location_mm", self._length_mm)),
+                strict=True,
+            ):
+                line.setData(*track.series(column))
+                times, doubtful = track.series(column, flagged=True)
+                known = np.isfinite(doubtful)
+                # An unreliable value outside the axis is marked at its edge.
+                marks.setData(times[known], np.clip(doubtful[known], 0.0, limit))
         self._force.setYRange(0, largest, padding=0.08)
         start = max(0.0, newest - self._history_s)
         self._location.setXRange(start, max(newest, start + 1.0), padding=0)
+        self._label_locations()
+
+    def _label_locations(self) -> None:
+        """Label as many locations as there is room for."""
+        axis = self._location.getAxis("left")
+        px_per_mm = axis.height() / (axis.range[1] - axis.range[0])
+        spacings = [self._length_mm / steps for steps in _LOCATION_STEPS]
+        room = QFontMetrics(axis.font()).ascent() / px_per_mm if px_per_mm else np.inf
+        spacing = min([spacing for spacing in spacings if spacing >= room], default=spacings[0])
+        axis.setTickSpacing(spacing, spacing)
+
+    def _largest_force(self, track: Track) -> float:
+        """The largest reliable force; without one, the span if there are unreliable ones."""
+        if largest := np.fmax.reduce(track.series("force_n")[1], initial=0.0):
+            return float(largest)
+        return self._force_span_n if np.any(track.series("force_n", flagged=True)[1] > 0) else 0.0
 
     def _plots(self) -> tuple[pg.PlotWidget, pg.PlotWidget]:
         return self._force, self._location
+
+
+def _items(plot: pg.PlotWidget, color: str) -> tuple[pg.PlotDataItem, pg.PlotDataItem]:
+    """The line of a sensor's reliable readings and the marks of the others."""
+    pen = pg.mkPen(color)
+    marks = plot.plot(
+        pen=None, symbol="x", symbolSize=_MARK_PX, symbolPen=pen, symbolBrush=pg.mkBrush(color)
+    )
+    return plot.plot(pen=pen, connect="finite"), marks

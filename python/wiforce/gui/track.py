@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..io.readings import NUMBERS, Flag, Reading
+from .words import warning_flags
 
 _FLAGS = frozenset(flag.word for flag in Flag)
 # Most groups kept, however long the history: short groups arrive at some hundreds per second.
@@ -83,23 +84,32 @@ class Track:
         while self._past[0].time_s < reading.time_s - self._history_s:
             self._past.popleft()
 
-    def series(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """One column over time.
+    def series(self, name: str, flagged: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """One column over time, of the readings that are reliable or of those that are not.
 
         Parameters
         ----------
         name : str
             A column with numbers.
+        flagged : bool
+            True gives the readings with a flag other than ``reference``, False all others.
 
         Returns
         -------
         times, values : ndarray of float, shape (n,)
-            Times in s. Values are NaN where they are unknown, and where the press changed within
-            the group, whose phases mix both states.
+            Times in s of all readings. Values are NaN for the other readings and where they are
+            unknown. The force of an untouched sensor is 0 N.
         """
         times = [reading.time_s for reading in self._past]
         values = [
-            None if "transition" in reading.flags else getattr(reading, name)
+            _shown(reading, name) if bool(warning_flags(reading)) == flagged else None
             for reading in self._past
         ]
         return np.array(times), np.array(values, float)
+
+
+def _shown(reading: Reading, name: str) -> float | None:
+    if name == "force_n" and reading.touch == 0:
+        return 0.0
+    value: float | None = getattr(reading, name)
+    return value

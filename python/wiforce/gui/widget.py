@@ -30,7 +30,7 @@ _REFRESH_MS = 40
 # Histories are redrawn less often: they cost ten times the rest and change slowly.
 _HISTORY_EVERY = 5
 # Below this height the histories are hidden, to leave room for the sensors.
-_HISTORY_FROM_PX = 320
+_HISTORY_FROM_PX = 400
 _STALE_S = 1.0
 _FORGET_S = 10.0
 _MOST_WAITING = 10_000
@@ -41,7 +41,8 @@ class ForceDisplay(QWidget):
 
     A sensor appears with its first reading, turns grey 1 s after its latest one, and is removed
     after 10 s. Force is shown as an arrow's length and as a number with two standard deviations.
-    Readings with a flag other than ``reference`` have another colour and the flags beside them.
+    Readings with a flag other than ``reference`` have another colour and the flags beside them; in
+    the histories they are crosses. The force of an untouched sensor is 0 N.
 
     The signal ``tare_requested`` is sent when the tare button is pressed. What becomes of the
     request is shown beside the button (``show_tare``).
@@ -177,7 +178,7 @@ class ForceDisplay(QWidget):
         layout.setContentsMargins(6, 4, 6, 4)
         layout.setSpacing(2)
         layout.addWidget(self._build_rows(), 1)
-        self._history = History(self._history_s, self._length_mm)
+        self._history = History(self._history_s, self._length_mm, self._force_span_n)
         layout.addWidget(self._history, 1)
         layout.addLayout(self._build_foot())
 

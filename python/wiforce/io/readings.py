@@ -262,6 +262,19 @@ class GroupCounts:
         else:
             self.clear += 1
 
+    def add(self, other: "GroupCounts") -> None:
+        """Add the counts of another run.
+
+        Parameters
+        ----------
+        other : GroupCounts
+        """
+        self.clear += other.clear
+        self.flagged += other.flagged
+        self.dropped += other.dropped
+        self.interfered += other.interfered
+        self.flags.update(other.flags)
+
     @property
     def groups(self) -> int:
         """All groups."""

@@ -13,6 +13,7 @@ from types import TracebackType
 from typing import Any
 
 from ..errors import InputError, OutputError
+from .parquet import ParquetWriter
 from .readings import Reading
 from .textfile import check_output
 from .writers import ReadingsWriter, open_writer
@@ -202,7 +203,7 @@ class RotatingWriter:
         """Close the file."""
         self._writer.close()
 
-    def _open(self) -> ReadingsWriter:
+    def _open(self) -> ReadingsWriter | ParquetWriter:
         return open_writer(self._path, also=self._also, append=True)
 
     def _period_of(self, time_s: float) -> int:
@@ -249,7 +250,8 @@ def open_rotating(
     inputs: Iterable[str | Path] = (),
     also: Sequence[str] = (),
     append: bool = False,
-) -> ReadingsWriter | RotatingWriter:
+    metadata: Mapping[str, str] | None = None,
+) -> ReadingsWriter | ParquetWriter | RotatingWriter:
     """A writer of readings, which renames its file where that is wanted.
 
     Parameters
@@ -257,14 +259,14 @@ def open_rotating(
     path : str or Path, optional
         As for :func:`open_writer`.
     rotation : Rotation
-    inputs, also
+    inputs, also, metadata
         As for :func:`open_writer`.
     append : bool
         Continue an existing file; a file that is renamed is always continued.
 
     Returns
     -------
-    ReadingsWriter or RotatingWriter
+    ReadingsWriter, ParquetWriter or RotatingWriter
 
     Raises
     ------
@@ -279,7 +281,7 @@ def open_rotating(
     if append and path is None:
         raise InputError("--append", "needs a file as output: -o OUT.csv or OUT.jsonl")
     if not rotation:
-        return open_writer(path, inputs, also, append)
+        return open_writer(path, inputs, also, append, metadata)
     if path is None:
         raise InputError("--rotate", "needs a file as output: -o OUT.csv or OUT.jsonl")
     return RotatingWriter(path, rotation, inputs, also)

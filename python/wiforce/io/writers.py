@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files of readings, written a row at a time: CSV or JSON lines."""
+"""Files of readings, written a row at a time: CSV or JSON lines; Parquet by parquet.py."""
 
 import csv
-import fcntl
 import json
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from io import FileIO
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from ..errors import InputError, OutputError
+from ..errors import InputError
 from .appending import prepare_append
+from .output_file import OutputFile
+from .parquet import ParquetWriter
 from .readings import COLUMNS, Reading
 from .textfile import check_output
 
@@ -59,7 +59,7 @@ class ReadingsWriter:
     def __init__(
         self,
         path: str | Path | None,
-        form: Callable[[dict[str, Any]], str],
+        form: Callable[[Mapping[str, Any]], str],
         header: str = "",
         inputs: Iterable[str | Path] = (),
         append: bool = False,
@@ -67,9 +67,7 @@ class ReadingsWriter:
         self._path, self._form, self._append = path, form, append
         self._header, self._begun = header, False
         self.rows = 0
-        self._file: FileIO | None = None
-        self._complete_bytes = 0
-        self._failure: OutputError | None = None
+        self._file: OutputFile | None = None
         if path is not None:
             check_output(path, inputs)
             if Path(path).exists() and not Path(path).is_file():
@@ -105,8 +103,23 @@ class ReadingsWriter:
             When it cannot be written, as on a full disk; the file then ends with the previous
             row, and later rows are refused.
         """
+        self.write_row({**reading.row(), **(more or {})})
+
+    def write_row(self, row: Mapping[str, Any]) -> None:
+        """Write one reading given as a row.
+
+        Parameters
+        ----------
+        row : mapping
+            All columns, in their order.
+
+        Raises
+        ------
+        OutputError
+            As :meth:`write`.
+        """
         self.begin()
-        self._put(self._form({**reading.row(), **(more or {})}))
+        self._put(self._form(row))
         self.rows += 1
 
     def close(self) -> None:
@@ -140,64 +153,26 @@ class ReadingsWriter:
         if self._begun:
             return self
         if self._path is not None:
-            try:
-                self._file = open(self._path, "ab", buffering=0)
-                if Path(self._path).is_file():
-                    self._prepare(self._path, self._file)
-            except InputError:
-                raise
-            except (OSError, ValueError) as error:
-                reason = getattr(error, "strerror", None) or error
-                raise InputError(self._path, f"cannot be written ({reason})") from error
+            continued = self._append and Path(self._path).is_file()
+            self._file = OutputFile(self._path, append=continued)
+            if continued:
+                self._file.size_bytes = prepare_append(self._path, self._header)
         self._begun = True
-        if not self._complete_bytes:
+        if not self.size_bytes:
             self._put(self._header)
         return self
-
-    def _prepare(self, path: str | Path, file: FileIO) -> None:
-        """Empty a regular file or prepare to append, unless another run writes to it."""
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            file.close()
-            self._file = None
-            raise InputError(path, "is being written to by another process") from None
-        except OSError:
-            pass  # a file system without locks
-        if self._append:
-            self._complete_bytes = prepare_append(path, self._header)
-        else:
-            file.truncate(0)
 
     @property
     def size_bytes(self) -> int:
         """Size of the file."""
-        return self._complete_bytes
+        return 0 if self._file is None else self._file.size_bytes
 
     def _put(self, text: str) -> None:
         if self._file is None:
             sys.stdout.write(text)
             sys.stdout.flush()
-            return
-        if self._failure is not None:
-            raise self._failure
-        data = text.encode()
-        written = 0
-        try:
-            while written < len(data):
-                written += self._file.write(data[written:])
-        except OSError as error:
-            self._remove_partial_row(self._file)
-            rule = f"cannot be written further ({error.strerror}); all rows until then are kept"
-            self._failure = OutputError(self._path, rule)
-            raise self._failure from error
-        self._complete_bytes += len(data)
-
-    def _remove_partial_row(self, file: FileIO) -> None:
-        try:
-            file.truncate(self._complete_bytes)
-        except OSError:
-            pass  # not a regular file
+        else:
+            self._file.write(text.encode())
 
 
 class _LineBuffer:
@@ -216,28 +191,32 @@ def open_writer(
     inputs: Iterable[str | Path] = (),
     also: Sequence[str] = (),
     append: bool = False,
-) -> ReadingsWriter:
+    metadata: Mapping[str, str] | None = None,
+) -> ReadingsWriter | ParquetWriter:
     """A writer of readings in the format that the file's suffix names.
 
     Parameters
     ----------
     path : str or Path, optional
-        ``.csv``, or ``.jsonl`` for JSON lines; None writes CSV to standard output.
+        ``.csv``, ``.jsonl`` for JSON lines, or ``.parquet``; None writes CSV to standard output.
     inputs : iterable of str or Path, optional
         Files that the readings are made from, none of which may be written to.
     also : sequence of str
         Columns that follow those of a reading, and that each ``write`` is given.
     append : bool
         Keep the previous content of the file, and write no second header.
+    metadata : mapping of str to str, optional
+        What a Parquet file says of its readings; the other formats hold rows only.
 
     Returns
     -------
-    ReadingsWriter
+    ReadingsWriter or ParquetWriter
 
     Raises
     ------
     InputError
-        For another suffix, a path that cannot be written to, or an input.
+        For another suffix, a path that cannot be written to, an input, or a Parquet file without
+        pyarrow or to be appended to.
 
     Examples
     --------
@@ -254,7 +233,11 @@ def open_writer(
             inputs=inputs,
             append=append,
         )
+    if path is not None and name.endswith(".parquet"):
+        if append:
+            raise InputError(path, "nothing can be appended to Parquet; use .csv or .jsonl")
+        return ParquetWriter(path, inputs, also, metadata)
     if path is not None and not name.endswith(".csv"):
-        raise InputError(path, "output must end in .csv or .jsonl")
+        raise InputError(path, "output must end in .csv, .jsonl or .parquet")
     columns = _csv_line((*COLUMNS, *also))
     return ReadingsWriter(path, lambda row: _csv_line(row.values()), columns, inputs, append)

@@ -2,12 +2,12 @@
 """Steps of the receiver: which ones a scene needs, why, and what each costs."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..errors import InputError
 from ..signal.clutter import clutter_order
-from ..signal.lines import tag_lines
 from ..signal.waveform import FFT_LENGTH
 from .plan import ACCEPTED_LOSS_DB, HARMONICS, Plan
 
@@ -18,6 +18,7 @@ _MULTIPLY_ADD = 8
 _INVERSION = 200
 # Real operations of averaging over groups, roughly, per end and group of the average.
 _SMOOTHING = 40
+MORE_LINES = "more lines"
 
 
 @dataclass(frozen=True)
@@ -95,13 +96,13 @@ def _snapshot_steps(plan: Plan) -> Iterator[Step]:
     # The two tones of a pair share their products.
     per_tone = _MULTIPLY_ADD * FFT_LENGTH / 2 * rate
     yield Step("tones", True, _tones_reason(plan), per_tone * tones)
-    most = _most_tones(plan)
-    if plan.loss_db and tones < most < plan.group_length / 2:
+    more = with_more_lines(plan)
+    if plan.loss_db and more is not None:
         yield Step(
-            "more lines",
+            MORE_LINES,
             False,
-            f"lines up to +-{HARMONICS[-1]} would gain {ACCEPTED_LOSS_DB:g} dB at most",
-            per_tone * (most - tones),
+            f"lines up to +-{more.harmonics} would gain {ACCEPTED_LOSS_DB:g} dB at most",
+            per_tone * (len(more.table.tones) - tones),
         )
 
 
@@ -117,9 +118,35 @@ def _tones_reason(plan: Plan) -> str:
     return reason + f"; the weights reject {order} sequences up to {plan.clutter_hz:g} Hz"
 
 
-def _most_tones(plan: Plan) -> int:
-    period_s, length = plan.waveform.snapshot_period_s, plan.group_length
-    return len(tag_lines(plan.clocks_hz, period_s, length, HARMONICS[-1], plan.clutter_hz))
+def with_more_lines(plan: Plan) -> Plan | None:
+    """The plan with the most lines that its weights can separate; None where it has them.
+
+    Parameters
+    ----------
+    plan : Plan
+
+    Returns
+    -------
+    Plan or None
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.planning.plan import plan
+    >>> from gnuradio.wiforce.scene import load_scene
+    >>> demo = plan(load_scene("demo"))
+    >>> demo.harmonics, with_more_lines(demo).harmonics
+    (12, 24)
+    """
+    for harmonics in reversed(HARMONICS):
+        if harmonics <= plan.harmonics:
+            return None
+        more = replace(plan, harmonics=harmonics)
+        try:
+            if len(plan.table.tones) < len(more.table.tones) < plan.group_length / 2:
+                return more
+        except InputError:
+            continue  # too many for the weights to reject the clutter band as well
+    return None
 
 
 def _group_steps(plan: Plan) -> Iterator[Step]:

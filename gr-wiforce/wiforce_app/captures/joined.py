@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The readings of many captures in one Parquet file, with a column that names the capture."""
+
+import json
+import os
+
+from gnuradio.wiforce.io.textfile import check_output
+
+CAPTURE = "capture"
+_METADATA = b"wiforce:captures"
+
+
+def check_whole(path):
+    """Refuse a path that cannot be written to, and a missing pyarrow, before captures are read.
+
+    Parameters
+    ----------
+    path : Path
+
+    Raises
+    ------
+    InputError
+    """
+    from gnuradio.wiforce.io.parquet import require_pyarrow
+
+    require_pyarrow("--output")
+    check_output(path)
+
+
+def join_parts(path, parts):
+    """Write one file from those of the captures; it appears when it is complete.
+
+    Parameters
+    ----------
+    path : Path
+    parts : sequence of (str, Path)
+        Name of a capture and the Parquet file of its readings.
+
+    Returns
+    -------
+    int
+        Number of readings. The file's metadata hold those of each capture under
+        ``wiforce:captures``, as JSON.
+    """
+    import pyarrow
+    from pyarrow import parquet
+
+    partial = path.with_name(f".{path.name}.partial")
+    rows, described = 0, {}
+    try:
+        writer = None
+        for name, part in parts:
+            with parquet.ParquetFile(part) as file:
+                described[name] = _own_metadata(file.schema_arrow)
+                plain = file.schema_arrow.remove_metadata()
+                field = pyarrow.field(CAPTURE, pyarrow.dictionary(pyarrow.int32(), pyarrow.utf8()))
+                if writer is None:
+                    schema = plain.insert(0, field)
+                    writer = parquet.ParquetWriter(partial, schema, compression="zstd")
+                for batch in file.iter_batches():
+                    names = pyarrow.array([name] * len(batch)).cast(field.type)
+                    columns = [names, *batch.columns]
+                    writer.write_batch(pyarrow.record_batch(columns, schema=schema))
+                    rows += len(batch)
+        if writer is not None:
+            writer.add_key_value_metadata({_METADATA.decode(): json.dumps(described)})
+            writer.close()
+            os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+    return rows
+
+
+def _own_metadata(schema):
+    """What a capture's file says of its scene, sensors and version."""
+    found = schema.metadata or {}
+    return {
+        key.decode(): value.decode() for key, value in found.items() if key.startswith(b"wiforce:")
+    }

@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The record of captures that have been read: a line of JSON for each, in ``captures.jsonl``."""
+
+import fcntl
+import json
+from pathlib import Path
+
+from gnuradio.wiforce.errors import InputError, OutputError
+
+RECORD = "captures.jsonl"
+
+
+class Journal:
+    """Which captures were read into a folder, with which result.
+
+    As a context manager it holds the folder, so that no other run writes to it.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the readings are; created if missing.
+
+    Raises
+    ------
+    InputError
+        When the folder cannot be used, or another run writes to it.
+    """
+
+    def __init__(self, folder):
+        self._path = Path(folder) / RECORD
+        try:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = open(self._path, "a+", encoding="utf-8")
+        except OSError as error:
+            raise InputError(folder, f"cannot be used for readings ({error.strerror})") from error
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            self._file.close()
+            raise InputError(folder, "is being written to by another run") from None
+        except OSError:
+            pass  # a file system without locks
+        self.entries = self._load()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self._file.close()
+
+    def _load(self):
+        self._file.seek(0)
+        entries = {}
+        for line in self._file:
+            try:
+                entry = json.loads(line)
+                entries[entry["capture"]] = entry
+            except (ValueError, TypeError, KeyError):
+                continue  # cut off by a power failure, or not ours
+        return entries
+
+    def mark(self, name, output):
+        """The mark of a capture's readings, None unless they are there and whole.
+
+        Parameters
+        ----------
+        name : str
+            Of the capture.
+        output : Path
+            Its readings.
+
+        Returns
+        -------
+        str or None
+        """
+        entry = self.entries.get(name, {})
+        try:
+            whole = output.stat().st_size == entry.get("size_bytes")
+        except OSError:
+            return None
+        return entry.get("mark") if whole else None
+
+    def note(self, name, **values):
+        """Append what became of a capture.
+
+        Parameters
+        ----------
+        name : str
+        **values : plain values
+
+        Raises
+        ------
+        OutputError
+            On a full disk.
+        """
+        entry = {"capture": name, **values}
+        try:
+            self._file.write(json.dumps(entry) + "\n")
+            self._file.flush()
+        except OSError as error:
+            raise OutputError(self._path, f"cannot be written ({error.strerror})") from error
+        self.entries[name] = entry

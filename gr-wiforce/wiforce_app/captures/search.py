@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which captures are meant by names, patterns and folders."""
+
+import glob
+from dataclasses import dataclass
+from pathlib import Path
+
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.capture_files import SUFFIXES, second_antenna
+
+_META = ".sigmf-meta"
+
+
+@dataclass(frozen=True)
+class NamedCapture:
+    """A capture, and what its readings are called.
+
+    Attributes
+    ----------
+    name : str
+        Path from the folder in which it was found, or its file's name; without suffix.
+    path : str
+        As it is opened.
+    """
+
+    name: str
+    path: str
+
+
+def find_captures(given, datatype=None):
+    """The captures that are meant by the arguments of a command.
+
+    Parameters
+    ----------
+    given : sequence of str
+        Captures, patterns such as ``day*/press*``, and folders, which are searched with their
+        subfolders for SigMF metadata.
+    datatype : str, optional
+        The captures are files of raw samples of this type, so that folders are not searched.
+
+    Returns
+    -------
+    list of NamedCapture
+        Each once, in the order of the arguments, those of a pattern or folder by name.
+
+    Raises
+    ------
+    InputError
+        When a pattern or folder contains none, or two captures would have the same name.
+    """
+    found = {}
+    for argument in given:
+        if not argument:
+            raise InputError(argument, "is not the name of a capture")
+        for capture in _meant_by(argument, datatype):
+            other = found.setdefault(capture.name, capture)
+            if Path(other.path).resolve() != Path(capture.path).resolve():
+                rule = f"has the same name as {other.path}; give the folder that contains both"
+                raise InputError(capture.path, rule)
+    return list(found.values())
+
+
+def is_one(given):
+    """Whether the arguments name one capture, and not a folder or a pattern."""
+    return len(given) == 1 and not _is_folder(given[0]) and not _is_pattern(given[0])
+
+
+def _meant_by(argument, datatype):
+    if _is_pattern(argument):
+        matches = sorted(glob.glob(argument, recursive=True))
+        found = list(
+            dict.fromkeys(
+                capture
+                for match in matches
+                for capture in ([] if _is_folder(match) else [_named(match, datatype)])
+                if datatype is not None or Path(capture.path + _META).exists()
+            )
+        )
+        captures = _without_second_antennas(found)
+    elif _is_folder(argument):
+        if datatype is not None:
+            rule = "is a folder; name the files of raw samples, for example with a pattern"
+            raise InputError(argument, rule)
+        folder = Path(argument)
+        files = sorted(folder.rglob(f"*{_META}"))
+        stems = [file.with_name(file.name.removesuffix(_META)) for file in files]
+        named = [NamedCapture(stem.relative_to(folder).as_posix(), str(stem)) for stem in stems]
+        captures = _without_second_antennas(named)
+    else:
+        return [_named(argument, datatype)]
+    if not captures:
+        raise InputError(argument, "contains no captures: no .sigmf-meta files")
+    return captures
+
+
+def _named(path, datatype):
+    stem = path
+    if datatype is None:
+        for suffix in SUFFIXES:
+            stem = stem.removesuffix(suffix)
+    return NamedCapture(Path(stem).name, stem)
+
+
+def _without_second_antennas(captures):
+    """Leave out the recordings that are read together with those of a first antenna."""
+    beside = {second_antenna(capture.path) for capture in captures}
+    return [capture for capture in captures if capture.path not in beside]
+
+
+def _is_folder(argument):
+    # A capture may have the name of a folder beside it.
+    return Path(argument).is_dir() and not Path(f"{argument.rstrip('/')}{_META}").exists()
+
+
+def _is_pattern(argument):
+    return glob.has_magic(argument) and not any(
+        Path(argument + suffix).exists() for suffix in ("", *SUFFIXES)
+    )

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``gr-wiforce export``: a file of readings in another format."""
+
+import os
+from pathlib import Path
+
+import click
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.readings_files import ReadingsFile
+from gnuradio.wiforce.io.textfile import check_output
+from gnuradio.wiforce.io.writers import open_writer
+from gnuradio.wiforce.scene import load_scene
+
+from .file_outputs import provenance
+from .progress import progress
+
+_SUFFIXES = {"mcap": ".mcap", "parquet": ".parquet", "csv": ".csv", "json": ".jsonl"}
+
+
+@click.command()
+@click.argument("readings", type=click.Path())
+@click.option("--to", "form", type=click.Choice(list(_SUFFIXES)), help="Default: by OUT's suffix.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(),
+    metavar="OUT",
+    help="OUT.mcap, OUT.parquet, OUT.csv or OUT.jsonl. Default: beside READINGS.",
+)
+@click.option("--scene", "scene_path", help="Scene to describe in MCAP or Parquet: file or name.")
+def export(readings, form, output, scene_path):
+    """Convert READINGS between CSV, JSON lines, Parquet and MCAP.
+
+    OUT appears when it is complete. An MCAP file that a killed process has left is recovered.
+    """
+    output = _output_of(readings, form, output)
+    metadata = {} if scene_path is None else provenance(load_scene(scene_path))
+    source = ReadingsFile(readings)
+    check_output(output, [readings])
+    part = output.with_name(f".{output.stem}.{os.getpid()}{output.suffix}")
+    try:
+        with (
+            _writer(part, source.also, {**source.metadata, **metadata}) as writer,
+            progress("exporting", 0) as step,
+        ):
+            for row in source.rows():
+                writer.write_row(row)
+                step(1)
+        part.replace(output)
+    finally:
+        part.unlink(missing_ok=True)
+    click.echo(f"gr-wiforce: wrote {writer.rows} readings to {output}", err=True)
+
+
+def _output_of(readings, form, output):
+    if output is None:
+        if form is None:
+            raise click.UsageError("needs --to or --output")
+        return Path(readings).with_suffix(_SUFFIXES[form])
+    suffix = Path(output).suffix.lower()
+    expected = list(_SUFFIXES.values()) if form is None else [_SUFFIXES[form]]
+    if suffix not in expected:
+        raise InputError("--output", f"must end in {' or '.join(expected)}", output)
+    return Path(output)
+
+
+def _writer(path, also, metadata):
+    if path.suffix.lower() == ".mcap":
+        from gnuradio.wiforce.io.mcap_file import McapWriter
+
+        return McapWriter(path, metadata=metadata)
+    return open_writer(path, also=also, metadata=metadata)

@@ -1,0 +1,233 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Independent tasks, run in parallel on the cores of this machine or on a Dask cluster."""
+
+import multiprocessing
+import os
+import pickle
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
+from dataclasses import dataclass
+from typing import Any
+
+import click
+from gnuradio.wiforce.errors import InputError
+
+from .interrupts import terminate_by_exception
+from .options import IntegerRange
+from .task_process import outcome_of
+
+# A worker that disappears may have been killed by another task's need for memory.
+_ATTEMPTS = 3
+_ANSWER_S = 10.0
+_ADDRESS = re.compile(r"(\w+://)?(\[[\da-fA-F:]+\]|[\w.-]+):\d{1,5}")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a task.
+
+    Attributes
+    ----------
+    index : int
+        Of the task.
+    result : object
+        What the function returned.
+    error : Exception or None
+        Why there is no result.
+    """
+
+    index: int
+    result: Any = None
+    error: Exception | None = None
+
+    def get(self) -> Any:
+        """The result; raises the error of a task that failed."""
+        if self.error is not None:
+            raise self.error
+        return self.result
+
+
+class WorkerLost(Exception):
+    """A worker process ended, or lost its connection, before it had returned a result."""
+
+
+def worker_options(command):
+    """Add --jobs and --scheduler to a command."""
+    for option in (
+        click.option(
+            "--scheduler",
+            metavar="ADDRESS",
+            help="Run on the Dask cluster with this scheduler, as tcp://HOST:8786, instead.",
+        ),
+        click.option(
+            "--jobs",
+            type=IntegerRange(1),
+            help="Number of parallel processes. Default: one per core.",
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+def run_tasks(function, tasks: Sequence, jobs=None, scheduler=None) -> Iterator[Outcome]:
+    """Call a function with each task, in other processes.
+
+    A task whose worker disappears is repeated, at most twice. On a cluster any task that fails is
+    repeated on another worker, if there is one: its files may be out of reach for the first.
+
+    Parameters
+    ----------
+    function : callable
+        Of one argument; a function of a module that workers can import.
+    tasks : sequence
+        Arguments, which are pickled.
+    jobs : int, optional
+        Number of processes; one per core by default. A cluster has its own number.
+    scheduler : str, optional
+        Address of a Dask scheduler.
+
+    Yields
+    ------
+    Outcome
+        One per task, as they end.
+
+    Raises
+    ------
+    InputError
+        When the scheduler does not answer or has no workers, or distributed is not installed.
+    """
+    if scheduler is not None:
+        return _on_cluster(function, tasks, scheduler)
+    return _on_cores(function, tasks, jobs or len(os.sched_getaffinity(0)))
+
+
+def _on_cores(function, tasks, jobs):
+    attempts, waiting = [0] * len(tasks), list(range(len(tasks)))
+    while waiting:
+        # A fork would copy the threads of libraries in a state that they do not expect.
+        context = multiprocessing.get_context("spawn")
+        pool = ProcessPoolExecutor(min(jobs, len(waiting)), context, _ignore_interrupts)
+        running, lost = {}, []
+        try:
+            running = {pool.submit(outcome_of, function, tasks[index]): index for index in waiting}
+            for done in as_completed(running):
+                index = running[done]
+                error = done.exception()
+                if isinstance(error, BrokenProcessPool):
+                    lost.append(index)
+                else:
+                    yield _outcome(index, *(("error", error) if error else done.result()))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for process in multiprocessing.active_children():
+                process.terminate()
+            raise
+        pool.shutdown()
+        # It is not known whose process ended: the first tasks in the queue were under way.
+        waiting = []
+        for place, index in enumerate(sorted(lost)):
+            attempts[index] += place < jobs
+            if attempts[index] < _ATTEMPTS:
+                waiting.append(index)
+            else:
+                text = f"its process ended {_ATTEMPTS} times; is there enough memory?"
+                yield Outcome(index, error=WorkerLost(text))
+
+
+def _outcome(index, kind, value):
+    return Outcome(index, **{kind: value})
+
+
+def _ignore_interrupts():
+    """Leave Ctrl-C, which a terminal sends to all processes, to the command itself.
+
+    The command then ends its workers by SIGTERM, and they remove what is not complete.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    terminate_by_exception()
+
+
+def _on_cluster(function, tasks, scheduler):
+    client = _connect(scheduler)
+    from distributed import as_completed
+
+    with closing(client), client.as_current():
+        attempts, failed_on = [0] * len(tasks), [set() for _ in tasks]
+        running = {}
+
+        def submit(index):
+            workers = set(client.scheduler_info()["workers"])
+            others = sorted(workers - failed_on[index]) if failed_on[index] else None
+            payload = pickle.dumps((function, tasks[index]))
+            future = client.submit(_in_child, payload, pure=False, workers=others or None)
+            running[future.key] = index
+            attempts[index] += 1
+            return future
+
+        # Futures must be kept: a cluster forgets tasks that nobody waits for.
+        futures = [submit(index) for index in range(len(tasks))]
+        stream = as_completed(futures)
+        for done in stream:
+            index = running.pop(done.key)
+            if done.status == "finished":
+                kind, value, worker = done.result()
+                outcome = _outcome(index, kind, value)
+            else:
+                error, worker = done.exception(), None
+                outcome = Outcome(index, error=WorkerLost(str(error) or type(error).__name__))
+            if outcome.error is None or attempts[index] == _ATTEMPTS:
+                yield outcome
+                continue
+            failed_on[index].add(worker)
+            if not set(client.scheduler_info()["workers"]) - failed_on[index]:
+                yield outcome
+                continue
+            stream.add(submit(index))
+
+
+def _connect(scheduler):
+    try:
+        from distributed import Client
+    except ImportError as error:
+        rule = "needs the Python package distributed: apt install python3-distributed"
+        raise InputError("--scheduler", rule) from error
+    if not _ADDRESS.fullmatch(scheduler):
+        raise InputError("--scheduler", "must be an address as tcp://HOST:8786", scheduler)
+    try:
+        client = Client(scheduler, timeout=_ANSWER_S, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        rule = f"no Dask scheduler answers within {_ANSWER_S:g} s"
+        raise InputError("--scheduler", rule, scheduler) from error
+    if not client.scheduler_info()["workers"]:
+        client.close()
+        raise InputError("--scheduler", "the cluster has no workers", scheduler)
+    return client
+
+
+def _in_child(payload):
+    """Run a task in a process of its own; on a worker of a cluster.
+
+    The worker has imported NumPy with settings of its own, and may run several tasks in threads,
+    of which Python executes one at a time.
+    """
+    from distributed import get_worker
+
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    child = subprocess.run(
+        [sys.executable, "-m", f"{__package__}.task_process"],
+        input=payload,
+        capture_output=True,
+        env=environment,
+    )
+    address = get_worker().address
+    if child.returncode:
+        last = child.stderr.decode(errors="replace").strip().rpartition("\n")[2]
+        text = last or f"its process ended with status {child.returncode}"
+        return "error", WorkerLost(f"{text} (worker {address})"), address
+    return (*pickle.loads(child.stdout), address)

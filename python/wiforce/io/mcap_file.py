@@ -1,0 +1,230 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""MCAP files of readings with ROS 2 messages, for Foxglove, PlotJuggler and rosbag2."""
+
+import threading
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from ..errors import InputError, OutputError
+from .optional import optional_module
+from .output_file import OutputFile
+from .readings import Reading
+from .ros_definitions import DIAGNOSTICS, READING, WRENCH, complete_definition
+from .ros_messages import RosMessage, health_message, reading_messages
+from .textfile import check_output
+
+# A chunk is written when it holds so much. At 28 readings/s a sensor fills one in a second: what a
+# process that is killed loses. Larger ones compress better, and their index takes less memory.
+_CHUNK_BYTES = 8_192
+# Enough for the last chunk and the index of some twelve hours of one sensor.
+_RESERVE_BYTES = 4_000_000
+_KEPT = "all messages but those of the last seconds are kept"
+
+
+class McapWriter:
+    """Writes readings and health to an MCAP file; may be used by several threads.
+
+    The former content of a file is kept until :meth:`begin` or the first reading. As a context
+    manager it ends the file, also after an error.
+
+    Messages are logged at the time of their header, so that the time axis of a viewer is that of
+    the measurement. Where UTC is not known, that of the previous message counts and, in a file
+    without any, the time of the reading, from 1970 on.
+
+    Parameters
+    ----------
+    path : str or Path
+    inputs : iterable of str or Path, optional
+        Files that the readings are made from, none of which may be written to.
+    metadata : mapping of str to str, optional
+        Stored in the file under the name ``gr-wiforce``.
+
+    Attributes
+    ----------
+    rows : int
+        Readings written so far.
+
+    Raises
+    ------
+    InputError
+        When a package is missing, the path cannot be written to, or is an input.
+
+    Examples
+    --------
+    >>> with McapWriter("press.mcap") as writer:
+    ...     writer.write(Reading(0.018, "arm", 1, 4.0, 0.1, 45.0, 0.2))
+    >>> Path("press.mcap").read_bytes()[:5]
+    b'\\x89MCAP'
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        inputs: Iterable[str | Path] = (),
+        metadata: Mapping[str, str] | None = None,
+    ) -> None:
+        check_output(path, inputs)
+        if Path(path).exists() and not Path(path).is_file():
+            raise InputError(path, "MCAP needs a regular file")
+        self._library = optional_module("mcap_ros2.writer", path, "mcap-ros2-support")
+        self._path, self._metadata = path, dict(metadata or {})
+        self._lock = threading.Lock()
+        self._file: OutputFile | None = None
+        self._writer: Any = None
+        self._schemas: dict[str, Any] = {}
+        self._failure: OutputError | None = None
+        self._ended = False
+        self._utc_ns: int | None = None
+        self.rows = 0
+
+    def __enter__(self) -> "McapWriter":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if kind is None:
+            self.close()
+        elif self._writer is not None:
+            try:
+                self._end()
+            except OutputError:
+                pass  # the first error counts
+
+    @property
+    def size_bytes(self) -> int:
+        """Size of the file."""
+        return 0 if self._file is None else self._file.size_bytes
+
+    def begin(self) -> "McapWriter":
+        """Replace the content of the file, unless that has been done.
+
+        Returns
+        -------
+        McapWriter
+            Itself.
+
+        Raises
+        ------
+        InputError
+            When the file cannot be opened, or another process is writing to it.
+        OutputError
+            When it cannot be written to.
+        """
+        with self._lock:
+            if self._file is None:
+                self._file = OutputFile(self._path, kept=_KEPT, reserve_bytes=_RESERVE_BYTES)
+                self._writer = self._library.Writer(self._file, chunk_size=_CHUNK_BYTES)
+                for name in (READING, WRENCH, DIAGNOSTICS):
+                    text = complete_definition(name)
+                    self._schemas[name] = self._writer.register_msgdef(name, text)
+                if self._metadata:
+                    self._writer.add_metadata("gr-wiforce", self._metadata)
+        return self
+
+    def write(self, reading: Reading, more: Mapping[str, Any] | None = None) -> None:
+        """Write one reading.
+
+        Parameters
+        ----------
+        reading : Reading
+        more : mapping of str to plain values, optional
+            ``run``, ``time_utc`` and ``device_time_s``, where they are known.
+
+        Raises
+        ------
+        OutputError
+            When it, or a reading before it, cannot be written.
+        """
+        self.write_row({**reading.row(), **(more or {})})
+
+    def write_row(self, row: Mapping[str, Any]) -> None:
+        """Write one reading given as a row of a file.
+
+        Parameters
+        ----------
+        row : mapping
+
+        Raises
+        ------
+        OutputError
+            As :meth:`write`.
+        """
+        self.begin()
+        for message in reading_messages(row):
+            self._put(message, round(row["time_s"] * 1e9))
+        self.rows += 1
+
+    def write_health(self, report: Mapping[str, Any]) -> None:
+        """Write a heartbeat or the end of a run; nothing before the file is begun.
+
+        A failure is reported by the next reading, or when the file is closed.
+
+        Parameters
+        ----------
+        report : mapping
+        """
+        if self._writer is not None and self._failure is None:
+            try:
+                self._put(health_message(report), 0)
+            except OutputError:
+                pass
+
+    def close(self) -> None:
+        """Write the last messages and the index.
+
+        Raises
+        ------
+        OutputError
+            When something could not be written.
+        """
+        self.begin()
+        self._end()
+        if self._failure is not None:
+            raise self._failure
+
+    def _put(self, message: RosMessage, else_ns: int) -> None:
+        with self._lock:
+            if self._failure is not None:
+                raise self._failure
+            if self._ended:
+                return
+            self._utc_ns = message.stamp_ns or self._utc_ns
+            time_ns = else_ns if self._utc_ns is None else self._utc_ns
+            schema, sequence = self._schemas[message.type], self.rows
+            try:
+                self._writer.write_message(
+                    message.topic, schema, message.fields, time_ns, time_ns, sequence
+                )
+            except OutputError as error:
+                self._failure = error
+                raise
+            if self._file is not None and self._file.reserve_used:
+                self._end_on_full_disk()
+
+    def _end_on_full_disk(self) -> None:
+        rule = "cannot be written further (disk full); all messages until then are kept"
+        self._failure = OutputError(self._path, rule)
+        self._finish()
+        raise self._failure
+
+    def _end(self) -> None:
+        with self._lock:
+            self._finish()
+
+    def _finish(self) -> None:
+        if self._ended or self._file is None:
+            return
+        self._ended = True
+        try:
+            if self._failure is None or self._file.reserve_used:
+                self._writer.finish()
+        except OutputError as error:
+            self._failure = error
+        finally:
+            self._file.close()

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Readings of an MCAP file, also of one whose end is missing."""
+
+import math
+import struct
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from ..errors import InputError
+from .optional import optional_module
+from .readings import NUMBERS
+from .ros_definitions import READING
+
+_PACKAGE = "mcap-ros2-support"
+_MAGIC = b"\x89MCAP0\r\n"
+
+
+def mcap_rows(path: str | Path) -> Iterator[dict[str, Any]]:
+    """Rows of the readings in a file, in the order in which they were written.
+
+    The index of the file is not needed, so all complete chunks of a file are read that a killed
+    process has left.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Yields
+    ------
+    dict
+        Columns of a reading, ``run`` and ``time_utc``.
+
+    Raises
+    ------
+    InputError
+        When mcap-ros2-support is missing, or the file is not MCAP or cannot be read.
+
+    Examples
+    --------
+    >>> from .mcap_file import McapWriter
+    >>> from .readings import Reading
+    >>> with McapWriter("grip.mcap") as writer:
+    ...     writer.write(Reading(0.018, "arm", 0, flags=("weak",)))
+    >>> row = next(mcap_rows("grip.mcap"))
+    >>> row["time_s"], row["touch"], row["force_n"], row["flags"]
+    (0.018, 0, None, 'weak')
+    """
+    stream = optional_module("mcap.stream_reader", path, _PACKAGE)
+    errors = optional_module("mcap.exceptions", path, _PACKAGE)
+    decoders = optional_module("mcap_ros2.decoder", path, _PACKAGE).DecoderFactory()
+    records = optional_module("mcap.records", path, _PACKAGE)
+    schemas: dict[int, Any] = {}
+    decoder_of: dict[int, Any] = {}
+    try:
+        with open(path, "rb") as file:
+            if file.read(len(_MAGIC)) != _MAGIC:
+                raise InputError(path, "is not an MCAP file")
+            file.seek(0)
+            for record in stream.StreamReader(file).records:
+                if isinstance(record, records.Schema) and record.name == READING:
+                    schemas[record.id] = record
+                elif isinstance(record, records.Channel) and record.schema_id in schemas:
+                    schema = schemas[record.schema_id]
+                    decoder_of[record.id] = decoders.decoder_for(record.message_encoding, schema)
+                elif isinstance(record, records.Message) and record.channel_id in decoder_of:
+                    yield _row(decoder_of[record.channel_id](record.data))
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror})") from error
+    except (errors.EndOfFile, struct.error):
+        return  # what a killed process had not written yet
+    except errors.McapError as error:
+        raise InputError(path, f"is a damaged MCAP file ({error})") from error
+
+
+def _row(message: Any) -> dict[str, Any]:
+    row: dict[str, Any] = {}
+    for name in NUMBERS:
+        value = getattr(message, name)
+        row[name] = None if math.isnan(value) else value
+    return row | {
+        "sensor": message.sensor,
+        "touch": None if message.touch < 0 else message.touch,
+        "flags": " ".join(message.flags),
+        "group": None if message.group < 0 else message.group,
+        "run": message.run,
+        "time_utc": _utc_text(message.header.stamp),
+    }
+
+
+def _utc_text(stamp: Any) -> str:
+    if not stamp.sec:
+        return ""
+    time = datetime.fromtimestamp(stamp.sec, UTC).replace(microsecond=stamp.nanosec // 1000)
+    return time.strftime("%Y-%m-%dT%H:%M:%S.%fZ")

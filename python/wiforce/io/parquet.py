@@ -1,0 +1,230 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Parquet files of readings, for data frames."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from ..errors import InputError, OutputError
+from .optional import optional_module
+from .output_file import OutputFile
+from .readings import COLUMNS, NUMBERS, Reading
+from .textfile import check_output
+
+# So many rows wait in memory, some 2 MB, and are written at once: 2.4 min of one sensor.
+_GROUP_ROWS = 4096
+# Enough for the last rows and the index of two days of one sensor.
+_RESERVE_BYTES = 4_000_000
+_INTEGERS = {"touch": "int8", "group": "int64"}
+
+
+def require_pyarrow(where: object) -> Any:
+    """Import pyarrow, or say in one line that it must be installed.
+
+    Parameters
+    ----------
+    where : str or path
+        The option or file that needs it.
+
+    Returns
+    -------
+    module
+
+    Raises
+    ------
+    InputError
+        When it is missing.
+
+    Examples
+    --------
+    >>> require_pyarrow("--output").__name__
+    'pyarrow'
+    """
+    return optional_module("pyarrow", where, "pyarrow")
+
+
+class ParquetWriter:
+    """Writes readings to a Parquet file, with the columns and values of a CSV file.
+
+    The former content of a file is kept until the first reading, :meth:`begin` or :meth:`close`.
+    The file is valid once it is closed. As a context manager it ends the file, also after an error.
+
+    Parameters
+    ----------
+    path : str or Path
+    inputs : iterable of str or Path, optional
+        Files that the readings are made from, none of which may be written to.
+    also : sequence of str
+        Columns of text that follow those of a reading, and that each ``write`` is given.
+    metadata : mapping of str to str, optional
+        Stored in the file's schema.
+
+    Attributes
+    ----------
+    rows : int
+        Readings written so far.
+
+    Raises
+    ------
+    InputError
+        When pyarrow is missing, the path cannot be written to, or is an input.
+
+    Examples
+    --------
+    >>> with ParquetWriter("press.parquet") as writer:
+    ...     writer.write(Reading(0.018, "arm", 1, 4.12345678, 0.05, 45.0, 0.1))
+    >>> import pandas
+    >>> pandas.read_parquet("press.parquet")["force_n"].tolist()
+    [4.1235]
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        inputs: Iterable[str | Path] = (),
+        also: Sequence[str] = (),
+        metadata: Mapping[str, str] | None = None,
+    ) -> None:
+        check_output(path, inputs)
+        if Path(path).exists() and not Path(path).is_file():
+            raise InputError(path, "Parquet needs a regular file")
+        self._arrow = require_pyarrow(path)
+        self._parquet = optional_module("pyarrow.parquet", path, "pyarrow")
+        self._path = path
+        types = {name: self._arrow.string() for name in (*COLUMNS, *also)}
+        types |= dict.fromkeys(NUMBERS, self._arrow.float64())
+        types |= {name: getattr(self._arrow, kind)() for name, kind in _INTEGERS.items()}
+        self._schema = self._arrow.schema(types.items(), metadata=dict(metadata or {}))
+        self._waiting: list[Mapping[str, Any]] = []
+        self._file: OutputFile | None = None
+        self._writer: Any = None
+        self._failure: OutputError | None = None
+        self.rows = 0
+
+    def __enter__(self) -> "ParquetWriter":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if kind is None:
+            self.close()
+        elif self._file is not None:
+            try:
+                self.close()
+            except OutputError:
+                pass  # the first error counts
+
+    @property
+    def size_bytes(self) -> int:
+        """Size of the file."""
+        return 0 if self._file is None else self._file.size_bytes
+
+    def begin(self) -> "ParquetWriter":
+        """Replace the content of the file, unless that has been done.
+
+        Returns
+        -------
+        ParquetWriter
+            Itself.
+
+        Raises
+        ------
+        InputError
+            When the file cannot be opened, or another process is writing to it.
+        OutputError
+            When it cannot be written to.
+        """
+        if self._file is None:
+            kept = "without its end, it cannot be read"
+            self._file = OutputFile(self._path, kept=kept, reserve_bytes=_RESERVE_BYTES)
+            self._writer = self._parquet.ParquetWriter(
+                self._arrow.PythonFile(self._file, mode="w"), self._schema, compression="zstd"
+            )
+        return self
+
+    def write(self, reading: Reading, more: Mapping[str, Any] | None = None) -> None:
+        """Write one reading.
+
+        Parameters
+        ----------
+        reading : Reading
+        more : mapping of str to plain values, optional
+            Of the columns that follow those of a reading.
+
+        Raises
+        ------
+        OutputError
+            When it, or a reading before it, cannot be written.
+        """
+        self.write_row({**reading.row(), **(more or {})})
+
+    def write_row(self, row: Mapping[str, Any]) -> None:
+        """Write one reading given as a row of a file.
+
+        Parameters
+        ----------
+        row : mapping
+
+        Raises
+        ------
+        OutputError
+            As :meth:`write`.
+        """
+        self.begin()
+        if self._failure is not None:
+            raise self._failure
+        self._waiting.append(row)
+        self.rows += 1
+        if len(self._waiting) >= _GROUP_ROWS:
+            self._flush()
+
+    def close(self) -> None:
+        """Write the rows that wait, and the end of the file.
+
+        Raises
+        ------
+        OutputError
+            When something could not be written.
+        """
+        self.begin()
+        if self._file is None or self._file.closed:
+            return
+        try:
+            if self._failure is None:
+                self._flush()
+        finally:
+            self._end()
+        if self._failure is not None:
+            raise self._failure
+
+    def _flush(self) -> None:
+        """Write the rows that wait as a row group."""
+        if not self._waiting:
+            return
+        table = self._arrow.Table.from_pylist(self._waiting, schema=self._schema)
+        self._waiting = []
+        try:
+            self._writer.write_table(table)
+        except OutputError as error:
+            self._failure = error
+            raise
+        if self._file is not None and self._file.reserve_used:
+            rule = "cannot be written further (disk full); all rows until then are kept"
+            self._failure = OutputError(self._path, rule)
+            self._end()
+            raise self._failure
+
+    def _end(self) -> None:
+        if self._file is None or self._file.closed:
+            return
+        try:
+            self._writer.close()
+        except OutputError as error:
+            self._failure = self._failure or error
+        finally:
+            self._file.close()

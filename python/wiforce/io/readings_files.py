@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Files of readings, read a row at a time: CSV, JSON lines, Parquet or MCAP."""
+
+import csv
+import json
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from typing import IO, Any
+
+from ..errors import InputError
+from .mcap_rows import mcap_rows
+from .parquet import require_pyarrow
+from .readings import COLUMNS, NUMBERS
+
+_INTEGERS = ("touch", "group")
+_NEEDED = ("time_s", "sensor")
+_BATCH_ROWS = 4096
+
+
+class ReadingsFile:
+    """A file of readings of any length.
+
+    Parameters
+    ----------
+    path : str or Path
+        ``.csv``, ``.jsonl``, ``.parquet`` or ``.mcap``.
+
+    Attributes
+    ----------
+    also : tuple of str
+        Columns besides those of a reading; of JSON lines, those of the first line.
+    metadata : dict of str to str
+        What a Parquet file says of its readings.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read, or is none of readings.
+
+    Examples
+    --------
+    >>> size = Path("press.csv").write_text("time_s,sensor,touch,force_n\\n0.018,arm,1,4.0\\n")
+    >>> rows = list(ReadingsFile("press.csv").rows())
+    >>> rows[0]["touch"], rows[0]["force_n"], rows[0]["location_mm"]
+    (1, 4.0, None)
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self._path = Path(path)
+        self.metadata: dict[str, str] = {}
+        kind = self._path.suffix.lower()
+        readers: dict[str, Callable[[], Iterator[Mapping[str, Any]]]] = {
+            ".csv": self._csv,
+            ".jsonl": self._json_lines,
+            ".parquet": self._parquet,
+            ".mcap": partial(mcap_rows, path),
+        }
+        if kind not in readers:
+            raise InputError(path, "readings must be in a .csv, .jsonl, .parquet or .mcap file")
+        self._read = readers[kind]
+        first = next(self._read(), None)
+        names = () if first is None else tuple(first)
+        for name in _NEEDED:
+            if first is not None and name not in names:
+                raise InputError(path, f"is no file of readings: it has no column {name}")
+        self.also = tuple(name for name in names if name not in COLUMNS)
+
+    def rows(self) -> Iterator[dict[str, Any]]:
+        """All rows, with the columns of a reading followed by those of `also`.
+
+        Yields
+        ------
+        dict
+            Unknown values are None, flags one text.
+
+        Raises
+        ------
+        InputError
+            For a row that is none of readings.
+        """
+        for number, row in enumerate(self._read(), 1):
+            try:
+                yield self._typed(row)
+            except (TypeError, ValueError) as error:
+                raise InputError(
+                    f"{self._path}: row {number}", f"is no reading ({error})"
+                ) from None
+
+    def _typed(self, row: Mapping[str, Any]) -> dict[str, Any]:
+        typed: dict[str, Any] = {name: row.get(name) for name in (*COLUMNS, *self.also)}
+        for name, value in typed.items():
+            if name not in COLUMNS:
+                typed[name] = "" if value is None else str(value)
+            elif value == "" or value is None:
+                typed[name] = None
+            elif name in NUMBERS:
+                typed[name] = float(value)
+            elif name in _INTEGERS:
+                typed[name] = int(value)
+        if typed["time_s"] is None or typed["sensor"] is None:
+            raise ValueError("time_s and sensor must be given")
+        typed["flags"] = typed["flags"] or ""
+        return typed
+
+    def _csv(self) -> Iterator[Mapping[str, Any]]:
+        with self._opened() as file:
+            try:
+                for row in csv.DictReader(file):
+                    if None in row or None in row.values():
+                        raise InputError(self._path, "rows must have as many fields as columns")
+                    yield row
+            except (csv.Error, UnicodeDecodeError) as error:
+                raise InputError(self._path, f"is not a CSV file ({error})") from error
+
+    def _json_lines(self) -> Iterator[Mapping[str, Any]]:
+        with self._opened() as file:
+            for number, line in enumerate(file, 1):
+                try:
+                    row = json.loads(line)
+                except ValueError as error:
+                    raise InputError(f"{self._path}: line {number}", "is not JSON") from error
+                if not isinstance(row, dict):
+                    raise InputError(f"{self._path}: line {number}", "must be a JSON object")
+                yield row
+
+    def _parquet(self) -> Iterator[Mapping[str, Any]]:
+        arrow = require_pyarrow(self._path)
+        import pyarrow.parquet
+
+        try:
+            with pyarrow.parquet.ParquetFile(self._path) as file:
+                stored = file.schema_arrow.metadata or {}
+                known = {key.decode(): value.decode() for key, value in stored.items()}
+                self.metadata = {k: v for k, v in known.items() if k.startswith("wiforce:")}
+                # pyarrow's threads may abort a process that ends soon after.
+                for batch in file.iter_batches(_BATCH_ROWS, use_threads=False):
+                    yield from batch.to_pylist()
+        except OSError as error:
+            raise InputError(self._path, f"cannot be read ({error.strerror or error})") from error
+        except arrow.ArrowException as error:
+            raise InputError(self._path, "is not a complete Parquet file") from error
+
+    def _opened(self) -> IO[str]:
+        try:
+            return open(self._path, encoding="utf-8-sig", newline="")
+        except OSError as error:
+            raise InputError(self._path, f"cannot be read ({error.strerror})") from error

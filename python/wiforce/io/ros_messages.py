@@ -1,0 +1,294 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Readings and health as ROS 2 messages: plain fields, for whatever encodes or publishes them."""
+
+import math
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+from .readings import flag_bits
+from .ros_definitions import DIAGNOSTICS, READING, WRENCH, fields_of
+
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_OK, _WARN, _ERROR = 0, 1, 2
+_LEVELS = {"reading": _OK, "lost": _ERROR}
+_TOUCH_UNKNOWN = -1
+_HEALTH_TOPIC = "/diagnostics"  # where ROS tools expect it
+_CLEAR, _DOUBTFUL = "wrench", "wrench_doubtful"
+
+
+@dataclass(frozen=True)
+class RosMessage:
+    """One message.
+
+    Attributes
+    ----------
+    topic : str
+    type : str
+        ``PACKAGE/msg/NAME``; :mod:`ros_definitions` has its definition.
+    fields : dict
+        Values by name of the field; nested messages are dicts.
+    stamp_ns : int or None
+        UTC of the header in ns since 1970, None when it is not known.
+
+    Examples
+    --------
+    >>> RosMessage("/note", "std_msgs/msg/Header", {"frame_id": "arm"}).stamp_ns is None
+    True
+    """
+
+    topic: str
+    type: str
+    fields: dict[str, Any]
+    stamp_ns: int | None = None
+
+
+def topic_of(sensor: str, name: str) -> str:
+    """Topic of a sensor: characters that ROS does not permit in names become underscores.
+
+    Parameters
+    ----------
+    sensor, name : str
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> topic_of("left arm", "wrench"), topic_of("2", "reading")
+    ('/wiforce/left_arm/wrench', '/wiforce/_2/reading')
+    """
+    token = re.sub("[^A-Za-z0-9_]", "_", sensor)
+    # ROS permits neither digits at the start of a part of a name nor repeated underscores.
+    token = re.sub("__+", "_", f"_{token}" if token[:1].isdigit() else token)
+    return f"/wiforce/{token}/{name}"
+
+
+def topics_of(sensors: Iterable[str]) -> dict[str, str]:
+    """All topics of a run, with the types of their messages.
+
+    Parameters
+    ----------
+    sensors : iterable of str
+
+    Returns
+    -------
+    dict of str to str
+
+    Examples
+    --------
+    >>> list(topics_of(["arm"]))[:3]
+    ['/diagnostics', '/wiforce/arm/reading', '/wiforce/arm/wrench']
+    """
+    topics = {_HEALTH_TOPIC: DIAGNOSTICS}
+    for sensor in sensors:
+        topics[topic_of(sensor, "reading")] = READING
+        topics |= {topic_of(sensor, name): WRENCH for name in (_CLEAR, _DOUBTFUL)}
+    return topics
+
+
+def ros_messages(message: Mapping[str, Any]) -> Iterator[RosMessage]:
+    """What a message of ``gr-wiforce live --zmq`` becomes.
+
+    Parameters
+    ----------
+    message : mapping
+        The JSON object, whose key ``message`` is its kind.
+
+    Yields
+    ------
+    RosMessage
+
+    Examples
+    --------
+    >>> row = {"time_s": 0.018, "sensor": "arm", "touch": 1, "force_n": 2.0, "location_mm": 45.0}
+    >>> for message in ros_messages({"message": "reading", **row}):
+    ...     print(message.topic, message.type)
+    /wiforce/arm/reading wiforce_msgs/msg/PressReading
+    /wiforce/arm/wrench geometry_msgs/msg/WrenchStamped
+    """
+    if message["message"] == "reading":
+        yield from reading_messages(message)
+    else:
+        yield health_message(message)
+
+
+def reading_messages(row: Mapping[str, Any]) -> Iterator[RosMessage]:
+    """One reading, and its wrench about the origin of the sensor's frame.
+
+    The origin is at port 1; x runs along the line to port 2, and z away from the surface that is
+    pressed. A press of F newton at l mm is the force (0, 0, -F) with the torque (0, F l/1000, 0).
+    A wrench cannot tell that it is doubtful or unknown: those of readings with flags, or without
+    force or location, have a topic of their own.
+
+    Parameters
+    ----------
+    row : mapping
+        A row of a file of readings; columns may be missing.
+
+    Yields
+    ------
+    RosMessage
+
+    Examples
+    --------
+    >>> row = {"time_s": 0.018, "sensor": "arm", "touch": 1, "force_n": 2.0, "location_mm": 45.0}
+    >>> reading, wrench = reading_messages(row)
+    >>> reading.fields["force_n"], reading.fields["force_std_n"]
+    (2.0, nan)
+    >>> wrench.fields["wrench"]["force"]["z"], wrench.fields["wrench"]["torque"]["y"]
+    (-2.0, 0.09)
+    """
+    sensor, words = str(row["sensor"]), tuple((row.get("flags") or "").split())
+    stamp_ns = _nanoseconds(row.get("time_utc"))
+    header = _header(stamp_ns, sensor)
+    touch, group = row.get("touch"), row.get("group")
+    fields: dict[str, Any] = {
+        name: _number(row.get(name))
+        for name, (kind, _) in fields_of(READING).items()
+        if kind == "float64"
+    }
+    fields |= {
+        "header": header,
+        "run": row.get("run") or "",
+        "sensor": sensor,
+        "group": -1 if group is None else int(group),
+        "touch": _TOUCH_UNKNOWN if touch is None else int(touch),
+        "flag_bits": flag_bits(words),
+        "flags": list(words),
+    }
+    yield RosMessage(topic_of(sensor, "reading"), READING, fields, stamp_ns)
+    untouched = touch == 0
+    force_n = 0.0 if untouched else fields["force_n"]
+    torque_nm = 0.0 if untouched else force_n * fields["location_mm"] / 1000
+    wrench = {"force": _vector(z=0.0 - force_n), "torque": _vector(y=torque_nm)}
+    doubtful = bool(words) or not math.isfinite(torque_nm)
+    topic = topic_of(sensor, _DOUBTFUL if doubtful else _CLEAR)
+    yield RosMessage(topic, WRENCH, {"header": header, "wrench": wrench}, stamp_ns)
+
+
+def health_message(report: Mapping[str, Any]) -> RosMessage:
+    """The health of a run: a status of the reader, and one of each sensor.
+
+    Parameters
+    ----------
+    report : mapping
+        A heartbeat, or the end of a run.
+
+    Returns
+    -------
+    RosMessage
+
+    Examples
+    --------
+    >>> sensors = {"arm": {"age_s": 0.04, "received": True, "doubt": ""}}
+    >>> health = health_message({"run": "r", "state": "reading", "reason": "", "sensors": sensors})
+    >>> [(each["name"], each["level"]) for each in health.fields["status"]]
+    [('gr-wiforce: reader', 0), ('gr-wiforce: arm', 0)]
+    """
+    stamp_ns = _nanoseconds(report.get("time_utc"))
+    run, state, reason = (str(report.get(key, "")) for key in ("run", "state", "reason"))
+    level = _LEVELS.get(state, _WARN)
+    if state == "ended":
+        level = _ERROR if report.get("exit_status") else _OK
+    elif level == _OK and reason:
+        level = _WARN  # a sensor is not received
+    own = {key: value for key, value in report.items() if key not in ("message", "sensors")}
+    text = f"{state}: {reason}" if reason else state
+    status = [_status("reader", level, text, run, own)]
+    for sensor, health in report.get("sensors", {}).items():
+        level, text = _sensor_state(health)
+        status.append(_status(sensor, level, text, run, health))
+    fields = {"header": _header(stamp_ns, ""), "status": status}
+    return RosMessage(_HEALTH_TOPIC, DIAGNOSTICS, fields, stamp_ns)
+
+
+def built(
+    type_name: str,
+    fields: Mapping[str, Any],
+    class_of: Callable[[str], type],
+    byte: Callable[[int], Any] = int,
+) -> Any:
+    """A message as an object of the classes that ROS, or another library, has for it.
+
+    Parameters
+    ----------
+    type_name : str
+    fields : mapping
+        As in :class:`RosMessage`.
+    class_of : callable
+        From ``PACKAGE/NAME`` to its class, which takes the fields as keywords.
+    byte : callable
+        From a number to a ``byte`` of that library.
+
+    Returns
+    -------
+    object
+
+    Examples
+    --------
+    >>> from types import SimpleNamespace
+    >>> fields = {"stamp": {"sec": 1, "nanosec": 5}, "frame_id": "arm"}
+    >>> built("std_msgs/msg/Header", fields, lambda name: SimpleNamespace).stamp.nanosec
+    5
+    """
+    values = {}
+    for name, (kind, array) in fields_of(type_name).items():
+        value = fields[name]
+        if "/" in kind and array:
+            value = [built(kind, each, class_of, byte) for each in value]
+        elif "/" in kind:
+            value = built(kind, value, class_of, byte)
+        elif kind == "byte":
+            value = byte(value)
+        values[name] = value
+    return class_of(type_name.replace("/msg/", "/"))(**values)
+
+
+def _sensor_state(health: Mapping[str, Any]) -> tuple[int, str]:
+    if not health["received"]:
+        return _ERROR, "not received"
+    return (_WARN, health["doubt"]) if health["doubt"] else (_OK, "received")
+
+
+def _status(
+    name: str, level: int, text: str, run: str, values: Mapping[str, Any]
+) -> dict[str, Any]:
+    pairs = [{"key": key, "value": value} for key, value in _pairs(values)]
+    return {
+        "level": level,
+        "name": f"gr-wiforce: {name}",
+        "message": text,
+        "hardware_id": run,
+        "values": pairs,
+    }
+
+
+def _pairs(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            yield from _pairs(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", "" if value is None else str(value)
+
+
+def _header(stamp_ns: int | None, frame: str) -> dict[str, Any]:
+    seconds, nanoseconds = divmod(stamp_ns or 0, 10**9)
+    return {"stamp": {"sec": seconds, "nanosec": nanoseconds}, "frame_id": frame}
+
+
+def _nanoseconds(time_utc: str | None) -> int | None:
+    if not time_utc:
+        return None
+    return (datetime.fromisoformat(time_utc) - _EPOCH) // timedelta(microseconds=1) * 1000
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else float(value)
+
+
+def _vector(y: float = 0.0, z: float = 0.0) -> dict[str, float]:
+    return {"x": 0.0, "y": y, "z": z}

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Tasks in other processes: results, errors and processes that end too early."""
+
+import os
+import signal
+from pathlib import Path
+
+import pytest
+from gnuradio.wiforce.errors import InputError, OutputError
+from wiforce_app.workers import WorkerLost, run_tasks
+
+
+def square_or_fail(number):
+    """A task: its square, or an error for odd numbers."""
+    if number % 2:
+        raise InputError("number", "must be even", number)
+    return number**2, os.getpid()
+
+
+def end_process_once(folder):
+    """A task whose first attempt is killed, as by a system that is out of memory."""
+    mark = Path(folder) / "attempted"
+    if not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return "done"
+
+
+def end_process(_):
+    """A task that is killed whenever it is attempted."""
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+class _Unpicklable(Exception):
+    def __init__(self, one, two):
+        super().__init__(f"{one} {two}")
+
+
+def fail_oddly(_):
+    """A task whose error cannot be sent to another process."""
+    raise _Unpicklable(1, 2)
+
+
+def test_run_tasks_returns_each_result_and_error_once():
+    outcomes = {outcome.index: outcome for outcome in run_tasks(square_or_fail, range(6), 2)}
+    assert sorted(outcomes) == list(range(6))
+    assert [outcomes[i].get()[0] for i in (0, 2, 4)] == [0, 4, 16]
+    assert os.getpid() not in {outcomes[i].get()[1] for i in (0, 2, 4)}
+    with pytest.raises(InputError, match="number: must be even, got 3"):
+        outcomes[3].get()
+
+
+def test_run_tasks_repeats_task_whose_process_was_killed(tmp_path):
+    (outcome,) = run_tasks(end_process_once, [str(tmp_path)], 1)
+    assert outcome.get() == "done"
+
+
+def test_run_tasks_gives_up_task_that_always_kills_its_process():
+    """One poisonous capture must neither stop the others nor be tried for ever."""
+    (outcome,) = run_tasks(end_process, [0], 1)
+    with pytest.raises(WorkerLost, match="ended 3 times"):
+        outcome.get()
+
+
+def test_run_tasks_with_error_that_cannot_be_pickled_keeps_its_text():
+    (outcome,) = run_tasks(fail_oddly, [0], 1)
+    with pytest.raises(RuntimeError, match="_Unpicklable: 1 2"):
+        outcome.get()
+
+
+def test_output_error_survives_the_way_between_processes():
+    import pickle
+
+    error = pickle.loads(pickle.dumps(OutputError("a.csv", "cannot be written (disk full)")))
+    assert str(error) == "a.csv: cannot be written (disk full)"
+
+
+@pytest.mark.parametrize("address", ["nonsense", "tcp://", "host:port", "127.0.0.1:8786/x"])
+def test_scheduler_that_is_no_address_is_refused(address):
+    with pytest.raises(InputError, match="--scheduler: must be an address as tcp://HOST:8786"):
+        list(run_tasks(square_or_fail, [2], scheduler=address))
