@@ -171,6 +171,36 @@ def test_block_parameters_can_all_be_set_in_grc(make_block, block_id):
     assert given == parameters_of(target)
 
 
+@pytest.mark.parametrize("block_id", ["wiforce_reader", "wiforce_capture_source"])
+def test_block_takes_the_scene_of_a_scene_block_by_its_id(platform, qt, tmp_path, block_id):
+    """A second copy of the file's name would be forgotten when the scene is exchanged."""
+    path = tmp_path / "slow.yaml"
+    path.write_text("sensors: [{name: leg, model: line-900mhz}]\n")
+    graph = platform.make_flow_graph()
+    variable, block = graph.new_block("variable_wiforce_scene"), graph.new_block(block_id)
+    for made, values in (
+        (variable, {"id": "of_the_leg", "file": path}),
+        (block, {"id": "under_test", "scene": "of_the_leg", **NEEDED.get(block_id, {})}),
+    ):
+        for name, value in values.items():
+            made.params[name].set_value(str(value))
+    graph.rewrite()
+    graph.validate()
+    assert not [m for _, m in block.iter_error_messages() if "not connected" not in m]
+    code = block.templates.render("make")
+    (given,) = [
+        word.value for word in ast.parse(code.strip()).body[0].value.keywords if word.arg == "scene"
+    ]
+    # The program passes the variable, which is the scene itself there.
+    assert ast.unparse(given) == "of_the_leg"
+    assert "of_the_leg = wiforce.load_scene(" in variable.templates.render("var_make")
+    assert graph.namespace["of_the_leg"].sensors[0].name == "leg"
+    variable.params["id"].set_value("renamed")
+    graph.rewrite()
+    graph.validate()
+    assert any("scene" in message for _, message in block.iter_error_messages())
+
+
 SECTIONS = {"sensors", "radio", "sounding", "phase_group", "environment", "reference_s"}
 
 
@@ -238,6 +268,7 @@ REFUSED = [
     ("wiforce_trend_display", {"rate": 0}),
     ("wiforce_trend_display", {"history_s": -1}),
     ("wiforce_trend_display", {"y_range": (1, 1)}),
+    ("wiforce_readings_to_floats", {"repeat": 0}),
     ("wiforce_force_display", {"force_span_n": 0}),
     ("wiforce_force_display", {"history_s": 0}),
     ("wiforce_force_display", {"length_mm": -80}),

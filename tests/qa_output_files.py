@@ -298,33 +298,3 @@ def test_export_reads_parquet_of_several_captures_with_their_names(tmp_path):
     parquet.write_table(table.append_column("capture", [["day/1"] * 20]), path)
     rows = list(ReadingsFile(path).rows())
     assert rows[3]["capture"] == "day/1" and rows[3]["flags"] == "weak" and rows[2]["touch"] is None
-
-
-@pytest.mark.parametrize(
-    ("words", "module", "package"),
-    [
-        (["read", "x", "--scene", "demo", "--mcap", "o.mcap"], "mcap_ros2", "mcap-ros2-support"),
-        (["read", "x", "--scene", "demo", "-o", "o.parquet"], "pyarrow", "pyarrow"),
-        (["export", "in.csv", "--to", "mcap"], "mcap_ros2", "mcap-ros2-support"),
-        (["export", "in.csv", "--to", "parquet"], "pyarrow", "pyarrow"),
-        (["export", "in.parquet", "--to", "csv"], "pyarrow", "pyarrow"),
-        (["live", "--foxglove", "8765"], "foxglove", "foxglove-sdk mcap-ros2-support"),
-        (["live", "--foxglove", "8765"], "mcap_ros2", "foxglove-sdk mcap-ros2-support"),
-        (["live", "--mcap", "o.mcap"], "mcap_ros2", "mcap-ros2-support"),
-        (["live", "--lsl"], "pylsl", "pylsl"),
-        (["live", "-o", "o.parquet"], "pyarrow", "pyarrow"),
-    ],
-)
-def test_missing_package_is_named_in_one_line(tmp_path, monkeypatch, words, module, package):
-    for name in [name for name in sys.modules if name.split(".")[0] == module]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, module, None)
-    (tmp_path / "in.csv").write_text("time_s,sensor\n0.1,arm\n")
-    (tmp_path / "in.parquet").write_bytes(b"PAR1")
-    np.zeros(100_000, np.complex64).tofile(tmp_path / "x")
-    words = [*words, "--datatype", "cf32_le"] if words[0] == "read" else words
-    if words[0] == "live":
-        words = [*words, "--scene", "demo", "--args", "addr=127.0.0.9"]
-    done = run_command(*words, cwd=tmp_path)
-    assert done.returncode == 2 and done.stderr.count("\n") == 1
-    assert f"pip install {package}\n" in done.stderr

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.optional import optional_module
 from gnuradio.wiforce.io.textfile import check_output
 
 _SUFFIXES = (".png", ".pdf", ".svg")
@@ -22,11 +23,13 @@ def check_picture(path, inputs=()):
     Raises
     ------
     InputError
-        For an unknown suffix, a missing folder, a file that cannot be written, or an input.
+        For an unknown suffix, a missing folder, a file that cannot be written, or an input; when
+        matplotlib is missing.
     """
     path = Path(path)
     if path.suffix.lower() not in _SUFFIXES:
         raise InputError(path, "name of a picture must end in .png, .pdf or .svg")
+    optional_module("matplotlib.figure", path)
     check_output(path, inputs)
 
 

@@ -7,6 +7,7 @@ import stat
 import time
 
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.optional import optional_module
 from gnuradio.wiforce.sensor import ForceGauge, parse_force
 from gnuradio.wiforce.sensor.force_gauge import unit_n
 
@@ -123,11 +124,7 @@ class SerialScale(_LineScale):
 
     def __init__(self, device, unit, baud):
         super().__init__(device, unit)
-        try:
-            import serial
-        except ImportError:
-            rule = "needs pyserial: apt install python3-serial, or pip install pyserial"
-            raise InputError("--scale", rule) from None
+        serial = optional_module("serial", "--scale")
         self._failure = (OSError, serial.SerialException)
         try:
             # A URL such as socket://HOST:PORT as well.

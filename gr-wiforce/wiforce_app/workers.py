@@ -17,6 +17,7 @@ from typing import Any
 
 import click
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.optional import optional_module
 
 from .interrupts import terminate_by_exception
 from .options import IntegerRange
@@ -192,15 +193,11 @@ def _on_cluster(function, tasks, scheduler):
 
 
 def _connect(scheduler):
-    try:
-        from distributed import Client
-    except ImportError as error:
-        rule = "needs the Python package distributed: apt install python3-distributed"
-        raise InputError("--scheduler", rule) from error
+    distributed = optional_module("distributed", "--scheduler")
     if not _ADDRESS.fullmatch(scheduler):
         raise InputError("--scheduler", "must be an address as tcp://HOST:8786", scheduler)
     try:
-        client = Client(scheduler, timeout=_ANSWER_S, set_as_default=False)
+        client = distributed.Client(scheduler, timeout=_ANSWER_S, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         rule = f"no Dask scheduler answers within {_ANSWER_S:g} s"
         raise InputError("--scheduler", rule, scheduler) from error

@@ -24,6 +24,7 @@ _BLOCKS_IN_PYTHON = (
     "force_inversion",
     "frame_alignment",
     "reader",
+    "readings_to_floats",
     "sigmf_recorder",
     "sounding_source",
     "subcarrier_average",
@@ -46,6 +47,7 @@ _MODULES = {
     "sounding_waveform": "signal.waveform",
     # what the blocks' parameters are made with, and checked by
     "is_scene": "blocks.rules",
+    "scene_in_companion": "blocks.rules",
     "is_capture": "blocks.rules",
     "is_sensor": "blocks.rules",
     "is_carrier_of": "blocks.rules",

@@ -69,7 +69,7 @@ class PageAddress:
         """
         for module in MODULES:
             if importlib.util.find_spec(module) is None:
-                raise InputError(OPTION, f"needs {NEEDS} (pip install {NEEDS})", text)
+                raise InputError(OPTION, f"needs {NEEDS}: pip install {NEEDS}")
         host, port = host_and_port(text, OPTION)
         if token is not None and not _TOKEN.fullmatch(token):
             rule = "must be 16 to 128 letters, digits, - or _"

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.optional import optional_module
 from gnuradio.wiforce.io.zmq_keys import ClientKeys
 from gnuradio.wiforce.io.zmq_sockets import endpoint_of
 
@@ -57,10 +58,7 @@ class ZmqSource:
         name: str | None = None,
         now: Callable[[], float] = time.monotonic,
     ):
-        try:
-            import zmq
-        except ImportError as error:
-            raise InputError("SOURCE", "needs pyzmq (python3-zmq)", readings) from error
+        zmq = optional_module("zmq", "SOURCE")
         self._now, self._keys, self._name = now, keys, name or readings
         self._control = None if control is None else endpoint_of(control, "--control")
         self._context = zmq.Context()

@@ -1,61 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """History of one sensor for a display: its latest reading and those of the last seconds."""
 
-import dataclasses
-import math
 from collections import deque
-from typing import Any
 
 import numpy as np
 
-from ..io.readings import NUMBERS, Flag, Reading
+from ..io.readings import Reading
 from .words import warning_flags
 
-_FLAGS = frozenset(flag.word for flag in Flag)
 # Most groups kept, however long the history: short groups arrive at some hundreds per second.
 _MOST = 20_000
-
-
-def as_reading(reading: Any) -> Reading | None:
-    """A Reading from a message of the port ``readings``, or from part of one.
-
-    Parameters
-    ----------
-    reading : Reading or dict
-        Keys as the columns of a readings file; flags as one text or a sequence. A value that is
-        absent, not finite, or not a number is unknown.
-
-    Returns
-    -------
-    Reading or None
-        None when sensor or time are not given.
-    """
-    if isinstance(reading, Reading):
-        reading = dataclasses.asdict(reading)
-    if not isinstance(reading, dict):
-        return None
-    numbers = {name: _number(reading.get(name)) for name in NUMBERS}
-    time_s, sensor = numbers.pop("time_s"), reading.get("sensor")
-    if time_s is None or not isinstance(sensor, str) or not sensor:
-        return None
-    touch = _number(reading.get("touch"))
-    group = _number(reading.get("group"))
-    flags = reading.get("flags") or ()
-    flags = flags.split() if isinstance(flags, str) else flags
-    return Reading(
-        time_s=time_s,
-        sensor=sensor,
-        touch=None if touch is None else int(touch == 1),
-        flags=tuple(flag for flag in flags if flag in _FLAGS),
-        group=None if group is None else int(group),
-        **numbers,
-    )
-
-
-def _number(value: Any) -> float | None:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return None
-    return float(value) if math.isfinite(value) else None
 
 
 class Track:

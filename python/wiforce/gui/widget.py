@@ -19,11 +19,12 @@ from PyQt5.QtWidgets import (
 )
 
 from ..errors import InputError
+from ..io.reading_messages import as_reading
 from ..io.readings import Reading
 from .history import History
 from .sensor_view import SensorView
 from .style import PAPER, SENSORS
-from .track import Track, as_reading
+from .track import Track
 from .words import tare_outcome
 
 _REFRESH_MS = 40

@@ -5,6 +5,7 @@ import os
 from pathlib import Path
 
 from ..errors import InputError
+from .optional import optional_module
 
 SUFFIXES = (".sigmf-data", ".sigmf-meta")
 
@@ -86,10 +87,7 @@ def require_sigmf(where: object) -> None:
     --------
     >>> require_sigmf("press.sigmf-meta")
     """
-    try:
-        import sigmf  # noqa: F401
-    except ImportError as error:
-        raise InputError(where, "needs the Python package sigmf: pip install sigmf") from error
+    optional_module("sigmf", where)
 
 
 def files_of(data: Path) -> tuple[Path, ...]:

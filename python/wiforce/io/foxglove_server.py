@@ -6,12 +6,11 @@ from typing import Any
 
 from ..errors import InputError
 from .addresses import host_and_port
-from .optional import optional_module
+from .optional import optional_modules
 from .readings import Reading
 from .ros_definitions import complete_definition
 from .ros_messages import RosMessage, health_message, reading_messages, topics_of
 
-_NEEDS = "foxglove-sdk mcap-ros2-support"
 # Messages that wait for a client: some 4 s of one sensor. Of a slower client the oldest are
 # dropped.
 _BACKLOG = 256
@@ -42,9 +41,9 @@ class FoxgloveServer:
 
     def __init__(self, address: str, sensors: Iterable[str], option: str = "--foxglove") -> None:
         host, port = host_and_port(address, option)
-        self._foxglove = optional_module("foxglove", option, _NEEDS)
-        # The package's writer uses the same function; it offers no other way to encode a message.
-        self._encoding = optional_module("mcap_ros2._dynamic", option, _NEEDS)
+        # The writer of mcap_ros2 uses this module; it offers no other way to encode a message.
+        modules = optional_modules(option, ["foxglove", "mcap_ros2._dynamic"])
+        self._foxglove, self._encoding = modules
         self._foxglove.set_log_level("ERROR")
         self._context = self._foxglove.Context()
         self._encoders: dict[str, Any] = {}

@@ -74,7 +74,7 @@ class LslOutlets:
         details: Mapping[str, str] | None = None,
         option: str = "--lsl",
     ) -> None:
-        self._pylsl = optional_module("pylsl", option, "pylsl")
+        self._pylsl = optional_module("pylsl", option)
         if not network:
             self._pylsl.set_config_content(_THIS_MACHINE + _QUIET)
         elif not _has_settings():

@@ -68,7 +68,7 @@ class McapWriter:
         check_output(path, inputs)
         if Path(path).exists() and not Path(path).is_file():
             raise InputError(path, "MCAP needs a regular file")
-        self._library = optional_module("mcap_ros2.writer", path, "mcap-ros2-support")
+        self._library = optional_module("mcap_ros2.writer", path)
         self._path, self._metadata = path, dict(metadata or {})
         self._lock = threading.Lock()
         self._file: OutputFile | None = None

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
-from .optional import optional_module
+from .optional import optional_modules
 from .readings import NUMBERS
 from .ros_definitions import READING
 
-_PACKAGE = "mcap-ros2-support"
+_MODULES = ("mcap.stream_reader", "mcap.exceptions", "mcap.records", "mcap_ros2.decoder")
 _MAGIC = b"\x89MCAP0\r\n"
 
 
@@ -47,10 +47,8 @@ def mcap_rows(path: str | Path) -> Iterator[dict[str, Any]]:
     >>> row["time_s"], row["touch"], row["force_n"], row["flags"]
     (0.018, 0, None, 'weak')
     """
-    stream = optional_module("mcap.stream_reader", path, _PACKAGE)
-    errors = optional_module("mcap.exceptions", path, _PACKAGE)
-    decoders = optional_module("mcap_ros2.decoder", path, _PACKAGE).DecoderFactory()
-    records = optional_module("mcap.records", path, _PACKAGE)
+    stream, errors, records, decoder = optional_modules(path, _MODULES)
+    decoders = decoder.DecoderFactory()
     schemas: dict[int, Any] = {}
     decoder_of: dict[int, Any] = {}
     try:

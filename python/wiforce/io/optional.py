@@ -1,22 +1,79 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Libraries that only one feature needs."""
+"""Libraries that only one feature needs, and how each is installed."""
 
 import importlib
+from collections.abc import Iterable
 from typing import Any
 
 from ..errors import InputError
 
+# By the name of the module: the package of Debian, where it has one, and that of PyPI.
+_PACKAGES = {
+    "bokeh": (None, "bokeh"),
+    "distributed": ("python3-distributed", "distributed"),
+    "foxglove": (None, "foxglove-sdk"),
+    "matplotlib": ("python3-matplotlib", "matplotlib"),
+    "mcap": (None, "mcap-ros2-support"),
+    "mcap_ros2": (None, "mcap-ros2-support"),
+    # Later releases replace the NumPy that GNU Radio was built with.
+    "pyarrow": (None, '"pyarrow<24"'),
+    "pylsl": (None, "pylsl"),
+    "serial": ("python3-serial", "pyserial"),
+    "sigmf": (None, "sigmf"),
+    "tornado": (None, "bokeh"),
+    "zmq": ("python3-zmq", "pyzmq"),
+}
 
-def optional_module(name: str, where: object, needs: str) -> Any:
-    """Import a module, or say in one line what must be installed.
+
+def optional_modules(where: object, names: Iterable[str]) -> list[Any]:
+    """Import modules, or say in one line what must be installed.
+
+    Parameters
+    ----------
+    where : str or path
+        The option or file that needs them.
+    names : iterable of str
+        Modules of the packages that this file lists.
+
+    Returns
+    -------
+    list of module
+
+    Raises
+    ------
+    InputError
+        When one is missing; it names the packages of all that are.
+
+    Examples
+    --------
+    >>> optional_modules("--zmq", ["zmq"])[0].__name__
+    'zmq'
+    """
+    found: list[Any] = []
+    missing: dict[tuple[str | None, str], Exception] = {}
+    for name in names:
+        try:
+            found.append(importlib.import_module(name))
+        except (ImportError, RuntimeError) as error:  # pylsl raises the latter without liblsl
+            missing[_PACKAGES[name.partition(".")[0]]] = error
+    if missing:
+        packages = [pypi for _, pypi in missing]
+        ways = [f"pip install {' '.join(packages)}"]
+        debian = [name for name, _ in missing if name is not None]
+        if len(debian) == len(missing):
+            ways.insert(0, f"apt install {' '.join(debian)}")
+        rule = f"needs {' and '.join(each.strip(chr(34)) for each in packages)}: "
+        raise InputError(where, rule + ", or ".join(ways)) from next(iter(missing.values()))
+    return found
+
+
+def optional_module(name: str, where: object) -> Any:
+    """Import one module, as :func:`optional_modules` does.
 
     Parameters
     ----------
     name : str
     where : str or path
-        The option or file that needs it.
-    needs : str
-        The packages that have it, as ``pip install`` names them.
 
     Returns
     -------
@@ -29,13 +86,7 @@ def optional_module(name: str, where: object, needs: str) -> Any:
 
     Examples
     --------
-    >>> optional_module("no_such_module", "--mcap", "no-such-package")
-    Traceback (most recent call last):
-    ...
-    gnuradio.wiforce.errors.InputError: --mcap: needs a package: pip install no-such-package
+    >>> optional_module("zmq.auth", "--zmq-keys").__name__
+    'zmq.auth'
     """
-    try:
-        return importlib.import_module(name)
-    except (ImportError, RuntimeError) as error:  # pylsl raises the latter without liblsl
-        plural = "packages" if " " in needs else "a package"
-        raise InputError(where, f"needs {plural}: pip install {needs}") from error
+    return optional_modules(where, [name])[0]

@@ -41,7 +41,7 @@ def require_pyarrow(where: object) -> Any:
     >>> require_pyarrow("--output").__name__
     'pyarrow'
     """
-    return optional_module("pyarrow", where, "pyarrow")
+    return optional_module("pyarrow", where)
 
 
 class ParquetWriter:
@@ -90,7 +90,7 @@ class ParquetWriter:
         if Path(path).exists() and not Path(path).is_file():
             raise InputError(path, "Parquet needs a regular file")
         self._arrow = require_pyarrow(path)
-        self._parquet = optional_module("pyarrow.parquet", path, "pyarrow")
+        self._parquet = optional_module("pyarrow.parquet", path)
         self._path = path
         types = {name: self._arrow.string() for name in (*COLUMNS, *also)}
         types |= dict.fromkeys(NUMBERS, self._arrow.float64())

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, unwritable
+from .optional import optional_module, optional_modules
 from .textfile import check_output
 
 SERVER = "server"
@@ -254,15 +255,11 @@ def create_keys(folder: str | Path, client: str = "client") -> list[Path]:
 
 def _create(name: str, targets: list[Path]) -> list[Path]:
     """Make a public and a secret certificate; fails where one exists."""
-    try:
-        import zmq
-        from zmq.auth import create_certificates
-    except ImportError as error:
-        raise InputError("keys", "needs pyzmq (python3-zmq)") from error
+    zmq, auth = optional_modules("keys", ["zmq", "zmq.auth"])
     if not zmq.has("curve"):
         raise InputError("keys", "needs a libzmq that was built with CURVE")
     with tempfile.TemporaryDirectory(dir=targets[1].parent) as private:
-        for made, target in zip(create_certificates(private, name), targets, strict=True):
+        for made, target in zip(auth.create_certificates(private, name), targets, strict=True):
             os.chmod(made, 0o600)
             os.link(made, target)
     return targets
@@ -280,14 +277,11 @@ def _load_secret(path: Path) -> tuple[bytes, bytes]:
 
 def _load(path: Path) -> tuple[bytes, bytes | None]:
     """Public and, if there is one, secret key of a certificate."""
-    try:
-        from zmq.auth import load_certificate
-    except ImportError as error:
-        raise InputError(_OPTION, "needs pyzmq (python3-zmq)", str(path)) from error
+    auth = optional_module("zmq.auth", _OPTION)
     if not path.is_file():
         raise InputError(path, "does not exist; `gr-wiforce keys FOLDER` makes keys")
     try:
-        keys = load_certificate(path)
+        keys = auth.load_certificate(path)
     except OSError as error:
         raise InputError(path, f"cannot be read ({error.strerror})") from error
     except ValueError as error:

@@ -6,6 +6,7 @@ import time
 from typing import Any
 
 from ..errors import InputError
+from .optional import optional_module
 from .zmq_keys import ClientKeys
 from .zmq_sockets import endpoint_of
 
@@ -114,10 +115,7 @@ def request(
     True
     """
     address = endpoint_of(endpoint, option)
-    try:
-        import zmq
-    except ImportError as error:
-        raise InputError(option, "needs pyzmq (python3-zmq)", endpoint) from error
+    zmq = optional_module("zmq", option)
     with zmq.Context() as context, context.socket(zmq.REQ) as client:
         client.setsockopt(zmq.LINGER, 0)
         if keys is not None:

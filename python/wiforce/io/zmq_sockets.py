@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from ..errors import InputError
+from .optional import optional_module
 from .readings import Reading
 from .zmq_keys import ServerKeys
 
@@ -104,10 +105,7 @@ class _Endpoint:
     longest = _LONGEST_REQUEST
 
     def __init__(self, endpoint: str, option: str, keys: ServerKeys | None) -> None:
-        try:
-            import zmq
-        except ImportError as error:
-            raise InputError(option, "needs pyzmq (python3-zmq)", endpoint) from error
+        zmq = optional_module("zmq", option)
         self._context, self._keys = zmq.Context(), keys
         self._authenticator = keys.authenticate(self._context) if keys is not None else None
         self._socket = self._open()

@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A package that one feature needs is named in one line where it is missing."""
+
+import sys
+
+import numpy as np
+import pytest
+from command_runs import run_command
+from gnuradio.wiforce.errors import InputError
+from wiforce_app.workers import _connect
+
+LIVE = ("live", "--scene", "demo", "--args", "addr=127.0.0.9")
+READ = ("read", "raw", "--scene", "demo", "--datatype", "cf32_le")
+MCAP = "mcap-ros2-support"
+ZMQ = "pyzmq: apt install python3-zmq, or pip install pyzmq"
+PLOT = "matplotlib: apt install python3-matplotlib, or pip install matplotlib"
+ARROW = 'pyarrow<24: pip install "pyarrow<24"'
+BOTH = f"foxglove-sdk and {MCAP}: pip install foxglove-sdk {MCAP}"
+
+FEATURES = [
+    ([*READ, "--mcap", "o.mcap"], "mcap_ros2", f"o.mcap: needs {MCAP}: pip install {MCAP}"),
+    ([*READ, "-o", "o.parquet"], "pyarrow", f"o.parquet: needs {ARROW}"),
+    ([*READ, "--plot", "o.png"], "matplotlib", f"o.png: needs {PLOT}"),
+    (["export", "in.csv", "--to", "mcap"], "mcap_ros2", f"needs {MCAP}: pip install {MCAP}"),
+    (["export", "in.csv", "--to", "parquet"], "pyarrow", f"needs {ARROW}"),
+    (["export", "in.parquet", "--to", "csv"], "pyarrow", f"in.parquet: needs {ARROW}"),
+    (["export", "in.mcap", "--to", "csv"], "mcap", f"in.mcap: needs {MCAP}: pip install {MCAP}"),
+    ([*LIVE, "--mcap", "o.mcap"], "mcap_ros2", f"o.mcap: needs {MCAP}: pip install {MCAP}"),
+    ([*LIVE, "--foxglove", "8765"], "foxglove mcap_ros2", f"--foxglove: needs {BOTH}"),
+    ([*LIVE, "--lsl"], "pylsl", "--lsl: needs pylsl: pip install pylsl"),
+    ([*LIVE, "-o", "o.parquet"], "pyarrow", f"o.parquet: needs {ARROW}"),
+    ([*LIVE, "--zmq", "5555"], "zmq", f"--zmq: needs {ZMQ}"),
+    ([*LIVE, "--web", "8080"], "bokeh", "--web: needs bokeh: pip install bokeh"),
+    (["status", "5556"], "zmq", f"needs {ZMQ}"),
+    (["keys", "keys"], "zmq", f"keys: needs {ZMQ}"),
+    (["simulate", "tabletop", "made"], "sigmf", "needs sigmf: pip install sigmf"),
+]
+
+
+def remove(modules, monkeypatch):
+    """Make imports of these fail."""
+    for module in modules.split():
+        for name in [name for name in sys.modules if name.split(".")[0] == module]:
+            monkeypatch.delitem(sys.modules, name)
+        monkeypatch.setitem(sys.modules, module, None)
+
+
+@pytest.mark.parametrize(("words", "modules", "rule"), FEATURES)
+def test_missing_package_is_named_in_one_line(tmp_path, monkeypatch, words, modules, rule):
+    """Nothing else needs it, so a traceback would be the first that a user hears of it."""
+    remove(modules, monkeypatch)
+    (tmp_path / "in.csv").write_text("time_s,sensor\n0.1,arm\n")
+    (tmp_path / "in.parquet").write_bytes(b"PAR1")
+    (tmp_path / "in.mcap").write_bytes(b"")
+    np.zeros(1000, np.complex64).tofile(tmp_path / "raw")
+    before = sorted(tmp_path.iterdir())
+    done = run_command(*words, cwd=tmp_path)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
+    assert done.stderr.endswith(f"{rule}\n"), done.stderr
+    assert [path for path in tmp_path.iterdir() if path.is_file() and path not in before] == []
+
+
+def test_missing_package_of_clusters_is_named_before_anything_is_connected(monkeypatch):
+    remove("distributed", monkeypatch)
+    rule = "--scheduler: needs distributed: apt install python3-distributed, or pip install"
+    with pytest.raises(InputError, match=rule):
+        _connect("tcp://127.0.0.1:8786")

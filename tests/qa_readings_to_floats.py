@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Readings as float streams, for GNU Radio's own sinks."""
+
+import time
+
+import numpy as np
+import pmt
+import pytest
+from gnuradio import blocks, gr, wiforce
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.simulation.simulator import simulate
+from press_capture import SCENE
+
+PRESSED = {
+    "time_s": 1.0,
+    "sensor": "arm",
+    "touch": 1,
+    "force_n": 4.0,
+    "force_std_n": 0.1,
+    "location_mm": 40.0,
+    "location_std_mm": 0.5,
+    "flags": "",
+}
+UNTOUCHED = {"time_s": 0.9, "sensor": "arm", "touch": 0, "flags": "reference"}
+
+
+def streams(messages, items, **settings):
+    """The first items of the four streams after these messages, shape (4, items)."""
+    flowgraph = gr.top_block()
+    block = wiforce.readings_to_floats(**settings)
+    sinks = [blocks.vector_sink_f() for _ in range(4)]
+    for n, sink in enumerate(sinks):
+        flowgraph.connect((block, n), sink)
+    for message in messages:
+        block.to_basic_block()._post(pmt.intern("readings"), pmt.to_pmt(message))
+    flowgraph.start()
+    end = time.monotonic() + 60
+    while min(len(sink.data()) for sink in sinks) < items:
+        assert time.monotonic() < end
+        time.sleep(0.005)
+    flowgraph.stop()
+    flowgraph.wait()
+    return np.array([sink.data()[:items] for sink in sinks])
+
+
+def test_floats_are_the_values_of_the_readings():
+    found = streams([UNTOUCHED, PRESSED, PRESSED | {"force_n": 5.0}], 3)
+    unknown = np.nan
+    expected = [[0, 4, 5], [unknown, 0.1, 0.1], [unknown, 40, 40], [unknown, 0.5, 0.5]]
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
+def test_floats_are_repeated_in_the_order_of_the_readings():
+    """A sink whose sample rate is stated as 3 x 28 would run at another speed."""
+    forces = [PRESSED | {"force_n": float(n)} for n in range(1, 401)]
+    found = streams(forces, 1200, repeat=3)
+    np.testing.assert_array_equal(found[0], np.repeat(np.arange(1, 401), 3))
+
+
+def test_floats_of_other_sensors_are_left_out():
+    """Two sensors in one stream would look like one that jumps."""
+    other = PRESSED | {"sensor": "finger", "force_n": 7.0}
+    assert streams([PRESSED, other, PRESSED], 2)[0].tolist() == [4.0, 4.0]
+    assert streams([PRESSED, other, PRESSED], 1, sensor="finger")[0].tolist() == [7.0]
+
+
+def test_floats_of_flagged_readings_can_be_unknown():
+    """A doubtful force must not look like a reliable one where no flag is shown."""
+    flagged = PRESSED | {"flags": "weak", "force_n": 9.0}
+    assert streams([PRESSED, flagged], 2)[0].tolist() == [4.0, 9.0]
+    found = streams([PRESSED, flagged, UNTOUCHED], 3, flagged=False, unknown=-1.0)
+    assert found[:, 1].tolist() == [-1.0] * 4
+    assert found[0].tolist() == [4.0, -1.0, 0.0]
+    assert found[2].tolist() == [40.0, -1.0, -1.0]
+
+
+def test_floats_of_malformed_messages_are_left_out():
+    odd = [{}, {"sensor": "arm"}, PRESSED | {"force_n": None, "location_mm": "40"}]
+    found = streams([*odd, PRESSED], 2, unknown=-1.0)
+    assert found[0].tolist() == [-1.0, 4.0] and found[2].tolist() == [-1.0, 40.0]
+
+
+def test_floats_of_a_recording_are_those_of_all_its_readings(tmp_path):
+    """A file of floats would lack the end of the recording."""
+    scene = load_scene(SCENE)
+    simulate(scene, tmp_path / "press")
+    readings = []
+    flowgraph = gr.top_block()
+    source = wiforce.capture_source(tmp_path / "press.sigmf-meta", scene)
+    reader = wiforce.reader(scene, "folded", on_reading=readings.append)
+    block, sink = wiforce.readings_to_floats(unknown=-1.0), blocks.vector_sink_f()
+    flowgraph.connect(source, reader)
+    flowgraph.msg_connect(reader, "readings", block, "readings")
+    flowgraph.connect(block, sink)
+    for n in (1, 2, 3):
+        flowgraph.connect((block, n), blocks.null_sink(gr.sizeof_float))
+    flowgraph.run()
+    assert len(readings) > 20 and any(reading.touch for reading in readings)
+    expected = [0.0 if reading.touch == 0 else reading.force_n for reading in readings]
+    expected = [-1.0 if force is None else force for force in expected]
+    np.testing.assert_allclose(sink.data(), expected, atol=6e-5)  # as rounded in messages
+
+
+def test_floats_repeat_below_one_is_refused():
+    with pytest.raises(InputError, match="repeat: must be 1 or more"):
+        wiforce.readings_to_floats(repeat=0)
