@@ -45,8 +45,8 @@ class Browser:
 
     def resize(self, size, height=None):
         """Make the window that of a device of `SIZES`, or higher."""
-        width, usual = SIZES[size]
-        metrics = {"width": width, "height": height or usual, "deviceScaleFactor": 1}
+        width, lowest = SIZES[size]
+        metrics = {"width": width, "height": height or lowest, "deviceScaleFactor": 1}
         self.driver.execute_cdp_cmd(
             "Emulation.setDeviceMetricsOverride", {**metrics, "mobile": size == "phone"}
         )

@@ -214,6 +214,22 @@ def test_file_source_reads_only_the_end_of_a_long_file(tmp_path, monkeypatch):
     source.close()
 
 
+@pytest.mark.parametrize("suffix", ["csv", "jsonl"])
+def test_file_source_skips_damaged_lines(suffix, tmp_path):
+    """A power failure leaves such lines in the middle of a file."""
+    path, board = tmp_path / f"readings.{suffix}", Board(30.0)
+    with open_writer(path) as writer:
+        writer.write(untouched(1.0))
+        with path.open("ab") as file:
+            file.write(b'\0\xff"' + b"[" * 200_000 + b"\n\n{}\nnull\n" + b"x," * 90_000 + b"\n")
+        writer.write(untouched(2.0))
+    source = FileSource(path)
+    source.poll(board)
+    rows = json.loads(board.message((-1, 0), status=False))["rows"]
+    assert [row[1] for row in rows] == [1.0, 2.0]
+    source.close()
+
+
 def test_file_source_refuses_a_file_that_holds_no_readings(tmp_path):
     path = tmp_path / "other.csv"
     path.write_text("time_s,value\n1,2\n")

@@ -6,6 +6,7 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
+from itertools import islice
 from typing import Any
 
 # Whatever the length of a group, so that memory and messages stay small.
@@ -176,8 +177,8 @@ class Board:
             kept = self._count - len(self._rows)
             restart = runs != self._runs or count < kept
             first = 0 if restart else count - kept
-            rows = [self._rows[n] for n in range(first, len(self._rows))] if first else self._rows
-            message: dict[str, Any] = {"restart": restart, "rows": list(rows)}
+            rows = list(islice(self._rows, first, None))
+            message: dict[str, Any] = {"restart": restart, "rows": rows}
             if status:
                 message["status"] = {**self._status, "run": self._run, "ages": self.ages()}
             self._texts[key] = json.dumps(message, separators=(",", ":"), allow_nan=False)

@@ -18,6 +18,7 @@ from .board import Board, page_row
 _TAIL_BYTES = 4 << 20
 # Most that one call reads, so that viewers are served meanwhile.
 _CHUNK_BYTES = 1 << 20
+_LONGEST_ROW = 100_000
 # A file that has not grown for this long is shown as paused; readings come 28 times per second.
 _PAUSED_S = 2.0
 _NEEDED = ("time_s", "sensor")
@@ -72,6 +73,8 @@ class FileSource:
         if data:
             self._grown_s = self._now()
             *lines, self._rest = (self._rest + data).split(b"\n")
+            if len(self._rest) > _LONGEST_ROW:  # no file of readings
+                self._rest = b""
             for line in lines:
                 self._take(line.decode("utf-8", "replace"), board)
         board.show(self._status())
@@ -105,13 +108,13 @@ class FileSource:
         if not line.endswith(b"\n"):
             self._file.seek(0)
             return
-        self._columns = next(csv.reader([line.decode("utf-8", "replace").strip()]))
+        self._columns = _fields(line.decode("utf-8", "replace").strip())
         if missing := [name for name in _NEEDED if name not in self._columns]:
             raise InputError(self._path, f"must hold readings, but has no column {missing[0]}")
 
     def _take(self, line: str, board: Board) -> None:
         if not self._lines and not self._columns:
-            self._columns = next(csv.reader([line.strip()]), [])
+            self._columns = _fields(line.strip())
             return
         values = self._values(line)
         if (row := page_row(values)) is not None:
@@ -120,10 +123,10 @@ class FileSource:
 
     def _values(self, line: str) -> dict[str, Any]:
         if not self._lines:
-            return dict(zip(self._columns, next(csv.reader([line]), []), strict=False))
+            return dict(zip(self._columns, _fields(line), strict=False))
         try:
             values = json.loads(line)
-        except ValueError:
+        except (ValueError, RecursionError):
             return {}
         return values if isinstance(values, dict) else {}
 
@@ -148,3 +151,11 @@ class FileSource:
             state, reason = "paused", f"the file has not grown for {idle_s:.0f} s"
         source = {"source": self._path.name, "can_tare": False}
         return {**source, "state": state, "reason": reason, "sensors": self._sensors}
+
+
+def _fields(line: str) -> list[str]:
+    """Fields of a line of CSV; none where it is damaged."""
+    try:
+        return next(csv.reader([line]), [])
+    except csv.Error:
+        return []

@@ -248,6 +248,10 @@ class _File(_Guarded, tornado.web.StaticFileHandler):
         _Guarded.initialize(self, page)
         tornado.web.StaticFileHandler.initialize(self, path)
 
+    def set_extra_headers(self, path: str) -> None:
+        # Asked for again each time, and sent again after an update only.
+        self.set_header("Cache-Control", "no-cache")
+
 
 class _Viewer(_Guarded, tornado.websocket.WebSocketHandler):
     """One browser.
