@@ -8,9 +8,6 @@ import pmt
 import pytest
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.simulation.simulator import simulate
-from press_capture import SCENE
 
 PRESSED = {
     "time_s": 1.0,
@@ -79,27 +76,6 @@ def test_floats_of_malformed_messages_are_left_out():
     odd = [{}, {"sensor": "arm"}, PRESSED | {"force_n": None, "location_mm": "40"}]
     found = streams([*odd, PRESSED], 2, unknown=-1.0)
     assert found[0].tolist() == [-1.0, 4.0] and found[2].tolist() == [-1.0, 40.0]
-
-
-def test_floats_of_a_recording_are_those_of_all_its_readings(tmp_path):
-    """A file of floats would lack the end of the recording."""
-    scene = load_scene(SCENE)
-    simulate(scene, tmp_path / "press")
-    readings = []
-    flowgraph = gr.top_block()
-    source = wiforce.capture_source(tmp_path / "press.sigmf-meta", scene)
-    reader = wiforce.reader(scene, "folded", on_reading=readings.append)
-    block, sink = wiforce.readings_to_floats(unknown=-1.0), blocks.vector_sink_f()
-    flowgraph.connect(source, reader)
-    flowgraph.msg_connect(reader, "readings", block, "readings")
-    flowgraph.connect(block, sink)
-    for n in (1, 2, 3):
-        flowgraph.connect((block, n), blocks.null_sink(gr.sizeof_float))
-    flowgraph.run()
-    assert len(readings) > 20 and any(reading.touch for reading in readings)
-    expected = [0.0 if reading.touch == 0 else reading.force_n for reading in readings]
-    expected = [-1.0 if force is None else force for force in expected]
-    np.testing.assert_allclose(sink.data(), expected, atol=6e-5)  # as rounded in messages
 
 
 def test_floats_repeat_below_one_is_refused():
