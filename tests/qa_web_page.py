@@ -127,7 +127,6 @@ def test_page_of_eight_sensors_fits_its_window(window, reader, size):
 
 
 def test_page_tells_why_a_tare_is_refused_and_that_the_run_has_ended(window, reader, monkeypatch):
-    monkeypatch.setattr(zmq_source, "_SILENT_S", 0.4)
     press_tare = "document.getElementById('tare').click()"
     with opened(window, ZmqSource(reader.readings, reader.control), reader):
         reader.refusal = "arm is touched (3.00 N at 40.0 mm)"
@@ -136,14 +135,17 @@ def test_page_tells_why_a_tare_is_refused_and_that_the_run_has_ended(window, rea
         reader.until(lambda: window.text("#outcome") == f"tare refused: {reader.refusal}")
         assert window.run("return document.getElementById('outcome').className") == "bad"
         reader.refusal = ""
+        reader.until(lambda: window.run("return !document.getElementById('tare').disabled"))
         window.run(press_tare)
         reader.until(lambda: window.text("#outcome") == "tare complete")
         # A page that has no connection says so, and connects again.
-        window.run("page.socket.close()")
+        window.run("window.kept = connect; window.connect = () => {}; page.socket.close()")
         window.wait("return !document.getElementById('connection').hidden")
         assert window.text("#state") == "disconnected"
+        window.run("window.connect = kept; connect()")
         reader.until(lambda: window.text("#state") == "reading")
         assert window.run("return document.getElementById('connection').hidden")
+        monkeypatch.setattr(zmq_source, "_SILENT_S", 0.4)
         # Without a word for four heartbeats the reader counts as lost, and its sensors as silent.
         window.wait("return document.getElementById('state').textContent === 'lost'")
         assert "no messages for" in window.text("#reason")
