@@ -15,7 +15,14 @@ pytest.importorskip("selenium")
 from browser import SIZES, browser
 
 EIGHT = ["arm", "leg", "gripper_left_finger_of_the_second_robot", *"abcde"]
-SHOWN = "SNR 12.3 dBclock +40.1 ppminterference 25 %"
+# Read at once, since a reading is shown for a second only.
+TEXTS = """(() => {
+    const text = (selector) => document.querySelector(selector)?.textContent;
+    const arm = ["force", "location", "flags", "details"].map(
+        (name) => [name, text(`[data-sensor=arm] .${name}`)]);
+    return {...Object.fromEntries(arm), leg: text("[data-sensor=leg] .force"),
+            doubtful: document.querySelector(".doubtful[data-sensor=arm]") !== null};
+})()"""
 SERIES = """return Object.fromEntries(["lines", "bands", "points", "doubtful", "whiskers"].map(
     (kind) => [kind, page.plots.models(arguments[0] + "-" + kind).data]))"""
 AXIS = "const range = page.plots.models(arguments[0] + '-range'); return [range.start, range.end]"
@@ -69,15 +76,11 @@ def test_page_shows_what_was_published(window, reader):
         press += [touched(1.0 + 0.1 * step, 3.0 + 0.1 * step) for step in range(1, 6)]
         doubtful = touched(1.6, 70.0, 44.0, flags=("weak", "inconsistent"))
         reader.publish(*past, *press, doubtful, touched(1.7, 3.456, 41.23))
-        window.wait("return page.newest === 1.7")
+        texts = window.wait(f"return page.newest === 1.7 && {TEXTS}")
+        assert texts["force"] == "3.46 ± 0.10 N" and texts["location"] == "41.2 ± 0.4 mm"
+        assert texts["flags"] == ""
+        assert texts["details"].startswith("SNR 12.3 dBclock +40.1 ppminterference 25 %")
         drawn(window)
-        arm = "[data-sensor=arm] "
-        assert window.text(f"{arm}.force") == "3.46 ± 0.10 N"
-        assert window.text(f"{arm}.location") == "41.2 ± 0.4 mm"
-        assert window.text(f"{arm}.flags") == ""
-        assert window.text(f"{arm}.details").startswith(
-            "SNR 12.3 dBclock +40.1 ppminterference 25 %"
-        )
         # Good readings are lines, flagged ones hollow markers, which do not stretch the axis.
         force = window.run(SERIES, "force")
         assert force["lines"]["ys"] == [[0] * 9, pytest.approx([3.1, 3.2, 3.3, 3.4, 3.5])]
@@ -92,11 +95,9 @@ def test_page_shows_what_was_published(window, reader):
         assert location["lines"]["ys"] == [[40.0] * 5]
         assert len(location["bands"]["xs"][0]) == 10
         # A doubtful reading says so, and an untouched sensor carries no force.
-        reader.publish(doubtful := touched(1.8, flags=("weak",)), untouched(1.8, "leg"))
-        window.wait(f"return document.querySelector('{arm}.flags').textContent === 'weak'")
-        window.wait("return document.querySelector('.doubtful[data-sensor=arm]')")
-        assert doubtful.flags == ("weak",)
-        assert window.text("[data-sensor=leg] .force") == "0 N"
+        reader.publish(untouched(1.8, "leg"), touched(1.8, flags=("weak",)))
+        texts = window.wait(f"return page.newest === 1.8 && {TEXTS}")
+        assert texts["flags"] == "weak" and texts["doubtful"] and texts["leg"] == "0 N"
         # Another run begins with an empty history.
         reader.publish(untouched(0.5), run="another")
         window.wait("return page.newest === 0.5")
@@ -127,7 +128,6 @@ def test_page_of_eight_sensors_fits_its_window(window, reader, size):
 
 
 def test_page_tells_why_a_tare_is_refused_and_that_the_run_has_ended(window, reader, monkeypatch):
-    monkeypatch.setattr(zmq_source, "_SILENT_S", 0.4)
     press_tare = "document.getElementById('tare').click()"
     with opened(window, ZmqSource(reader.readings, reader.control), reader):
         reader.refusal = "arm is touched (3.00 N at 40.0 mm)"
@@ -136,14 +136,17 @@ def test_page_tells_why_a_tare_is_refused_and_that_the_run_has_ended(window, rea
         reader.until(lambda: window.text("#outcome") == f"tare refused: {reader.refusal}")
         assert window.run("return document.getElementById('outcome').className") == "bad"
         reader.refusal = ""
+        reader.until(lambda: window.run("return !document.getElementById('tare').disabled"))
         window.run(press_tare)
         reader.until(lambda: window.text("#outcome") == "tare complete")
         # A page that has no connection says so, and connects again.
-        window.run("page.socket.close()")
+        window.run("window.kept = connect; window.connect = () => {}; page.socket.close()")
         window.wait("return !document.getElementById('connection').hidden")
         assert window.text("#state") == "disconnected"
+        window.run("window.connect = kept; connect()")
         reader.until(lambda: window.text("#state") == "reading")
         assert window.run("return document.getElementById('connection').hidden")
+        monkeypatch.setattr(zmq_source, "_SILENT_S", 0.4)
         # Without a word for four heartbeats the reader counts as lost, and its sensors as silent.
         window.wait("return document.getElementById('state').textContent === 'lost'")
         assert "no messages for" in window.text("#reason")
@@ -170,8 +173,8 @@ def test_page_of_a_file_shows_its_past_and_follows_it(window, tmp_path):
                 window.wait("return page.newest.toFixed(1) === '1.9'")
                 assert window.run("return page.tracks.get('arm').readings.length") == 19
                 writer.write(touched(2.0, 3.21))
-                window.wait("return page.newest === 2")
-            assert window.text("[data-sensor=arm] .force") == "3.21 ± 0.10 N"
+                texts = window.wait(f"return page.newest === 2 && {TEXTS}")
+            assert texts["force"] == "3.21 ± 0.10 N"
             assert window.text("#run") == "readings.csv"
             assert window.run("return document.getElementById('tare').disabled")
             window.driver.get("about:blank")

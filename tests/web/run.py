@@ -64,7 +64,8 @@ class Page:
         self.output = folder / "readings.csv"
         options = ["--zmq", self.zmq, "--control", self.control, "-o", self.output]
         options += ["--web", port] if web else []
-        options += ["--duration", seconds] if seconds else []
+        # A device that a busy machine stalls for seconds counts as lost.
+        options += ["--duration", seconds] if seconds else ["--reconnect"]
         self.process = stack.enter_context(
             live(self.device.args, scene, *GAINS, *options, limit=1e5)
         )
