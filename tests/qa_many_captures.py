@@ -20,6 +20,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
 from wiforce_app.captures.journal import Journal
+from wiforce_app.captures.reading_job import ReadingJob, read_capture_file
 from wiforce_app.captures.search import find_captures, is_one
 
 COMMAND = [
@@ -273,3 +274,73 @@ def _kill_first_worker(cluster, out):
         time.sleep(0.05)
     nanny = next(iter(cluster.workers.values()))
     os.kill(nanny.pid, signal.SIGKILL)
+
+
+def test_worker_of_a_former_run_does_not_replace_readings(captures, tmp_path):
+    """After a killed run, readings of its scene must not appear in those of the next one."""
+    folder, _ = captures
+    output = tmp_path / "out" / "a.csv"
+    path = str(folder / "day1" / "a")
+    settings = {"datatype": None, "frame_offset": None, "tracked": False}
+    report = read_capture_file(ReadingJob("a", path, str(output), None, settings))
+    assert not output.exists() and Path(report.partial).parent == output.parent
+    foreign = output.with_name(".note.txt.csv")
+    foreign.touch()
+    done = run_command("read", folder / "day1" / "a", folder / "day1" / "b", "-o", output.parent)
+    assert done.returncode == 0, done.stderr
+    names = sorted(file.name for file in output.parent.iterdir())
+    assert names == [".note.txt.csv", "a.csv", "b.csv", "captures.jsonl"]
+
+
+def test_captures_of_equal_size_and_time_are_not_confused(captures, tmp_path):
+    """Files that were unpacked or synchronised together often agree in both."""
+    folder, alone = captures
+    other = load_scene(SCENE | {"simulation": SCENE["simulation"] | {"seed": 4}})
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+    copy(folder / "day1" / "a", tmp_path / "one" / "a")
+    simulate(other, tmp_path / "two" / "a")
+    for file in tmp_path.glob("*/a.sigmf-*"):
+        os.utime(file, ns=(1, 1))
+    read = [
+        run_command("read", tmp_path / name, "-o", tmp_path / "out").stderr
+        for name in ("one", "two")
+    ]
+    assert all("1 of 1 captures read; " in text for text in read), read
+    assert (tmp_path / "out" / "a.csv").read_text() != alone
+
+
+def test_outputs_that_are_captures_are_refused(captures, tmp_path):
+    """Raw samples may be called like readings; writing those would destroy the recording."""
+    folder, _ = captures
+    samples = (folder / "day1" / "a.sigmf-data").read_bytes()
+    for name in ("p", "p.csv", "q.parquet"):
+        (tmp_path / name).write_bytes(samples)
+    raw = ["--datatype", "ci16_le", "--scene", "tabletop"]
+    for name, output in (("p.csv", tmp_path), ("q.parquet", tmp_path / "q.parquet")):
+        done = run_command("read", tmp_path / "p", tmp_path / name, *raw, "-o", output)
+        assert done.returncode == 2 and "is one of the captures" in done.stderr, done.stderr
+        assert (tmp_path / name).read_bytes() == samples
+
+
+def test_whole_file_is_kept_when_no_capture_can_be_read(captures, tmp_path):
+    pytest.importorskip("pyarrow")
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / "a.sigmf-meta").write_text("{}")
+    (tmp_path / "all.parquet").write_text("former")
+    done = run_command("read", tmp_path / "in", "-o", tmp_path / "all.parquet")
+    assert done.returncode == 2 and "was not written" in done.stderr, done.stderr
+    assert (tmp_path / "all.parquet").read_text() == "former"
+
+
+def test_folder_that_cannot_be_searched_is_refused(captures, monkeypatch):
+    """Its captures would be missing from the result without a word."""
+    folder, _ = captures
+
+    def walk(place, onerror):
+        onerror(PermissionError(13, "Permission denied", f"{place}/day1"))
+        return iter(())
+
+    monkeypatch.setattr(os, "walk", walk)
+    with pytest.raises(InputError, match=r"day1: cannot be searched \(Permission denied\)"):
+        find_captures([str(folder)])

@@ -8,6 +8,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -26,7 +27,8 @@ from .task_process import outcome_of
 # A worker that disappears may have been killed by another task's need for memory.
 _ATTEMPTS = 3
 _ANSWER_S = 10.0
-_ADDRESS = re.compile(r"(\w+://)?(\[[\da-fA-F:]+\]|[\w.-]+):\d{1,5}")
+_END_S = 1.0
+_ADDRESS = re.compile(r"((tcp|tls)://)?(\[[\da-fA-F:]+\]|[\w.-]+):\d{1,5}")
 
 
 @dataclass(frozen=True)
@@ -126,8 +128,7 @@ def _on_cores(function, tasks, jobs):
                     yield _outcome(index, *(("error", error) if error else done.result()))
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
-            for process in multiprocessing.active_children():
-                process.terminate()
+            _end_children()
             raise
         pool.shutdown()
         # It is not known whose process ended: the first tasks in the queue were under way.
@@ -139,6 +140,19 @@ def _on_cores(function, tasks, jobs):
             else:
                 text = f"its process ended {_ATTEMPTS} times; is there enough memory?"
                 yield Outcome(index, error=WorkerLost(text))
+
+
+def _end_children():
+    """End all workers before their files are removed; one that has a task waiting takes it up."""
+    children = multiprocessing.active_children()
+    for process in children:
+        process.terminate()
+    deadline = time.monotonic() + _END_S
+    for process in children:
+        process.join(max(0.0, deadline - time.monotonic()))
+        if process.is_alive():
+            process.kill()
+            process.join()
 
 
 def _outcome(index, kind, value):
@@ -196,8 +210,15 @@ def _connect(scheduler):
     distributed = optional_module("distributed", "--scheduler")
     if not _ADDRESS.fullmatch(scheduler):
         raise InputError("--scheduler", "must be an address as tcp://HOST:8786", scheduler)
+
+    class Client(distributed.Client):
+        def __del__(self):
+            # One that was never connected would wait, and print a traceback.
+            if self.status == "running":
+                super().__del__()
+
     try:
-        client = distributed.Client(scheduler, timeout=_ANSWER_S, set_as_default=False)
+        client = Client(scheduler, timeout=_ANSWER_S, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         rule = f"no Dask scheduler answers within {_ANSWER_S:g} s"
         raise InputError("--scheduler", rule, scheduler) from error

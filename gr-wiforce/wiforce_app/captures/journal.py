@@ -75,7 +75,10 @@ class Journal:
         """
         entry = self.entries.get(name, {})
         try:
-            whole = output.stat().st_size == entry.get("size_bytes")
+            found = output.stat()
+            whole = (found.st_size, found.st_mtime_ns) == (
+                *(entry.get("size_bytes"), entry.get("time_ns")),
+            )
         except OSError:
             return None
         return entry.get("mark") if whole else None

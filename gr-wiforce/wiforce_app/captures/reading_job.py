@@ -2,12 +2,13 @@
 """One of many captures, read by a process of its own."""
 
 import contextlib
+import hashlib
 import io
-import os
 import uuid
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from gnuradio.wiforce.errors import OutputError
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.readings import GroupCounts
 from gnuradio.wiforce.io.writers import open_writer
@@ -16,6 +17,10 @@ from gnuradio.wiforce.scene import scene_of
 
 from ..file_outputs import provenance
 from ..marks import mark_of
+
+_UUID_DIGITS = len(uuid.uuid4().hex)
+# Longer than most metadata, and thousands of noisy samples.
+_PROBE_BYTES = 65536
 
 
 @dataclass(frozen=True)
@@ -58,6 +63,8 @@ class ReadingReport:
     counts : GroupCounts
     messages : list of str
         Warnings, without the program's name.
+    partial : str or None
+        Where the readings are, until whoever asked for them renames them to the job's output.
     """
 
     mark: str
@@ -65,10 +72,14 @@ class ReadingReport:
     rows: int = 0
     counts: GroupCounts = field(default_factory=GroupCounts)
     messages: list = field(default_factory=list)
+    partial: str | None = None
 
 
 def read_capture_file(job):
-    """Read a capture into its file, which appears when it is complete.
+    """Read a capture into a file of its own beside the job's output.
+
+    The output itself is not replaced here: a worker may outlive the run that started it, and
+    would then put its readings in the place of those of a later run.
 
     Parameters
     ----------
@@ -93,11 +104,12 @@ def read_capture_file(job):
 
 
 def _read(job):
-    from ..read import open_reader, warn_of_end, warn_of_start
+    from ..read import open_reader, warn, warn_of_end, warn_of_start
 
     recording = open_capture(job.path, job.settings["datatype"])
     scene, differences = scene_of(recording, job.scene)
-    mark = mark_of(scene, job.settings, *map(_identity, recording.files))
+    identities = [_identity(file) for file in recording.files]
+    mark = mark_of(scene, job.settings, *identities)
     if mark == job.mark:
         return ReadingReport(mark, unchanged=True)
     frame_offset = job.settings["frame_offset"]
@@ -107,6 +119,7 @@ def _read(job):
     output.parent.mkdir(parents=True, exist_ok=True)
     # Another worker may read the same capture, if this one is taken for lost.
     partial = output.with_name(f".{output.stem}.{uuid.uuid4().hex}{output.suffix}")
+    complete = False
     try:
         metadata = provenance(scene) if output.suffix == ".parquet" else {}
         inputs = [*recording.files, *scene.files]
@@ -114,14 +127,45 @@ def _read(job):
             for batch in reader:
                 for reading in batch:
                     writer.write(reading)
-        os.replace(partial, output)
+        complete = True
+    except OutputError as error:
+        # The file that it names, and what it says of its rows, is about to go.
+        reason = f"({error.__cause__.strerror})" if error.__cause__ else f"({error})"
+        raise OutputError(output, f"cannot be written {reason}") from None
     finally:
-        partial.unlink(missing_ok=True)
+        if not complete:
+            partial.unlink(missing_ok=True)
     warn_of_end(job.path, reader)
-    return ReadingReport(mark, False, writer.rows, reader.counts)
+    if [_identity(file) for file in recording.files] != identities:
+        warn(job.path, "changed while it was read; repeat the command when it is complete")
+    return ReadingReport(mark, False, writer.rows, reader.counts, partial=str(partial))
+
+
+def remove_partial(outputs):
+    """Remove what workers of former runs have left beside the outputs of this one.
+
+    Parameters
+    ----------
+    outputs : iterable of Path
+    """
+    wanted = {(output.parent, output.stem, output.suffix) for output in outputs}
+    for folder in {folder for folder, _, _ in wanted}:
+        for file in folder.glob(".*.*.*") if folder.is_dir() else ():
+            stem, _, identifier = file.stem[1:].rpartition(".")
+            if len(identifier) == _UUID_DIGITS and (folder, stem, file.suffix) in wanted:
+                file.unlink(missing_ok=True)
 
 
 def _identity(file):
-    """What changes when a file does; reading it for a hash would take as long as its readings."""
+    """What changes when a file does; reading all of it would take as long as its readings.
+
+    Recordings of equal length that were copied together may agree in size and time, so their
+    noise is compared in three places.
+    """
     state = file.stat()
-    return [file.name, state.st_size, state.st_mtime_ns]
+    found = hashlib.sha256()
+    with open(file, "rb") as opened:
+        for start in (0, state.st_size // 2, max(state.st_size - _PROBE_BYTES, 0)):
+            opened.seek(start)
+            found.update(opened.read(_PROBE_BYTES))
+    return [file.name, state.st_size, state.st_mtime_ns, found.hexdigest()]

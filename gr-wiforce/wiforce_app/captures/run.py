@@ -14,7 +14,7 @@ from ..interrupts import Interrupted
 from ..progress import progress
 from ..workers import WorkerLost, run_tasks
 from .journal import RECORD, Journal
-from .reading_job import ReadingJob, read_capture_file
+from .reading_job import ReadingJob, read_capture_file, remove_partial
 from .search import find_captures
 
 _BAD_INPUT, _FAILED = 2, 1
@@ -75,6 +75,8 @@ def read_many(given, scene, output, form, again, jobs, scheduler, settings):
                     capture.name, _absolute(capture.path), str(path), _scene(scene), settings, mark
                 )
             )
+        _protect_captures(tasks, whole)
+        remove_partial(Path(task.output) for task in tasks)
         summary = _Summary(len(tasks))
         try:
             _run(tasks, jobs, scheduler, journal, summary)
@@ -82,14 +84,31 @@ def read_many(given, scene, output, form, again, jobs, scheduler, settings):
             text = f"{summary.done} of {len(tasks)} captures have been read; the same command "
             raise Interrupted(f"{text}reads the others") from interrupt
         finally:
+            # Those of captures that had been read, but were not counted before an interruption.
+            remove_partial(Path(task.output) for task in tasks)
             summary.list_failures()
         if whole is not None:
             names = [task.name for task in tasks if task.name not in summary.failures]
-            rows = join_parts(whole, [(name, folder / f"{name}.parquet") for name in names])
-            kept = f"{folder} is for a repeated run, and may be deleted"
-            _say(f"wrote {rows} readings to {whole}; {kept}")
+            if names:
+                rows = join_parts(whole, [(name, folder / f"{name}.parquet") for name in names])
+                kept = f"{folder} is for a repeated run, and may be deleted"
+                _say(f"wrote {rows} readings to {whole}; {kept}")
+            else:
+                _say(f"{whole} was not written, since no capture could be read")
     _say(str(summary))
     return summary.status
+
+
+def _protect_captures(tasks, whole):
+    """Refuse outputs that are captures: raw samples may have any name."""
+    captures = [Path(task.path) for task in tasks if os.path.isfile(task.path)]
+    if captures:
+        known = {(state.st_dev, state.st_ino) for state in map(os.stat, captures)}
+        for output in [*(task.output for task in tasks), *([whole] if whole else [])]:
+            with contextlib.suppress(OSError):
+                state = os.stat(output)
+                if (state.st_dev, state.st_ino) in known:
+                    raise InputError(output, "cannot be written (is one of the captures)")
 
 
 def _say(text):
@@ -116,11 +135,18 @@ def _run(tasks, jobs, scheduler, journal, summary):
 def _keep(journal, task, report):
     if report.unchanged:
         return
+    output = Path(task.output)
+    try:
+        os.replace(report.partial, output)
+        written = output.stat()
+    except OSError as error:
+        raise OutputError(output, f"cannot be written ({error.strerror})") from error
     journal.note(
         task.name,
         mark=report.mark,
-        output=Path(task.output).name,
-        size_bytes=Path(task.output).stat().st_size,
+        output=output.name,
+        size_bytes=written.st_size,
+        time_ns=written.st_mtime_ns,
         rows=report.rows,
         **report.counts.asdict(),
         messages=report.messages,
@@ -152,9 +178,7 @@ class _Summary:
     def list_failures(self):
         """Print each capture that could not be read, and why."""
         for name, error in sorted(self.failures.items()):
-            known = isinstance(error, InputError | OutputError | WorkerLost)
-            text = str(error) if known else f"{type(error).__name__}: {error}"
-            _say(f"error: {name}: {text}")
+            _say(f"error: {name}: {_text_of(error)}")
 
     @property
     def status(self):
@@ -173,6 +197,14 @@ class _Summary:
             parts.append(f"{len(self.failures)} failed")
         text = ", ".join(parts)
         return f"{text}; {self._counts}" if read else text
+
+
+def _text_of(error):
+    if isinstance(error, InputError | OutputError | WorkerLost):
+        return str(error)
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
+    return f"{type(error).__name__}: {error}"
 
 
 def _whole_file(output, form):

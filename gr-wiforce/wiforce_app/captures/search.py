@@ -2,6 +2,7 @@
 """Which captures are meant by names, patterns and folders."""
 
 import glob
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -82,7 +83,7 @@ def _meant_by(argument, datatype):
             rule = "is a folder; name the files of raw samples, for example with a pattern"
             raise InputError(argument, rule)
         folder = Path(argument)
-        files = sorted(folder.rglob(f"*{_META}"))
+        files = sorted(_metadata_in(folder))
         stems = [file.with_name(file.name.removesuffix(_META)) for file in files]
         named = [NamedCapture(stem.relative_to(folder).as_posix(), str(stem)) for stem in stems]
         captures = _without_second_antennas(named)
@@ -91,6 +92,16 @@ def _meant_by(argument, datatype):
     if not captures:
         raise InputError(argument, "contains no captures: no .sigmf-meta files")
     return captures
+
+
+def _metadata_in(folder):
+    """Metadata in a folder and its subfolders, each of which must be readable."""
+
+    def refuse(error):
+        raise InputError(error.filename, f"cannot be searched ({error.strerror})") from error
+
+    for place, _, names in os.walk(folder, onerror=refuse):
+        yield from (Path(place) / name for name in names if name.endswith(_META))
 
 
 def _named(path, datatype):

@@ -2,6 +2,7 @@
 """Readings of an MCAP file, also of one whose end is missing."""
 
 import math
+import os
 import struct
 from collections.abc import Iterator
 from datetime import UTC, datetime
@@ -51,12 +52,15 @@ def mcap_rows(path: str | Path) -> Iterator[dict[str, Any]]:
     decoders = decoder.DecoderFactory()
     schemas: dict[int, Any] = {}
     decoder_of: dict[int, Any] = {}
+    complete = False
     try:
         with open(path, "rb") as file:
             if file.read(len(_MAGIC)) != _MAGIC:
                 raise InputError(path, "is not an MCAP file")
+            file.seek(-len(_MAGIC), os.SEEK_END)
+            complete = file.read() == _MAGIC and file.tell() > len(_MAGIC)
             file.seek(0)
-            for record in stream.StreamReader(file).records:
+            for record in stream.StreamReader(file, validate_crcs=True).records:
                 if isinstance(record, records.Schema) and record.name == READING:
                     schemas[record.id] = record
                 elif isinstance(record, records.Channel) and record.schema_id in schemas:
@@ -66,9 +70,13 @@ def mcap_rows(path: str | Path) -> Iterator[dict[str, Any]]:
                     yield _row(decoder_of[record.channel_id](record.data))
     except OSError as error:
         raise InputError(path, f"cannot be read ({error.strerror})") from error
-    except (errors.EndOfFile, struct.error):
+    except (errors.EndOfFile, struct.error) as error:
+        if complete:
+            raise InputError(path, "is a damaged MCAP file (a record is too long)") from error
         return  # what a killed process had not written yet
-    except errors.McapError as error:
+    except InputError:
+        raise
+    except Exception as error:  # damage ends in errors of the decompressor and the decoder as well
         raise InputError(path, f"is a damaged MCAP file ({error})") from error
 
 
