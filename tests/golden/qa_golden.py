@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 # What a reading may change by, as a part of its standard deviation: far below what anybody could
-# notice, far above rounding (1e-9), which batches of other sizes or another order of sums bring.
-ALLOWED = 1e-3
+# notice, far above rounding (1e-9), which batches of other sizes or another order of sums bring. In
+# groups that lack snapshots, single precision sums depend on the width of the processor's vectors:
+# with AVX2 instead of AVX-512 two readings change by 1.3e-3.
+ALLOWED = 2e-3
 STD = {"force_n": "force_std_n", "location_mm": "location_std_mm"}
 # Standard deviation of a phase in one group of the scenes that every run reads; better scenes are
 # held by force and location. An SNR need not be known that well.
