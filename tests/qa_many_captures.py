@@ -164,15 +164,15 @@ def test_interrupted_run_keeps_what_is_read_and_says_how_to_go_on(captures, tmp_
     words = [*COMMAND, "read", tmp_path / "in", "-o", out, "--jobs", "1"]
     with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as process:
         deadline = time.monotonic() + 60
-        while len(list(out.glob("*.csv"))) < 2 and time.monotonic() < deadline:
+        while len(list(out.glob("[!.]*.csv"))) < 2 and time.monotonic() < deadline:
             time.sleep(0.02)
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=30)
     assert process.returncode == 130
-    done = len(list(out.glob("*.csv")))
+    done = len(list(out.glob("[!.]*.csv")))
     assert 2 <= done < 30
     assert errors.endswith("captures have been read; the same command reads the others\n")
-    assert {file.read_text() for file in out.glob("*.csv")} == {alone}
+    assert {file.read_text() for file in out.glob("[!.]*.csv")} == {alone}
     assert not list(out.glob(".*")), "a partial file was left"
 
 
@@ -237,7 +237,7 @@ def test_cluster_reads_every_capture_once_although_a_worker_is_killed(captures, 
     assert "8 of 8 captures read; " in done.stderr
     files = sorted(file.name for file in out.iterdir())
     assert files == sorted(["captures.jsonl", *(f"press{number}.csv" for number in range(8))])
-    assert {file.read_text() for file in out.glob("*.csv")} == {alone}
+    assert {file.read_text() for file in out.glob("[!.]*.csv")} == {alone}
     lines = (out / "captures.jsonl").read_text().splitlines()
     assert sorted(json.loads(line)["capture"] for line in lines) == sorted(
         f"press{number}" for number in range(8)
@@ -270,7 +270,7 @@ def test_snakefile_reads_captures_and_scores_those_with_a_load_cell(captures, tm
 def _kill_first_worker(cluster, out):
     """Kill a worker and what would start it again, when half of the captures are read."""
     deadline = time.monotonic() + 60
-    while len(list(out.glob("*.csv"))) < 3 and time.monotonic() < deadline:
+    while len(list(out.glob("[!.]*.csv"))) < 3 and time.monotonic() < deadline:
         time.sleep(0.05)
     nanny = next(iter(cluster.workers.values()))
     os.kill(nanny.pid, signal.SIGKILL)

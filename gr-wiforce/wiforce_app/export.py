@@ -2,6 +2,7 @@
 """``gr-wiforce export``: a file of readings in another format."""
 
 import os
+import struct
 from pathlib import Path
 
 import click
@@ -37,6 +38,7 @@ def export(readings, form, output, scene_path):
     metadata = {} if scene_path is None else provenance(load_scene(scene_path))
     source = ReadingsFile(readings)
     check_output(output, [readings])
+    number = 0
     part = output.with_name(f".{output.stem}.{os.getpid()}{output.suffix}")
     try:
         with (
@@ -44,9 +46,16 @@ def export(readings, form, output, scene_path):
             progress("exporting", 0) as step,
         ):
             for row in source.rows():
+                number += 1
                 writer.write_row(row)
                 step(1)
         part.replace(output)
+    except InputError:
+        raise
+    except (ValueError, TypeError, OverflowError, struct.error) as error:
+        # Parquet and MCAP write several rows at a time.
+        rule = f"cannot be converted to {output.suffix[1:]}, row {number} or before ({error})"
+        raise InputError(readings, rule) from error
     finally:
         part.unlink(missing_ok=True)
     click.echo(f"gr-wiforce: wrote {writer.rows} readings to {output}", err=True)

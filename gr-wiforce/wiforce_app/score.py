@@ -114,11 +114,15 @@ def _forces(capture, scene_path, datatype, sensor):
     if sensor is not None and sensor not in names:
         raise InputError("--sensor", f"must be one of {', '.join(names)}", sensor)
     own = [row for row in rows if sensor in (None, row["sensor"])]
+    times = _column(own, "time_s")
+    if not np.all(np.diff(times) > 0):
+        first = times[1:][np.diff(times) <= 0][0]
+        raise InputError(capture, "time_s must increase: score one run at a time", first)
     touched = np.array([row["touch"] == 1 for row in own])
     known = np.array([row["touch"] is not None for row in own])
     force = np.where(touched, _column(own, "force_n"), 0.0)
     return TimedForces(
-        _column(own, "time_s"),
+        times,
         np.where(known, force, np.nan),
         _column(own, "force_std_n"),
         touched,

@@ -50,13 +50,15 @@ def join_parts(path, parts):
     try:
         writer = None
         for name, part in parts:
-            with parquet.ParquetFile(part) as file:
+            with parquet.ParquetFile(part, page_checksum_verification=True) as file:
                 described[name] = _own_metadata(file.schema_arrow)
                 plain = file.schema_arrow.remove_metadata()
                 field = pyarrow.field(CAPTURE, pyarrow.dictionary(pyarrow.int32(), pyarrow.utf8()))
                 if writer is None:
                     schema = plain.insert(0, field)
-                    writer = parquet.ParquetWriter(partial, schema, compression="zstd")
+                    writer = parquet.ParquetWriter(
+                        partial, schema, compression="zstd", write_page_checksum=True
+                    )
                 for batch in file.iter_batches():
                     names = pyarrow.array([name] * len(batch)).cast(field.type)
                     columns = [names, *batch.columns]

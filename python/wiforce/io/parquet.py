@@ -143,7 +143,10 @@ class ParquetWriter:
             kept = "without its end, it cannot be read"
             self._file = OutputFile(self._path, kept=kept, reserve_bytes=_RESERVE_BYTES)
             self._writer = self._parquet.ParquetWriter(
-                self._arrow.PythonFile(self._file, mode="w"), self._schema, compression="zstd"
+                self._arrow.PythonFile(self._file, mode="w"),
+                self._schema,
+                compression="zstd",
+                write_page_checksum=True,
             )
         return self
 

@@ -3,6 +3,7 @@
 
 import csv
 import json
+import math
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
@@ -95,11 +96,17 @@ class ReadingsFile:
             elif value == "" or value is None:
                 typed[name] = None
             elif name in NUMBERS:
-                typed[name] = float(value)
+                typed[name] = _number(name, value)
             elif name in _INTEGERS:
-                typed[name] = int(value)
+                typed[name] = _integer(name, value)
+            elif not isinstance(value, str):
+                raise ValueError(f"{name} must be a text")
         if typed["time_s"] is None or typed["sensor"] is None:
             raise ValueError("time_s and sensor must be given")
+        if typed["group"] is not None and not 0 <= typed["group"] < 2**63:
+            raise ValueError("group must be an index")
+        if typed["touch"] not in (None, 0, 1):
+            raise ValueError("touch must be 0, 1 or empty")
         typed["flags"] = typed["flags"] or ""
         return typed
 
@@ -115,10 +122,10 @@ class ReadingsFile:
 
     def _json_lines(self) -> Iterator[Mapping[str, Any]]:
         with self._opened() as file:
-            for number, line in enumerate(file, 1):
+            for number, line in enumerate(_decoded(self._path, file), 1):
                 try:
                     row = json.loads(line)
-                except ValueError as error:
+                except (ValueError, RecursionError) as error:
                     raise InputError(f"{self._path}: line {number}", "is not JSON") from error
                 if not isinstance(row, dict):
                     raise InputError(f"{self._path}: line {number}", "must be a JSON object")
@@ -129,9 +136,12 @@ class ReadingsFile:
         import pyarrow.parquet
 
         try:
-            with pyarrow.parquet.ParquetFile(self._path) as file:
+            with pyarrow.parquet.ParquetFile(self._path, page_checksum_verification=True) as file:
                 stored = file.schema_arrow.metadata or {}
-                known = {key.decode(): value.decode() for key, value in stored.items()}
+                known = {
+                    key.decode(errors="replace"): value.decode(errors="replace")
+                    for key, value in stored.items()
+                }
                 self.metadata = {k: v for k, v in known.items() if k.startswith("wiforce:")}
                 # pyarrow's threads may abort a process that ends soon after.
                 for batch in file.iter_batches(_BATCH_ROWS, use_threads=False):
@@ -146,3 +156,35 @@ class ReadingsFile:
             return open(self._path, encoding="utf-8-sig", newline="")
         except OSError as error:
             raise InputError(self._path, f"cannot be read ({error.strerror})") from error
+
+
+def _decoded(path: Path, file: IO[str]) -> Iterator[str]:
+    try:
+        yield from file
+    except UnicodeDecodeError as error:
+        raise InputError(path, f"is not UTF-8 ({error})") from error
+
+
+def _number(name: str, value: Any) -> float | None:
+    """A finite number; None for NaN, as which other programs write what is unknown."""
+    number = float(value)
+    if math.isinf(number):
+        raise ValueError(f"{name} must be finite")
+    return None if math.isnan(number) else number
+
+
+def _integer(name: str, value: Any) -> int | None:
+    """An integer, also one written as 1.0, as pandas does in a column that has empty fields."""
+    try:
+        return int(value) if isinstance(value, str | int) else _whole(name, value)
+    except ValueError:
+        return _whole(name, value)
+
+
+def _whole(name: str, value: Any) -> int | None:
+    number = _number(name, value)
+    if number is None:
+        return None
+    if not number.is_integer() or abs(number) >= 2**53:
+        raise ValueError(f"{name} must be an integer")
+    return int(number)

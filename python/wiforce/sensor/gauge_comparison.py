@@ -282,13 +282,15 @@ def _fine_offset(readings: TimedForces, average: _Average, near_s: float) -> tup
     reach_s = 2 * readings.period_s
 
     def best(used: np.ndarray) -> float:
-        def loss(offset_s: float) -> float:
-            expected = average.at(readings.time_s[used] + offset_s)
+        # Of the distance, since the optimiser's tolerance grows with its variable: dates since 1970
+        # would not be refined at all.
+        def loss(distance_s: float) -> float:
+            expected = average.at(readings.time_s[used] + (near_s + distance_s))
             return -abs(_correlation(readings.force_n[used], expected, readings.clear[used]))
 
-        bounds = (near_s - reach_s, near_s + reach_s)
+        bounds = (-reach_s, reach_s)
         found = minimize_scalar(loss, bounds=bounds, method="bounded", options={"xatol": 1e-6})
-        return float(found.x)
+        return near_s + float(found.x)
 
     count = len(readings.time_s)
     part = np.arange(count) * _PARTS // count

@@ -104,6 +104,8 @@ def read_gauge_file(
         raise InputError(f"{path}: row {row}", f"{time_name} must not decrease")
     # Some gauges stamp several values with one time: the last one counts.
     last = np.append(np.diff(times) > 0, True)
+    if np.sum(last) < 2:
+        raise InputError(path, f"{time_name} must increase", times[0])
     return GaugeRecord(times[last], forces[last])
 
 
@@ -130,6 +132,8 @@ def _table(path: str | Path) -> pd.DataFrame:
     table.columns = [str(name).strip() for name in table.columns]
     if table.shape[1] < 2:
         raise InputError(path, "must have columns of times and forces, and a row with their names")
+    if not len(table):
+        raise InputError(path, "must hold two forces or more", 0)
     return table
 
 
