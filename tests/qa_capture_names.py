@@ -81,7 +81,7 @@ def test_simulate_without_sigmf_is_refused_before_simulating(tmp_path):
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=30, cwd=tmp_path
     )
     assert done.returncode == 2
-    assert "press.sigmf-meta: needs the Python package sigmf" in done.stderr
+    assert "press.sigmf-meta: needs sigmf: pip install sigmf" in done.stderr
     assert names_in(tmp_path) == ["scene.yaml"]
 
 
