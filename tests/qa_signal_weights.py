@@ -8,6 +8,7 @@ import pytest
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.signal.clutter import clutter_basis
 from gnuradio.wiforce.signal.lines import tag_lines
+from gnuradio.wiforce.signal.partial_weights import PartialSolver
 from gnuradio.wiforce.signal.weights import design_weights
 from plain import WAVEFORM, T
 
@@ -190,3 +191,18 @@ def test_design_weights_every_line_aliased_raises():
     # 8 x 390 Hz is the snapshot rate of 3125 Hz within the resolution: line 5 falls on line -3 ...
     with pytest.raises(InputError, match="must leave the tag a line"):
         design_weights([390.0], 125, 320e-6)
+
+
+def test_partial_weights_that_lapack_gives_up_on_are_none(monkeypatch):
+    """A live reader must not end because one group cannot be solved."""
+    table = design_weights([1000.0], 625, T, 30.0)
+    solver = PartialSolver(table.basis, len(table.tones))
+    mask = np.arange(625) < 600
+    assert solver.solve(mask) is not None
+
+    def give_up(*_, **__):
+        raise np.linalg.LinAlgError("SVD did not converge")
+
+    monkeypatch.setattr(np.linalg, "cholesky", give_up)
+    monkeypatch.setattr(np.linalg, "pinv", give_up)
+    assert solver.solve(mask) is None

@@ -120,7 +120,10 @@ class PartialSolver:
         count, columns = present.shape
         if count <= columns:
             return None
-        rows = self._rows(present, self._basis[~mask]) * self._scale[: 2 * self._half, None]
+        try:
+            rows = self._rows(present, self._basis[~mask]) * self._scale[: 2 * self._half, None]
+        except np.linalg.LinAlgError:
+            return None  # LAPACK may give up on a basis that is nearly singular
         cosines, sines = rows[: self._half], rows[self._half :]
         upper = (cosines - 1j * sines) / 2
         weights = np.vstack([upper[::-1].conj(), upper])
