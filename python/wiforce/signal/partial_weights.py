@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import svd
 
 # Noise of a tone, relative to that of a Fourier sum over the whole group, above which an incomplete
 # group is discarded (40 dB). The whitening allows for a weak tone, so that a few of many do no
@@ -19,6 +20,8 @@ WORST_PARTIAL_GAIN = 1e4
 # which their solution is refined once, and below which a singular value decomposition replaces
 # them. They lose the square of the condition: at the latter half of the digits.
 _REFINED_PIVOT = 1e-3
+# Singular values below this part of the largest are those of columns that depend on others.
+_SINGULAR = 1e-12
 _LEAST_PIVOT = 1e-8
 
 
@@ -140,10 +143,10 @@ class PartialSolver:
         try:
             factor = np.linalg.cholesky(gram)
         except np.linalg.LinAlgError:
-            return np.linalg.pinv(present, rcond=1e-12)[:tones]
+            return _pseudo_inverse(present)[:tones]
         pivot = float(np.min(factor.diagonal())) ** 2
         if pivot < _LEAST_PIVOT:
-            return np.linalg.pinv(present, rcond=1e-12)[:tones]
+            return _pseudo_inverse(present)[:tones]
         inverse = np.linalg.inv(factor)
         solver = inverse.T @ inverse
         rows: np.ndarray = solver[:tones] @ present.T
@@ -200,3 +203,18 @@ def whitener_of(weights: np.ndarray, covariance: np.ndarray | None = None) -> np
     """
     colored = weights if covariance is None else weights @ covariance
     return np.linalg.inv(np.linalg.cholesky(colored @ weights.conj().T))
+
+
+def _pseudo_inverse(matrix: np.ndarray) -> np.ndarray:
+    """The pseudo-inverse; by the slower of LAPACK's algorithms where the usual one gives up.
+
+    The divide-and-conquer SVD (gesdd) of OpenBLAS 0.3.21 fails for some nearly singular bases,
+    which NumPy reports as LinAlgError or, when LAPACK complains as well, as SystemError.
+    """
+    try:
+        return np.linalg.pinv(matrix, rcond=_SINGULAR)
+    except (np.linalg.LinAlgError, SystemError):
+        left, sizes, right = svd(matrix, full_matrices=False, lapack_driver="gesvd")
+        kept = sizes > _SINGULAR * sizes[0]
+        inverse: np.ndarray = (right[kept].T / sizes[kept]) @ left[:, kept].T
+        return inverse
