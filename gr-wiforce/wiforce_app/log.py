@@ -72,6 +72,17 @@ class Log:
         self.write("debug", text)
 
 
+def printable(text: str) -> str:
+    """A text in which spaces replace what would break a line; names of files may contain anything.
+
+    Examples
+    --------
+    >>> printable("two\\nlines")
+    'two lines'
+    """
+    return "".join(c if c.isprintable() else " " for c in text)
+
+
 def is_journal() -> bool:
     """Whether standard error goes to systemd's journal."""
     stated = os.environ.get("JOURNAL_STREAM", "")

@@ -17,7 +17,7 @@ from gnuradio.wiforce.errors import InputError, OutputError
 
 from .interrupts import Interrupted, Terminated, terminate_by_exception
 from .lazy import LazyGroup
-from .log import PROGRAM, log
+from .log import PROGRAM, log, printable
 
 # One line of help per subcommand, so that --help need not import them.
 COMMANDS = {
@@ -235,8 +235,7 @@ def _with_command(error):
 
 
 def _fail(status, message):
-    line = "".join(c if c.isprintable() else " " for c in message)
-    log.error(" ".join(line.split()))
+    log.error(" ".join(printable(message).split()))
     return status
 
 

@@ -11,6 +11,7 @@ from gnuradio.wiforce.io.readings import GroupCounts
 from gnuradio.wiforce.scene import load_scene
 
 from ..interrupts import Interrupted
+from ..log import PROGRAM, printable
 from ..progress import progress
 from ..workers import WorkerLost, run_tasks
 from .journal import RECORD, Journal
@@ -112,9 +113,7 @@ def _protect_captures(tasks, whole):
 
 
 def _say(text):
-    """Print one line; names of files may contain anything."""
-    line = "".join(c if c.isprintable() else " " for c in text)
-    click.echo(f"gr-wiforce: {line}", err=True)
+    click.echo(f"{PROGRAM}: {printable(text)}", err=True)
 
 
 def _run(tasks, jobs, scheduler, journal, summary):
