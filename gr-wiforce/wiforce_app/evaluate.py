@@ -10,8 +10,8 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.textfile import check_output
 
 from .evaluation import published
+from .options import worker_options
 from .progress import progress
-from .workers import worker_options
 
 
 class _PaperOrScenes(click.Group):

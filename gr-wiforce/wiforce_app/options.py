@@ -62,6 +62,13 @@ mcap_output = click.option(
     help="Also write ROS 2 messages, for Foxglove, PlotJuggler and rosbag2: to FILE.mcap or, where "
     "FILE is a folder, to a new file in it.",
 )
+client_keys = click.option(
+    "--zmq-keys",
+    type=click.Path(),
+    metavar="PATH",
+    help="Keys of this client, where the reader has --zmq-keys: NAME.key_secret with server.key "
+    "beside it, or their folder.",
+)
 tracked_presses = click.option("--tracked", is_flag=True, help="Track each press over time.")
 
 _OF_A_RADIO = (
@@ -135,3 +142,21 @@ def web_options(required=False):
         )(command)
 
     return add
+
+
+def worker_options(command):
+    """Add --jobs and --scheduler to a command."""
+    for option in (
+        click.option(
+            "--scheduler",
+            metavar="ADDRESS",
+            help="Run on the Dask cluster with this scheduler, as tcp://HOST:8786, instead.",
+        ),
+        click.option(
+            "--jobs",
+            type=IntegerRange(1),
+            help="Number of parallel processes. Default: one per core.",
+        ),
+    ):
+        command = option(command)
+    return command

@@ -11,11 +11,17 @@ from gnuradio.wiforce.scene import scene_of
 from .captures.search import is_one
 from .file_outputs import FileOutputs
 from .interrupts import Interrupted
-from .options import IntegerRange, capture_scene, mcap_output, sample_type, tracked_presses
+from .options import (
+    IntegerRange,
+    capture_scene,
+    mcap_output,
+    sample_type,
+    tracked_presses,
+    worker_options,
+)
 from .progress import progress
 from .room_report import RoomNews
 from .stream_events import describe_events
-from .workers import worker_options
 
 
 @click.command()

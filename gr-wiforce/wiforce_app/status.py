@@ -7,7 +7,7 @@ import click
 from gnuradio.wiforce.io.zmq_keys import ClientKeys
 from gnuradio.wiforce.io.zmq_request import request
 
-from .options import FiniteRange
+from .options import FiniteRange, client_keys
 
 
 @click.command()
@@ -29,13 +29,7 @@ from .options import FiniteRange
     metavar="S",
     help="Time to wait for the answer.",
 )
-@click.option(
-    "--zmq-keys",
-    type=click.Path(),
-    metavar="PATH",
-    help="Keys of this client, where the reader has --zmq-keys: NAME.key_secret with server.key "
-    "beside it, or their folder.",
-)
+@client_keys
 def status(endpoint, as_json, max_age, timeout, zmq_keys):
     """Print the health of a live reader.
 

@@ -6,7 +6,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.zmq_keys import ClientKeys
 
 from .log import log
-from .options import FiniteRange, web_options
+from .options import FiniteRange, client_keys, web_options
 
 _HISTORY_S = 30.0
 
@@ -19,13 +19,7 @@ _HISTORY_S = 30.0
     metavar="ENDPOINT",
     help="Control endpoint of the live reader, for the tare button: PORT or tcp://ADDRESS:PORT.",
 )
-@click.option(
-    "--zmq-keys",
-    type=click.Path(),
-    metavar="PATH",
-    help="Keys of this client, where the reader has --zmq-keys: NAME.key_secret with server.key "
-    "beside it, or their folder.",
-)
+@client_keys
 @click.option(
     "--history",
     type=FiniteRange(1, 600),

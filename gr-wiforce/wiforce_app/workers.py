@@ -16,12 +16,10 @@ from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
 
-import click
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.optional import optional_module
 
 from .interrupts import terminate_by_exception
-from .options import IntegerRange
 from .task_process import outcome_of
 
 # A worker that disappears may have been killed by another task's need for memory.
@@ -58,24 +56,6 @@ class Outcome:
 
 class WorkerLost(Exception):
     """A worker process ended, or lost its connection, before it had returned a result."""
-
-
-def worker_options(command):
-    """Add --jobs and --scheduler to a command."""
-    for option in (
-        click.option(
-            "--scheduler",
-            metavar="ADDRESS",
-            help="Run on the Dask cluster with this scheduler, as tcp://HOST:8786, instead.",
-        ),
-        click.option(
-            "--jobs",
-            type=IntegerRange(1),
-            help="Number of parallel processes. Default: one per core.",
-        ),
-    ):
-        command = option(command)
-    return command
 
 
 def run_tasks(function, tasks: Sequence, jobs=None, scheduler=None) -> Iterator[Outcome]:

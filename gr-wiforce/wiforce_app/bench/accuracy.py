@@ -6,9 +6,9 @@ import json
 
 import click
 
-from ..options import IntegerRange
+from ..options import IntegerRange, worker_options
 from ..progress import progress
-from ..workers import run_tasks, worker_options
+from ..workers import run_tasks
 from .cases import cases
 from .rooms import RoomRow, room_cases, room_table
 
