@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """``gr-wiforce export``: a file of readings in another format."""
 
-import os
 import struct
 from pathlib import Path
 
 import click
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.readings_files import ReadingsFile
-from gnuradio.wiforce.io.textfile import check_output
+from gnuradio.wiforce.io.textfile import check_output, replacing
 from gnuradio.wiforce.io.writers import open_writer
 from gnuradio.wiforce.scene import load_scene
 
@@ -39,9 +38,9 @@ def export(readings, form, output, scene_path):
     source = ReadingsFile(readings)
     check_output(output, [readings])
     number = 0
-    part = output.with_name(f".{output.stem}.{os.getpid()}{output.suffix}")
     try:
         with (
+            replacing(output) as part,
             _writer(part, source.also, {**source.metadata, **metadata}) as writer,
             progress("exporting", 0) as step,
         ):
@@ -49,15 +48,12 @@ def export(readings, form, output, scene_path):
                 number += 1
                 writer.write_row(row)
                 step(1)
-        part.replace(output)
     except InputError:
         raise
     except (ValueError, TypeError, OverflowError, struct.error) as error:
         # Parquet and MCAP write several rows at a time.
         rule = f"cannot be converted to {output.suffix[1:]}, row {number} or before ({error})"
         raise InputError(readings, rule) from error
-    finally:
-        part.unlink(missing_ok=True)
     click.echo(f"gr-wiforce: wrote {writer.rows} readings to {output}", err=True)
 
 

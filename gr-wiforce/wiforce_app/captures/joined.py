@@ -2,9 +2,9 @@
 """The readings of many captures in one Parquet file, with a column that names the capture."""
 
 import json
-import os
 
-from gnuradio.wiforce.io.textfile import check_output
+from gnuradio.wiforce.io.optional import optional_module
+from gnuradio.wiforce.io.textfile import check_output, replacing
 
 CAPTURE = "capture"
 _METADATA = b"wiforce:captures"
@@ -21,9 +21,7 @@ def check_whole(path):
     ------
     InputError
     """
-    from gnuradio.wiforce.io.parquet import require_pyarrow
-
-    require_pyarrow("--output")
+    optional_module("pyarrow", "--output")
     check_output(path)
 
 
@@ -45,9 +43,8 @@ def join_parts(path, parts):
     import pyarrow
     from pyarrow import parquet
 
-    partial = path.with_name(f".{path.name}.partial")
     rows, described = 0, {}
-    try:
+    with replacing(path) as partial:
         writer = None
         for name, part in parts:
             with parquet.ParquetFile(part, page_checksum_verification=True) as file:
@@ -67,9 +64,6 @@ def join_parts(path, parts):
         if writer is not None:
             writer.add_key_value_metadata({_METADATA.decode(): json.dumps(described)})
             writer.close()
-            os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
     return rows
 
 

@@ -19,31 +19,6 @@ _RESERVE_BYTES = 4_000_000
 _INTEGERS = {"touch": "int8", "group": "int64"}
 
 
-def require_pyarrow(where: object) -> Any:
-    """Import pyarrow, or say in one line that it must be installed.
-
-    Parameters
-    ----------
-    where : str or path
-        The option or file that needs it.
-
-    Returns
-    -------
-    module
-
-    Raises
-    ------
-    InputError
-        When it is missing.
-
-    Examples
-    --------
-    >>> require_pyarrow("--output").__name__
-    'pyarrow'
-    """
-    return optional_module("pyarrow", where)
-
-
 class ParquetWriter:
     """Writes readings to a Parquet file, with the columns and values of a CSV file.
 
@@ -89,7 +64,7 @@ class ParquetWriter:
         check_output(path, inputs)
         if Path(path).exists() and not Path(path).is_file():
             raise InputError(path, "Parquet needs a regular file")
-        self._arrow = require_pyarrow(path)
+        self._arrow = optional_module("pyarrow", path)
         self._parquet = optional_module("pyarrow.parquet", path)
         self._path = path
         types = {name: self._arrow.string() for name in (*COLUMNS, *also)}

@@ -11,7 +11,7 @@ from typing import IO, Any
 
 from ..errors import InputError
 from .mcap_rows import mcap_rows
-from .parquet import require_pyarrow
+from .optional import optional_module
 from .readings import COLUMNS, NUMBERS
 
 _INTEGERS = ("touch", "group")
@@ -132,7 +132,7 @@ class ReadingsFile:
                 yield row
 
     def _parquet(self) -> Iterator[Mapping[str, Any]]:
-        arrow = require_pyarrow(self._path)
+        arrow = optional_module("pyarrow", self._path)
         import pyarrow.parquet
 
         try:

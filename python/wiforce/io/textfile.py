@@ -5,7 +5,8 @@ import csv
 import io
 import os
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from ..errors import InputError
@@ -156,12 +157,41 @@ def write_whole(path: str | Path, text: str) -> None:
     >>> Path("note.txt").read_text()
     'hello'
     """
+    with replacing(path) as part:
+        part.write_text(text, encoding="utf-8")
+
+
+@contextmanager
+def replacing(path: str | Path) -> Iterator[Path]:
+    """Give the path of a file beside another, which it replaces if the block ends without error.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Yields
+    ------
+    Path
+        With the same suffix; a file there is removed after an error.
+
+    Raises
+    ------
+    OSError
+        When the system refuses to replace the file.
+
+    Examples
+    --------
+    >>> with replacing("note.txt") as part:
+    ...     size = part.write_text("hello")
+    >>> Path("note.txt").read_text()
+    'hello'
+    """
     path = Path(path)
     # Named after the process: no other file, least of all an input, has this name.
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
+    part = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     try:
-        part.write_text(text, encoding="utf-8")
-        part.replace(path)
-    except OSError:
+        yield part
+        if part.exists():
+            part.replace(path)
+    finally:
         part.unlink(missing_ok=True)
-        raise
