@@ -4,13 +4,12 @@
 import threading
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from ..errors import InputError, OutputError
 from .optional import optional_module
 from .output_file import OutputFile
-from .readings import Reading
+from .readings_output import ReadingsOutput
 from .ros_definitions import DIAGNOSTICS, READING, WRENCH, complete_definition
 from .ros_messages import RosMessage, health_message, reading_messages
 from .textfile import check_output
@@ -23,7 +22,7 @@ _RESERVE_BYTES = 4_000_000
 _KEPT = "all messages but those of the last seconds are kept"
 
 
-class McapWriter:
+class McapWriter(ReadingsOutput):
     """Writes readings and health to an MCAP file; may be used by several threads.
 
     The former content of a file is kept until :meth:`begin` or the first reading. As a context
@@ -77,29 +76,6 @@ class McapWriter:
         self._failure: OutputError | None = None
         self._ended = False
         self._utc_ns: int | None = None
-        self.rows = 0
-
-    def __enter__(self) -> "McapWriter":
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        if kind is None:
-            self.close()
-        elif self._writer is not None:
-            try:
-                self._end()
-            except OutputError:
-                pass  # the first error counts
-
-    @property
-    def size_bytes(self) -> int:
-        """Size of the file."""
-        return 0 if self._file is None else self._file.size_bytes
 
     def begin(self) -> "McapWriter":
         """Replace the content of the file, unless that has been done.
@@ -126,22 +102,6 @@ class McapWriter:
                 if self._metadata:
                     self._writer.add_metadata("gr-wiforce", self._metadata)
         return self
-
-    def write(self, reading: Reading, more: Mapping[str, Any] | None = None) -> None:
-        """Write one reading.
-
-        Parameters
-        ----------
-        reading : Reading
-        more : mapping of str to plain values, optional
-            ``run``, ``time_utc`` and ``device_time_s``, where they are known.
-
-        Raises
-        ------
-        OutputError
-            When it, or a reading before it, cannot be written.
-        """
-        self.write_row({**reading.row(), **(more or {})})
 
     def write_row(self, row: Mapping[str, Any]) -> None:
         """Write one reading given as a row of a file.
@@ -187,6 +147,14 @@ class McapWriter:
         self._end()
         if self._failure is not None:
             raise self._failure
+
+    def _abandon(self) -> None:
+        if self._writer is None:
+            return
+        try:
+            self._end()
+        except OutputError:
+            pass  # the first error counts
 
     def _put(self, message: RosMessage, else_ns: int) -> None:
         with self._lock:

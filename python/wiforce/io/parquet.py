@@ -3,13 +3,13 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from ..errors import InputError, OutputError
 from .optional import optional_module
 from .output_file import OutputFile
-from .readings import COLUMNS, NUMBERS, Reading
+from .readings import COLUMNS, NUMBERS
+from .readings_output import ReadingsOutput
 from .textfile import check_output
 
 # So many rows wait in memory, some 2 MB, and are written at once: 2.4 min of one sensor.
@@ -19,7 +19,7 @@ _RESERVE_BYTES = 4_000_000
 _INTEGERS = {"touch": "int8", "group": "int64"}
 
 
-class ParquetWriter:
+class ParquetWriter(ReadingsOutput):
     """Writes readings to a Parquet file, with the columns and values of a CSV file.
 
     The former content of a file is kept until the first reading, :meth:`begin` or :meth:`close`.
@@ -75,29 +75,6 @@ class ParquetWriter:
         self._file: OutputFile | None = None
         self._writer: Any = None
         self._failure: OutputError | None = None
-        self.rows = 0
-
-    def __enter__(self) -> "ParquetWriter":
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        if kind is None:
-            self.close()
-        elif self._file is not None:
-            try:
-                self.close()
-            except OutputError:
-                pass  # the first error counts
-
-    @property
-    def size_bytes(self) -> int:
-        """Size of the file."""
-        return 0 if self._file is None else self._file.size_bytes
 
     def begin(self) -> "ParquetWriter":
         """Replace the content of the file, unless that has been done.
@@ -124,22 +101,6 @@ class ParquetWriter:
                 write_page_checksum=True,
             )
         return self
-
-    def write(self, reading: Reading, more: Mapping[str, Any] | None = None) -> None:
-        """Write one reading.
-
-        Parameters
-        ----------
-        reading : Reading
-        more : mapping of str to plain values, optional
-            Of the columns that follow those of a reading.
-
-        Raises
-        ------
-        OutputError
-            When it, or a reading before it, cannot be written.
-        """
-        self.write_row({**reading.row(), **(more or {})})
 
     def write_row(self, row: Mapping[str, Any]) -> None:
         """Write one reading given as a row of a file.
@@ -179,6 +140,12 @@ class ParquetWriter:
             self._end()
         if self._failure is not None:
             raise self._failure
+
+    def _abandon(self) -> None:
+        try:
+            self.close()
+        except OutputError:
+            pass  # the first error counts
 
     def _flush(self) -> None:
         """Write the rows that wait as a row group."""

@@ -6,18 +6,18 @@ import json
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from ..errors import InputError
 from .appending import prepare_append
 from .output_file import OutputFile
 from .parquet import ParquetWriter
-from .readings import COLUMNS, Reading
+from .readings import COLUMNS
+from .readings_output import ReadingsOutput
 from .textfile import check_output
 
 
-class ReadingsWriter:
+class ReadingsWriter(ReadingsOutput):
     """Writes readings, a row each; every row is in the file at once, and whole.
 
     The previous content of a file is kept until the first row is written, the writer is closed
@@ -66,44 +66,12 @@ class ReadingsWriter:
     ) -> None:
         self._path, self._form, self._append = path, form, append
         self._header, self._begun = header, False
-        self.rows = 0
         self._file: OutputFile | None = None
         if path is not None:
             check_output(path, inputs)
             if Path(path).exists() and not Path(path).is_file():
                 # Opening a pipe loses nothing, and may have to wait for its reader.
                 self.begin()
-
-    def __enter__(self) -> "ReadingsWriter":
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        if kind is None:
-            self.close()
-        elif self._file is not None:
-            self._file.close()
-
-    def write(self, reading: Reading, more: Mapping[str, Any] | None = None) -> None:
-        """Write one reading.
-
-        Parameters
-        ----------
-        reading : Reading
-        more : mapping of str to plain values, optional
-            Of the columns that follow those of a reading.
-
-        Raises
-        ------
-        OutputError
-            When it cannot be written, as on a full disk; the file then ends with the previous
-            row, and later rows are refused.
-        """
-        self.write_row({**reading.row(), **(more or {})})
 
     def write_row(self, row: Mapping[str, Any]) -> None:
         """Write one reading given as a row.
@@ -162,10 +130,9 @@ class ReadingsWriter:
             self._put(self._header)
         return self
 
-    @property
-    def size_bytes(self) -> int:
-        """Size of the file."""
-        return 0 if self._file is None else self._file.size_bytes
+    def _abandon(self) -> None:
+        if self._file is not None:
+            self._file.close()
 
     def _put(self, text: str) -> None:
         if self._file is None:
