@@ -52,6 +52,7 @@ class McapWriter(ReadingsOutput):
 
     Examples
     --------
+    >>> from gnuradio.wiforce.io.readings import Reading
     >>> with McapWriter("press.mcap") as writer:
     ...     writer.write(Reading(0.018, "arm", 1, 4.0, 0.1, 45.0, 0.2))
     >>> Path("press.mcap").read_bytes()[:5]

@@ -47,6 +47,7 @@ class ParquetWriter(ReadingsOutput):
 
     Examples
     --------
+    >>> from gnuradio.wiforce.io.readings import Reading
     >>> with ParquetWriter("press.parquet") as writer:
     ...     writer.write(Reading(0.018, "arm", 1, 4.12345678, 0.05, 45.0, 0.1))
     >>> import pandas

@@ -50,6 +50,7 @@ class ReadingsWriter(ReadingsOutput):
 
     Examples
     --------
+    >>> from gnuradio.wiforce.io.readings import Reading
     >>> with ReadingsWriter("forces.txt", lambda row: f"{row['force_n']}\\n") as writer:
     ...     writer.write(Reading(0.018, "arm", 1, 4.0))
     >>> Path("forces.txt").read_text()
@@ -187,6 +188,7 @@ def open_writer(
 
     Examples
     --------
+    >>> from gnuradio.wiforce.io.readings import Reading
     >>> with open_writer("press.csv") as writer:
     ...     writer.write(Reading(0.018, "arm", 1, 4.12345678, 0.05, 45.0, 0.1))
     >>> print(Path("press.csv").read_text().splitlines()[1])
