@@ -37,7 +37,7 @@ pytestmark = pytest.mark.filterwarnings("error:Ignored exception:RuntimeWarning"
 
 @pytest.fixture
 def display(qt, monkeypatch):
-    """A display that is shown and redraws when told to, not by its timer."""
+    """A display that is shown and redraws on request, not by its timer."""
     raised = []
     # An exception while Qt draws goes no further than this hook.
     monkeypatch.setattr(sys, "excepthook", lambda *error: raised.append(error))

@@ -36,7 +36,7 @@ from web_pages import RawViewer  # noqa: E402
 from wiforce_app.bench.live import _Messages, _processor_s, delays_s  # noqa: E402
 
 _GROUP_S = 200 * 400 / 2.5e6
-_SHOWN_S = 0.2  # issue: a press is shown within this time
+_SHOWN_S = 0.2  # a press is shown within this time (docs/browser.md)
 _LATER_S = 10e-3  # more than two runs without viewers differ on a busy machine
 _WARM_UP_S = 60.0
 _GROWTH_KIB = 10 * 1024

@@ -94,7 +94,7 @@ class PageAddress:
 
     @property
     def notice(self) -> str:
-        """What a user is told when the page is there."""
+        """Message for the user when the page is ready."""
         text = f"page: {self.url}"
         if self.is_loopback:
             return text

@@ -66,7 +66,7 @@ class LivePage(Output):
         self._publisher.publish(reading, stamp)
 
     def send(self, kind: str, report: Mapping[str, Any]) -> None:
-        """Publish a report, and tell the user when the process has ended."""
+        """Publish a report, and warn the user when the process has ended."""
         self._publisher.send(kind, report)
         status = self._process.poll()
         if status is not None and not self._reported:
@@ -74,7 +74,7 @@ class LivePage(Output):
             self._warn(f"the page has ended with status {status}; readings go on")
 
     def close(self) -> None:
-        """End the process, after viewers were told of the end."""
+        """End the process, after viewers have received the end of the run."""
         assert self._process.stdin is not None
         self._process.stdin.close()
         try:

@@ -77,7 +77,7 @@ def read_gauge_file(
     Raises
     ------
     InputError
-        When the file cannot be read, a column is missing or cannot be told from others, times do
+        When the file cannot be read, a column is missing or ambiguous, times do
         not increase, or fewer than two rows have values.
 
     Examples
