@@ -78,7 +78,7 @@ def test_every_check_of_the_report_is_held(evaluated):
     assert len(rows) == 4 and all(held is True for *_, held in rows), rows
 
 
-def test_a_missed_figure_is_told_with_its_reason(sensor):
+def test_a_missed_figure_is_reported_with_its_reason(sensor):
     result = result_with("x", sensor)
     (missed,) = [c for c in checks([result], {"x": {"force_n": 1e-6}}) if "paper's" in c[2]]
     assert not missed[4]
@@ -163,8 +163,8 @@ def test_the_report_holds_the_table_and_how_it_came_about(evaluated):
     folder, done = evaluated
     report = (folder / "out" / "report.md").read_text()
     assert done.stdout.splitlines()[0] in report
-    for told in ("gr-wiforce evaluate short.yaml", "Seed 3", "NumPy", "![short](short.png)"):
-        assert told in report
+    for text in ("gr-wiforce evaluate short.yaml", "Seed 3", "NumPy", "![short](short.png)"):
+        assert text in report
     assert (folder / "out" / "short.png").read_bytes().startswith(b"\x89PNG")
     assert not list((folder / "out").glob(".capture*"))
 

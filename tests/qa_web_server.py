@@ -268,7 +268,7 @@ def test_stalled_viewer_is_dropped_and_others_get_every_reading(monkeypatch):
     assert times == sorted(set(times)) and len(times) == round(100 * (times[-1] - times[0])) + 1
 
 
-def test_viewers_beyond_the_limit_are_told_so(monkeypatch):
+def test_viewers_beyond_the_limit_are_refused_with_the_reason(monkeypatch):
     monkeypatch.setattr(server_module, "_MOST_VIEWERS", 2)
     with serving(NoSource()) as (url, page):
         with (
