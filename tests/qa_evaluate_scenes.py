@@ -21,7 +21,7 @@ from wiforce_app.evaluation.experiment import simulated
 from wiforce_app.evaluation.paper_method import paper_changes, paper_errors
 from wiforce_app.evaluation.report import cause_table, table
 from wiforce_app.evaluation.runs import result_of
-from wiforce_app.marks import mark_of
+from wiforce_app.provenance import fingerprint
 
 SCENE = {
     "sensors": [{"name": "arm", "model": "line-900mhz-calibrated"}],
@@ -175,8 +175,8 @@ def test_what_is_there_is_not_done_again_unless_the_scene_changed(evaluated):
     before = kept.stat().st_mtime_ns
     again = evaluate(folder, "short.yaml", "--folder", "out")
     assert again.stdout == first.stdout and kept.stat().st_mtime_ns == before
-    mark = json.loads(kept.read_text())["mark"]
-    assert result_of(folder / "out", "short.yaml", mark) is not None
+    stored = json.loads(kept.read_text())["fingerprint"]
+    assert result_of(folder / "out", "short.yaml", stored) is not None
     assert result_of(folder / "out", "short.yaml", "of another scene") is None
 
 
@@ -186,11 +186,11 @@ def test_a_sensor_calibrated_anew_makes_another_experiment(tmp_path):
     )
     scene = SCENE | {"sensors": [{"name": "arm", "model": "mine.yaml"}]}
     (tmp_path / "short.yaml").write_text(yaml.safe_dump(scene))
-    marks = []
+    found = []
     for onset_n in (sensor["onset_force_n"], sensor["onset_force_n"] * 1.01):
         (tmp_path / "mine.yaml").write_text(yaml.safe_dump(sensor | {"onset_force_n": onset_n}))
-        marks.append(mark_of(load_scene(tmp_path / "short.yaml"), simulated=True))
-    assert marks[0] != marks[1]
+        found.append(fingerprint(load_scene(tmp_path / "short.yaml"), simulated=True))
+    assert found[0] != found[1]
 
 
 def test_scenes_whose_results_would_overwrite_each_other_are_refused(tmp_path):

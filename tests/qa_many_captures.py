@@ -89,7 +89,7 @@ def test_repeated_run_reads_only_what_is_new_or_changed(captures, tmp_path):
     (tmp_path / "out" / "b.csv").write_text("edited")
     third = run_command(*arguments)
     assert "3 of 3 captures read; " in third.stderr
-    assert journal(tmp_path / "out")["a"]["mark"] != before["a"]["mark"]
+    assert journal(tmp_path / "out")["a"]["fingerprint"] != before["a"]["fingerprint"]
     scene = yaml.safe_dump(SCENE | {"reference_s": 0.5})
     (tmp_path / "scene.yaml").write_text(scene)
     other = run_command(*arguments, "--scene", tmp_path / "scene.yaml")

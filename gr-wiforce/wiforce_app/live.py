@@ -16,7 +16,7 @@ from gnuradio.wiforce.io.zmq_keys import ServerKeys
 from gnuradio.wiforce.io.zmq_sockets import endpoint_of, is_loopback
 from gnuradio.wiforce.scene import load_scene
 
-from .file_outputs import open_mcap, provenance
+from .file_outputs import open_mcap
 from .live_outputs import (
     MCAP_FILE_BYTES,
     STAMP_COLUMNS,
@@ -37,6 +37,7 @@ from .options import (
     tracked_presses,
     web_options,
 )
+from .provenance import provenance
 from .radio_request import RECEIVE_S, DeviceLost, RadioRequest
 
 _LOOK_S = 0.1
