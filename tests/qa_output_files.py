@@ -235,6 +235,17 @@ def test_mcap_without_utc_counts_time_from_the_first_sample(tmp_path):
     assert times == sorted(2 * [18_000_000 + 36_000_000 * group for group in range(8)])
 
 
+def test_mcap_reading_without_utc_has_the_time_of_the_one_before(tmp_path):
+    """The time axis of a viewer would begin in 1970 for one reading."""
+    path = tmp_path / "out.mcap"
+    with McapWriter(path) as writer:
+        for reading, utc in zip(readings(2), ("2026-01-31T23:59:59.000000Z", ""), strict=True):
+            writer.write(reading, {"time_utc": utc})
+    with open(path, "rb") as file:
+        times = {message.log_time for _, _, message in make_reader(file).iter_messages()}
+    assert times == {1769903999 * 10**9}
+
+
 @pytest.mark.parametrize("source", ["csv", "jsonl", "parquet"])
 @pytest.mark.parametrize("form", ["csv", "json", "parquet"])
 def test_export_keeps_every_value(tmp_path, source, form):

@@ -108,6 +108,8 @@ def test_wrench_flagged_readings_have_a_topic_of_their_own(changes, expected):
     """A controller that follows the clear topic must never act on a doubtful force."""
     name, *values = wrench_of(Reading(**asdict(PRESS) | changes))
     assert [name, *(None if math.isnan(value) else value for value in values)] == list(expected)
+    # A force of -0 would be shown as such, and have the angle of a pull.
+    assert all(math.copysign(1, value) == 1 for value in values if value == 0)
 
 
 @pytest.mark.parametrize(
