@@ -2,7 +2,10 @@
 """Tasks in other processes: results, errors and processes that end too early."""
 
 import os
+import pickle
 import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -69,10 +72,21 @@ def test_run_tasks_with_error_that_cannot_be_pickled_keeps_its_text():
 
 
 def test_output_error_survives_the_way_between_processes():
-    import pickle
-
     error = pickle.loads(pickle.dumps(OutputError("a.csv", "cannot be written (disk full)")))
     assert str(error) == "a.csv: cannot be written (disk full)"
+
+
+def test_task_process_keeps_what_a_task_prints_apart_from_its_outcome():
+    """A library that prints would cost the readings of its capture."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run(
+        [sys.executable, "-m", "wiforce_app.task_process"],
+        input=pickle.dumps((print, "noise")),
+        capture_output=True,
+        env=environment,
+        timeout=60,
+    )
+    assert pickle.loads(done.stdout) == ("result", None) and done.stderr == b"noise\n"
 
 
 @pytest.mark.parametrize("address", ["nonsense", "tcp://", "host:port", "127.0.0.1:8786/x"])
