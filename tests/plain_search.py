@@ -22,14 +22,14 @@ class Solutions:
 
     Attributes
     ----------
-    force_n, location_mm, misfit : ndarray, shape (s,)
-        ``misfit`` is the sum of squared phase errors in standard deviations.
+    force_n, location_mm, chi_squared : ndarray, shape (s,)
+        ``chi_squared`` is the sum of squared phase errors in standard deviations.
     covariance : ndarray, shape (s, 2, 2)
     """
 
     force_n: np.ndarray
     location_mm: np.ndarray
-    misfit: np.ndarray
+    chi_squared: np.ndarray
     covariance: np.ndarray
 
 
@@ -66,11 +66,11 @@ class Search:
         Solutions
         """
         force, location = self._starts(phases_deg, variance_deg2)
-        force, location, misfit = self._refine(force, location, phases_deg, variance_deg2)
-        order = np.argsort(misfit, kind="stable")
+        force, location, chi_squared = self._refine(force, location, phases_deg, variance_deg2)
+        order = np.argsort(chi_squared, kind="stable")
         kept = []
         for i in order:
-            if misfit[i] > misfit[order[0]] + _WORSE:
+            if chi_squared[i] > chi_squared[order[0]] + _WORSE:
                 break
             apart = [
                 abs(force[i] - force[k]) > _APART_N or abs(location[i] - location[k]) > _APART_MM
@@ -78,32 +78,38 @@ class Search:
             ]
             if all(apart):
                 kept.append(i)
-        force, location, misfit = force[kept], location[kept], misfit[kept]
-        return Solutions(force, location, misfit, self._covariance(force, location, variance_deg2))
+        force, location, chi_squared = force[kept], location[kept], chi_squared[kept]
+        return Solutions(
+            force, location, chi_squared, self._covariance(force, location, variance_deg2)
+        )
 
     def _starts(self, phases_deg, variance_deg2):
         """Nodes of the grid that no neighbour beats, with some slack for its coarseness."""
         residual = wrap_deg(phases_deg - self._phase) ** 2
-        misfit = np.sum(residual / (variance_deg2 + self._variance + self._quantum), axis=-1)
-        padded = np.pad(misfit, 1, constant_values=np.inf)
-        rows, columns = misfit.shape
-        lowest = np.ones(misfit.shape, bool)
+        chi_squared = np.sum(residual / (variance_deg2 + self._variance + self._quantum), axis=-1)
+        padded = np.pad(chi_squared, 1, constant_values=np.inf)
+        rows, columns = chi_squared.shape
+        lowest = np.ones(chi_squared.shape, bool)
         for i in range(3):
             for j in range(3):
-                lowest &= misfit <= padded[i : i + rows, j : j + columns]
+                lowest &= chi_squared <= padded[i : i + rows, j : j + columns]
         where = np.argwhere(lowest)
-        where = where[np.argsort(misfit[lowest], kind="stable")[:_STARTS]]
+        where = where[np.argsort(chi_squared[lowest], kind="stable")[:_STARTS]]
         return self._force[where[:, 0]], self._location[where[:, 1]]
 
     def _refine(self, force, location, phases_deg, variance_deg2):
         """Gauss-Newton with step halving, within the domain; all starts at once."""
         forward = self._forward
-        misfit = self._misfit(force, location, phases_deg, variance_deg2)
+        chi_squared = self._chi_squared(force, location, phases_deg, variance_deg2)
         for round_ in range(_STEPS):
             if round_ in (2, 5):
                 # what is far off by now ends in a solution that others reach too, or in none
-                hopeful = misfit <= misfit.min() + _HOPELESS
-                force, location, misfit = force[hopeful], location[hopeful], misfit[hopeful]
+                hopeful = chi_squared <= chi_squared.min() + _HOPELESS
+                force, location, chi_squared = (
+                    force[hopeful],
+                    location[hopeful],
+                    chi_squared[hopeful],
+                )
             weight = 1.0 / (variance_deg2 + forward.variances(force, location))
             slopes = forward.slopes(force, location)
             residual = wrap_deg(phases_deg - forward.phases(force, location))
@@ -113,19 +119,19 @@ class Search:
             moved = np.zeros(len(force), bool)
             for scale in (1.0, 0.5, 0.1):
                 new = forward.clip(force + scale * step[:, 0], location + scale * step[:, 1])
-                new_misfit = self._misfit(*new, phases_deg, variance_deg2)
-                better = ~moved & (new_misfit < misfit)
+                new_chi_squared = self._chi_squared(*new, phases_deg, variance_deg2)
+                better = ~moved & (new_chi_squared < chi_squared)
                 force = np.where(better, new[0], force)
                 location = np.where(better, new[1], location)
-                misfit = np.where(better, new_misfit, misfit)
+                chi_squared = np.where(better, new_chi_squared, chi_squared)
                 moved |= better
                 if np.all(moved):
                     break
             if not np.any(moved) or np.max(np.abs(step[moved])) < 1e-4:
                 break
-        return force, location, misfit
+        return force, location, chi_squared
 
-    def _misfit(self, force, location, phases_deg, variance_deg2):
+    def _chi_squared(self, force, location, phases_deg, variance_deg2):
         residual = wrap_deg(phases_deg - self._forward.phases(force, location))
         variance = variance_deg2 + self._forward.variances(force, location)
         return np.sum(residual**2 / variance, axis=1)

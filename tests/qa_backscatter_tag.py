@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""backscatter_tag: a tag in a flowgraph shows what it is told to, also while it runs."""
+"""backscatter_tag: a tag in a flowgraph shows what its parameters say, also while it runs."""
 
 import numpy as np
 import pytest
@@ -67,7 +67,7 @@ def level_db(line):
     return 10 * np.log10(np.mean(np.abs(line) ** 2))
 
 
-def test_input_passes_with_unit_gain_and_the_tag_lies_as_far_below_as_told():
+def test_input_passes_with_unit_gain_and_the_tag_lies_as_far_below_as_asked():
     tag = wiforce.backscatter_tag(**QUIET)
     received = run(tag, 2500)
     frames = received.reshape(-1, FRAME)
@@ -141,7 +141,7 @@ def test_a_second_run_of_the_flowgraph_goes_on():
 
 
 @pytest.mark.parametrize(
-    "parameters, told",
+    "parameters, message",
     [
         ({"model": "nothing"}, "got 'nothing'"),
         ({"clock_hz": 0}, "clock_hz: must be a number above 0"),
@@ -159,10 +159,10 @@ def test_a_second_run_of_the_flowgraph_goes_on():
         ({"seed": -1}, "seed: must be an integer"),
     ],
 )
-def test_bad_parameters_are_refused_by_name_rule_and_value(parameters, told):
+def test_bad_parameters_are_refused_by_name_rule_and_value(parameters, message):
     with pytest.raises(ValueError) as error:
         wiforce.backscatter_tag(**parameters)
-    assert told in str(error.value)
+    assert message in str(error.value)
 
 
 def test_bad_values_set_while_running_are_refused_and_leave_all_as_it_was():

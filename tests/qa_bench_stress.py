@@ -74,7 +74,7 @@ def test_reader_level_jumps_10_000_times_has_no_undetected_error():
     assert np.all(np.abs(outcome.errors_deg) <= 3 * outcome.std_deg)
 
 
-def test_reader_non_finite_samples_are_left_out():
+def test_reader_non_finite_samples_are_discarded():
     def hurt(group, snapshots):
         snapshots[5:15], snapshots[40] = np.nan, -1j * np.inf
         if group == 13:

@@ -62,7 +62,7 @@ def test_a_longer_group_is_no_better_by_its_lower_rate_alone():
     assert beat_the_plan(points, any_length=True) == ["long", "best"]
 
 
-def test_every_kind_of_setting_is_tried():
+def test_every_kind_of_setting_is_measured():
     names = [setting.name for setting in settings_of(load_scene("demo"))]
     assert names[0] == "plan" and len(set(names)) == len(names)
     for wanted in (

@@ -28,10 +28,10 @@ def folder(line, tmp_path_factory):
     return folder
 
 
-def test_the_report_tells_noise_span_and_what_was_left_out(folder):
+def test_the_report_states_noise_span_and_cross_validation(folder):
     report = (folder / "report.txt").read_text()
-    for told in ("1..8 N, 20..60 mm", "noise of the phases 0.1", "location 40 mm left out"):
-        assert told in report
+    for stated in ("1..8 N, 20..60 mm", "noise of the phases 0.1", "location 40 mm left out"):
+        assert stated in report
     assert (folder / "s.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -59,7 +59,7 @@ def test_phases_become_force_and_location_between_the_calibrated_ones(folder, li
 
 
 @pytest.mark.parametrize(
-    "content, told",
+    "content, message",
     [
         ("", "has no rows"),
         ("phase1_deg,phase2_deg\n", "has no rows"),
@@ -73,28 +73,30 @@ def test_phases_become_force_and_location_between_the_calibrated_ones(folder, li
         ("phase1_deg,phase2_deg,location_mm\n1,2,90\n", "location"),
     ],
 )
-def test_phases_that_cannot_be_are_refused_by_row(folder, tmp_path, content, told):
+def test_phases_that_cannot_be_are_refused_by_row(folder, tmp_path, content, message):
     (tmp_path / "p.csv").write_text(content)
     done = run_command(
         "invert", tmp_path / "p.csv", "--sensor", folder / "s.yaml", "-o", tmp_path / "o.csv"
     )
-    assert done.returncode == 2 and told in done.stderr, done.stderr
+    assert done.returncode == 2 and message in done.stderr, done.stderr
     assert len(done.stderr.splitlines()) == 1 and not (tmp_path / "o.csv").exists()
 
 
 @pytest.mark.parametrize(
-    "change, told",
+    "change, message",
     [
         (("900,40", "900,41x"), "location_mm"),
         (("900,40", "900,95"), "location_mm"),
         (("phase_deg", "angle"), "phase_deg"),
     ],
 )
-def test_a_table_that_cannot_be_is_refused_and_no_sensor_is_written(folder, tmp_path, change, told):
+def test_a_table_that_cannot_be_is_refused_and_no_sensor_is_written(
+    folder, tmp_path, change, message
+):
     text = (folder / "vna.csv").read_text().replace("900.0,", "900,").replace(*change)
     (tmp_path / "vna.csv").write_text(text)
     done = run_command("calibrate", tmp_path / "vna.csv", "-o", tmp_path / "s.yaml")
-    assert done.returncode == 2 and told in done.stderr, done.stderr
+    assert done.returncode == 2 and message in done.stderr, done.stderr
     assert len(done.stderr.splitlines()) == 1 and not (tmp_path / "s.yaml").exists()
 
 
@@ -114,7 +116,7 @@ def test_readings_are_inverted_again_without_taking_their_location_as_known(fold
     assert [float(row["location_std_mm"]) for row in rows[1:]] == [0, 0]
 
 
-def test_a_table_of_another_kind_is_told_how_to_be_read(folder, tmp_path):
+def test_a_table_of_another_kind_is_refused_with_advice(folder, tmp_path):
     (tmp_path / "t.csv").write_text("phase1_deg,phase2_deg,force_n,location_mm\n1,2,3,40\n")
     done = run_command("calibrate", tmp_path / "t.csv", "-o", tmp_path / "s.yaml")
     assert done.returncode == 2 and "--frequency-hz: is missing: " in done.stderr

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A guided calibration keeps what was measured, doubts what cannot be, and gives a sensor."""
+"""A guided calibration keeps measurements, warns of implausible ones, and gives a sensor."""
 
 import dataclasses
 import errno
@@ -17,7 +17,7 @@ from gnuradio.wiforce.sensor import (
     load_sensor,
     read_tap_csv,
 )
-from gnuradio.wiforce.sensor.entry_doubts import press_doubts
+from gnuradio.wiforce.sensor.entry_plausibility import press_warnings
 from gnuradio.wiforce.sensor.session_plan import Target
 
 PLAN = SessionPlan("arm", 900e6)
@@ -70,7 +70,7 @@ def test_each_measurement_is_in_the_file_at_once(tmp_path):
 
 
 @pytest.mark.parametrize("rest", ["2026-11", "2026-11-22T08:00:00+00:00,arm,900,30,2"])
-def test_row_that_a_crash_left_unfinished_is_removed(tmp_path, rest):
+def test_unfinished_row_of_a_crash_is_removed(tmp_path, rest):
     path = tmp_path / "arm.taps.csv"
     with CalibrationSession(PLAN, path) as session:
         measure_all(session, 3)
@@ -83,7 +83,7 @@ def test_row_that_a_crash_left_unfinished_is_removed(tmp_path, rest):
     assert len(path.read_text().splitlines()) == 5
 
 
-def test_header_that_a_crash_left_unfinished_is_written_again(tmp_path):
+def test_unfinished_header_of_a_crash_is_written_again(tmp_path):
     path = tmp_path / "arm.taps.csv"
     path.write_text("time_utc,sen")
     with CalibrationSession(PLAN, path) as session:
@@ -185,7 +185,7 @@ def test_untouched_phases_of_another_model_are_refused(tmp_path):
             session.add(untouched(20.0))
 
 
-def test_sweeps_rise_and_fall_and_are_told_apart(tmp_path):
+def test_sweeps_rise_and_fall_and_are_distinguished(tmp_path):
     plan = SessionPlan("arm", 900e6, (30.0, 50.0), (1.0, 2.0, 4.0, 6.0, 8.0), sweeps=2)
     with CalibrationSession(plan, tmp_path / "arm.taps.csv") as session:
         asked = []
@@ -232,7 +232,7 @@ def test_residuals_name_the_wrong_measurement(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["line-900mhz", "line-2400mhz", "wiforce-900mhz"])
-def test_honest_presses_are_not_doubted(name):
+def test_correct_presses_cause_no_warning(name):
     """A person would get used to keeping doubtful measurements."""
     model, rng = load_sensor(name), np.random.default_rng(3)
     frequency = model.frequencies_hz[0]
@@ -243,7 +243,7 @@ def test_honest_presses_are_not_doubted(name):
         new = press(true_n, place, model=model, frequency_hz=frequency)
         typed_n = round(true_n * 1.01 + 0.03 * rng.standard_normal(), 2)
         new = dataclasses.replace(new, location_mm=target.location_mm, force_n=typed_n)
-        assert press_doubts(new, taken, frequency, 80.0, 1.0) == []
+        assert press_warnings(new, taken, frequency, 80.0, 1.0) == []
         taken.append(new)
 
 
@@ -252,16 +252,16 @@ def taken_at(location_mm, count=12):
 
 
 @pytest.mark.parametrize(("typed_n", "true_n"), [(1.5, 3.0), (2.0, 5.0), (3.0, 7.0)])
-def test_force_that_does_not_fit_its_neighbours_is_doubted(typed_n, true_n):
+def test_force_that_does_not_fit_its_neighbours_causes_a_warning(typed_n, true_n):
     taken = [each for each in taken_at(30.0) if each.force_n != typed_n]
-    (doubt,) = press_doubts(press(typed_n, 30.0, true_n=true_n), taken, 900e6, 80.0, 1.0)
-    assert "wider than the other forces at 30 mm suggest" in doubt
+    (warning,) = press_warnings(press(typed_n, 30.0, true_n=true_n), taken, 900e6, 80.0, 1.0)
+    assert "wider than the other forces at 30 mm suggest" in warning
 
 
-def test_forces_typed_by_half_are_doubted_and_doubled_ones_mostly():
+def test_all_halved_and_three_quarters_of_doubled_forces_cause_warnings():
     """docs/guided-calibration.md states these shares."""
     rng = np.random.default_rng(4)
-    doubted = {0.5: [], 2.0: []}
+    warned = {0.5: [], 2.0: []}
     for _ in range(10):
         place = float(rng.uniform(20, 60))
         taken = [
@@ -269,36 +269,36 @@ def test_forces_typed_by_half_are_doubted_and_doubled_ones_mostly():
             for force_n in np.array(PLAN.force_n) * (1 + 0.05 * rng.uniform(-1, 1, 12))
         ]
         for count in range(3, 12):
-            for factor, found in doubted.items():
+            for factor, found in warned.items():
                 new = dataclasses.replace(taken[count], force_n=factor * taken[count].force_n)
-                found.append(bool(press_doubts(new, taken[:count], 900e6, 80.0, 1.0)))
-    assert np.mean(doubted[0.5]) == 1 and np.mean(doubted[2.0]) == pytest.approx(0.75, abs=0.05)
+                found.append(bool(press_warnings(new, taken[:count], 900e6, 80.0, 1.0)))
+    assert np.mean(warned[0.5]) == 1 and np.mean(warned[2.0]) == pytest.approx(0.75, abs=0.05)
 
 
-def test_location_that_was_not_changed_is_doubted():
+def test_location_that_was_not_changed_causes_a_warning():
     """The person forgot to move the ruler's mark under the indenter."""
     new = dataclasses.replace(press(1.0, 30.0), location_mm=40.0)
-    doubts = press_doubts(new, taken_at(30.0), 900e6, 80.0, 1.0)
-    assert doubts == ["the phases are those of a press at about 30 mm, not at 40 mm"]
+    warnings = press_warnings(new, taken_at(30.0), 900e6, 80.0, 1.0)
+    assert warnings == ["the phases are those of a press at about 30 mm, not at 40 mm"]
 
 
-def test_sensor_held_the_other_way_round_is_doubted():
+def test_sensor_held_the_other_way_round_causes_a_warning():
     new = dataclasses.replace(press(1.0, 40.0), location_mm=40.0)
     turned = dataclasses.replace(press(1.0, 50.0), location_mm=30.0)
-    assert press_doubts(turned, [new], 900e6, 80.0, 1.0)
+    assert press_warnings(turned, [new], 900e6, 80.0, 1.0)
 
 
-def test_phase_that_no_press_can_cause_is_doubted():
+def test_phase_that_no_press_can_cause_causes_a_warning():
     new = press(3.0, 30.0)
     new = dataclasses.replace(new, phase_deg=(new.phase_deg[0] + 90, new.phase_deg[1]))
-    (doubt,) = press_doubts(new, taken_at(30.0, 4), 900e6, 80.0, 1.0)
-    assert "port 1 jumps" in doubt and "further than a press can" in doubt
+    (warning,) = press_warnings(new, taken_at(30.0, 4), 900e6, 80.0, 1.0)
+    assert "port 1 jumps" in warning and "further than a press can" in warning
 
 
-def test_force_far_from_the_asked_one_is_doubted(tmp_path):
+def test_force_far_from_the_target_causes_a_warning(tmp_path):
     with CalibrationSession(PLAN, tmp_path / "arm.taps.csv") as session:
-        doubts = session.doubts(press(6.2, 20.0), session.next_target())
-    assert doubts == ["the force is 6.2 N where about 1 N was asked for"]
+        warnings = session.warnings(press(6.2, 20.0), session.next_target())
+    assert warnings == ["the force is 6.2 N where about 1 N was asked for"]
 
 
 @pytest.mark.parametrize(

@@ -44,7 +44,7 @@ def test_simulate_existing_file_is_replaced_with_force_only(scene, tmp_path, suf
     assert names_in(tmp_path) == [*(f"press{each}" for each in SUFFIXES), "scene.yaml"]
 
 
-def test_simulate_function_replaces_files_unless_told_otherwise(scene, tmp_path):
+def test_simulate_function_replaces_files_unless_asked_not_to(scene, tmp_path):
     for _ in range(2):
         wiforce.simulate(load_scene(scene), tmp_path / "press")
     with pytest.raises(InputError, match="exists already"):

@@ -103,10 +103,10 @@ def test_acquisition_finds_offsets_up_to_100_ppm(table, likelihood, offset_ppm):
     assert abs(rate_error) < 4 * spread < 10e-6 * RATE
 
 
-@pytest.mark.parametrize("gamma_db, tries", [(-20.0, 40), (0.0, 10)])
-def test_acquisition_is_never_off_by_half_a_cycle(table, likelihood, gamma_db, tries):
+@pytest.mark.parametrize("gamma_db, runs", [(-20.0, 40), (0.0, 10)])
+def test_acquisition_is_never_off_by_half_a_cycle(table, likelihood, gamma_db, runs):
     """It would ruin end 2: lines 2 and 6 hold both ends, with the wrong sign."""
-    for seed in range(tries):
+    for seed in range(runs):
         tag = random_tag(np.random.default_rng([1, seed]))
         _, fit = found_clock(likelihood, table, make_air(625, [tag], [2, seed], gamma_db))
         error = wrapped(fit.phase - true_phase(tag, fit.time_s))

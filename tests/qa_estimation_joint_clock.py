@@ -22,8 +22,8 @@ def test_phase_expansion_information_equals_that_of_joint_least_squares():
 
     def cost(phases):
         turned = mixing + slopes * np.repeat(phases, 2)
-        left = tones - turned @ np.linalg.pinv(turned) @ tones
-        return float(np.sum(np.abs(left) ** 2 @ inverse_noise))
+        residual = tones - turned @ np.linalg.pinv(turned) @ tones
+        return float(np.sum(np.abs(residual) ** 2 @ inverse_noise))
 
     solver = np.linalg.pinv(mixing)
     ends = solver @ tones
@@ -53,8 +53,8 @@ def test_phase_expansion_power_equals_the_residual_at_other_phases():
     ends = solver @ tones
     expansion = PhaseExpansion.of(mixing, solver, slopes, ends, tones - mixing @ ends)
     turned = mixing + slopes * np.repeat(shifts, 2, axis=1)[:, None]
-    left = tones - turned @ (np.linalg.pinv(turned) @ tones)
-    exact = np.sum(np.abs(left) ** 2, axis=1)
+    residual = tones - turned @ (np.linalg.pinv(turned) @ tones)
+    exact = np.sum(np.abs(residual) ** 2, axis=1)
     found = expansion.power_at(np.array(shifts))
     # The shifts change the residual by far more than the expansion is wrong.
     assert np.max(np.abs(exact - expansion.power) / exact) > 0.02

@@ -77,7 +77,7 @@ def test_presses_that_change_inside_a_group_are_outvoted():
     assert abs(estimate - off) < 0.01
 
 
-def test_presses_too_noisy_to_tell_are_refused():
+def test_presses_too_noisy_to_decide_are_refused():
     rng = np.random.default_rng(3)
     psi = 25.0 + rng.uniform(40, 90, 20)
     noisy = ratio(psi, 25.0, 0.1) + 0.2 * (rng.standard_normal(20) + 1j * rng.standard_normal(20))

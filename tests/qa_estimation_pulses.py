@@ -81,7 +81,7 @@ def test_pulses_are_found_and_phases_are_as_good_as_with_ideal_ones(duty, delay_
     np.testing.assert_allclose(groups.gain.mean(axis=0), ideal.gain.mean(axis=0), rtol=0.1)
 
 
-def test_pulses_of_two_tags_are_told_apart():
+def test_pulses_of_two_tags_are_distinguished():
     """Each tag has switches of its own; those of one must not be ascribed to the other."""
     rng = np.random.default_rng(3)
     duties = (0.244, 0.257), (0.255, 0.246)

@@ -21,7 +21,7 @@ from wiforce_app.evaluation.experiment import simulated
 from wiforce_app.evaluation.paper_method import paper_changes, paper_errors
 from wiforce_app.evaluation.report import cause_table, table
 from wiforce_app.evaluation.runs import result_of
-from wiforce_app.marks import mark_of
+from wiforce_app.provenance import fingerprint
 
 SCENE = {
     "sensors": [{"name": "arm", "model": "line-900mhz-calibrated"}],
@@ -78,7 +78,7 @@ def test_every_check_of_the_report_is_held(evaluated):
     assert len(rows) == 4 and all(held is True for *_, held in rows), rows
 
 
-def test_a_missed_figure_is_told_with_its_reason(sensor):
+def test_a_missed_figure_is_reported_with_its_reason(sensor):
     result = result_with("x", sensor)
     (missed,) = [c for c in checks([result], {"x": {"force_n": 1e-6}}) if "paper's" in c[2]]
     assert not missed[4]
@@ -163,8 +163,8 @@ def test_the_report_holds_the_table_and_how_it_came_about(evaluated):
     folder, done = evaluated
     report = (folder / "out" / "report.md").read_text()
     assert done.stdout.splitlines()[0] in report
-    for told in ("gr-wiforce evaluate short.yaml", "Seed 3", "NumPy", "![short](short.png)"):
-        assert told in report
+    for text in ("gr-wiforce evaluate short.yaml", "Seed 3", "NumPy", "![short](short.png)"):
+        assert text in report
     assert (folder / "out" / "short.png").read_bytes().startswith(b"\x89PNG")
     assert not list((folder / "out").glob(".capture*"))
 
@@ -175,8 +175,8 @@ def test_what_is_there_is_not_done_again_unless_the_scene_changed(evaluated):
     before = kept.stat().st_mtime_ns
     again = evaluate(folder, "short.yaml", "--folder", "out")
     assert again.stdout == first.stdout and kept.stat().st_mtime_ns == before
-    mark = json.loads(kept.read_text())["mark"]
-    assert result_of(folder / "out", "short.yaml", mark) is not None
+    stored = json.loads(kept.read_text())["fingerprint"]
+    assert result_of(folder / "out", "short.yaml", stored) is not None
     assert result_of(folder / "out", "short.yaml", "of another scene") is None
 
 
@@ -186,11 +186,11 @@ def test_a_sensor_calibrated_anew_makes_another_experiment(tmp_path):
     )
     scene = SCENE | {"sensors": [{"name": "arm", "model": "mine.yaml"}]}
     (tmp_path / "short.yaml").write_text(yaml.safe_dump(scene))
-    marks = []
+    found = []
     for onset_n in (sensor["onset_force_n"], sensor["onset_force_n"] * 1.01):
         (tmp_path / "mine.yaml").write_text(yaml.safe_dump(sensor | {"onset_force_n": onset_n}))
-        marks.append(mark_of(load_scene(tmp_path / "short.yaml"), simulated=True))
-    assert marks[0] != marks[1]
+        found.append(fingerprint(load_scene(tmp_path / "short.yaml"), simulated=True))
+    assert found[0] != found[1]
 
 
 def test_scenes_whose_results_would_overwrite_each_other_are_refused(tmp_path):

@@ -53,7 +53,7 @@ def generated(compiled, qt):
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["5555"], ["tcp://127.0.0.1:1", "key", "x"]])
-def test_zmq_client_bad_usage_is_told(arguments):
+def test_zmq_client_bad_usage_is_reported(arguments):
     command = [sys.executable, HEADLESS / "zmq_client.py", *arguments]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert done.returncode == 1 and done.stderr.startswith("usage: zmq_client.py [ENDPOINT")

@@ -132,8 +132,8 @@ def test_display_any_flags_are_tolerated(display, qt):
 
 def test_display_flagged_reading_looks_different(display, qt):
     plain = picture(display, qt, PRESSED)
-    doubtful = picture(display, qt, PRESSED | {"flags": "weak"})
-    assert plain != doubtful
+    flagged = picture(display, qt, PRESSED | {"flags": "weak"})
+    assert plain != flagged
 
 
 @pytest.mark.parametrize("size", [None, (640, 420), (1200, 900)])
@@ -218,8 +218,8 @@ def drawn(display, column):
 def test_display_flagged_readings_are_crosses_that_do_not_stretch_the_axis(display, qt):
     """One absurd reading must not flatten all others, nor look as reliable as they do."""
     absurd = PRESSED | {"force_n": 40.0, "location_mm": 700.0, "flags": "weak"}
-    doubtful = PRESSED | {"time_s": 1.2, "force_n": 3.0, "location_mm": 50.0, "flags": "weak"}
-    picture(display, qt, PRESSED, absurd | {"time_s": 1.1}, doubtful)
+    flagged = PRESSED | {"time_s": 1.2, "force_n": 3.0, "location_mm": 50.0, "flags": "weak"}
+    picture(display, qt, PRESSED, absurd | {"time_s": 1.1}, flagged)
     for column, reliable, crosses in ((0, 4.0, [4.0, 3.0]), (1, 40.0, [80.0, 50.0])):
         line, marks, limit = drawn(display, column)
         np.testing.assert_array_equal(line, [reliable, np.nan, np.nan])

@@ -76,7 +76,7 @@ def test_groups_are_incomplete_without_snapshots_for_any_reason():
     assert not batch(0, 2).incomplete.any()
 
 
-def test_groups_concatenated_empty_batches_are_left_out():
+def test_groups_concatenated_empty_batches_are_omitted():
     """They come from stages that hold groups back, before anything is known."""
     empty, known = Groups(np.zeros(0, int)), batch(0, 2, ratios=np.ones((2, 2), complex))
     joined = Groups.concatenate([empty, known, empty, known[:1]])

@@ -117,7 +117,7 @@ def test_force_typed_without_pressing_is_refused(sensor, path):
     assert "must be touched; no touch in 14 of 14" in shown and len(measurements) == 12
 
 
-def test_doubtful_press_is_stored_only_when_kept(sensor, path):
+def test_implausible_press_is_stored_only_when_kept(sensor, path):
     def press_lightly(force_n, location_mm):
         sensor.force_n = 2.0
         return f"{force_n}"
@@ -130,7 +130,7 @@ def test_doubtful_press_is_stored_only_when_kept(sensor, path):
     assert len(kept) == 12 and kept[5].phase_deg[0] - again[5].phase_deg[0] < -2
 
 
-def test_nothing_doubtful_is_not_kept(sensor, path):
+def test_keeping_without_an_implausible_press_does_nothing(sensor, path):
     _, shown, measurements = run(sensor, path, ["two", "k"])
     assert "nothing doubtful to keep" in shown and len(measurements) == 12
 
@@ -160,7 +160,7 @@ def test_undone_untouched_measurement_is_taken_again(sensor, path):
     assert "removed: the untouched sensor" in shown and len(measurements) == 12
 
 
-def test_skipped_forces_and_locations_are_left_out(sensor, path):
+def test_skipped_forces_and_locations_are_omitted(sensor, path):
     finished, _, measurements = run(sensor, path, ["s", "2", "n"])
     assert finished
     assert [each.force_n for each in measurements if each.location_mm == 30] == [2]

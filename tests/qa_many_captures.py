@@ -89,7 +89,7 @@ def test_repeated_run_reads_only_what_is_new_or_changed(captures, tmp_path):
     (tmp_path / "out" / "b.csv").write_text("edited")
     third = run_command(*arguments)
     assert "3 of 3 captures read; " in third.stderr
-    assert journal(tmp_path / "out")["a"]["mark"] != before["a"]["mark"]
+    assert journal(tmp_path / "out")["a"]["fingerprint"] != before["a"]["fingerprint"]
     scene = yaml.safe_dump(SCENE | {"reference_s": 0.5})
     (tmp_path / "scene.yaml").write_text(scene)
     other = run_command(*arguments, "--scene", tmp_path / "scene.yaml")
@@ -190,8 +190,8 @@ def test_one_parquet_file_holds_all_captures_with_their_names(captures, tmp_path
     for _, rows in frame.groupby(names):
         assert len(rows) == len(expected)
         for column in ("time_s", "touch", "phase1_deg", "snr_db", "group"):
-            left, right = rows[column].to_numpy(float), expected[column].to_numpy(float)
-            assert np.array_equal(left, right, equal_nan=True), column
+            found, wanted = rows[column].to_numpy(float), expected[column].to_numpy(float)
+            assert np.array_equal(found, wanted, equal_nan=True), column
         assert list(rows["flags"]) == list(expected["flags"].fillna(""))
     stored = pyarrow_metadata(whole)
     assert yaml.safe_load(stored["day2/c"]["wiforce:scene"])["reference_s"] == 0.6

@@ -33,11 +33,11 @@ public:
             if (!marks[n] && !changes[n].empty())
                 quiet_medians.push_back(median(changes[n]));
         if (quiet_medians.size() >= 8)
-            d_usual.push_back(lower(quiet_medians, .15));
-        if (d_usual.size() > (4096 + LENGTH - 1) / LENGTH)
-            d_usual.erase(d_usual.begin());
-        const double usual = d_usual.empty() ? 0 : lower(d_usual, .25),
-                     limit = 2.5 * usual;
+            d_typical.push_back(lower(quiet_medians, .15));
+        if (d_typical.size() > (4096 + LENGTH - 1) / LENGTH)
+            d_typical.erase(d_typical.begin());
+        const double typical = d_typical.empty() ? 0 : lower(d_typical, .25),
+                     limit = 2.5 * typical;
         std::vector<int> narrow(LENGTH + 2), kept; // with one more at each end
         for (int n = 0; n < LENGTH; n++)
             narrow[n + 1] = marks[n] && !changes[n].empty() &&
@@ -57,7 +57,7 @@ public:
         }
         if (summed == 0)
             return;
-        const double level = quiet_means.size() < 8 ? 2 * usual : mean(quiet_means);
+        const double level = quiet_means.size() < 8 ? 2 * typical : mean(quiet_means);
         const double share = double(kept.size()) / LENGTH;
         std::vector<double> information;
         for (const double power : spectrum)
@@ -107,7 +107,7 @@ private:
         return least;
     }
 
-    std::vector<double> d_usual;
+    std::vector<double> d_typical;
 };
 
 // A static channel with noise in which a transmitter hits every fifth snapshot or so.

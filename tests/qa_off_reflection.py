@@ -32,7 +32,7 @@ def write_scene(path, off, presses):
 
 @pytest.mark.parametrize("pressed", [True, False])
 def test_the_off_state_is_found_from_presses_or_refused_without(tmp_path, pressed):
-    """The reader's scene does not know it; forces and places are not told either."""
+    """The reader's scene does not know it; forces and locations are not given either."""
     presses = [p | {"location_mm": mm} for p, mm in zip(PRESSES, (25.0, 60.0), strict=True)]
     write_scene(tmp_path / "true.yaml", OFF, presses if pressed else [])
     write_scene(tmp_path / "known.yaml", [0.0, 0.0], [])

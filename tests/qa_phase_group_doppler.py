@@ -146,7 +146,7 @@ def incomplete_run(doppler, group_length, absent, not_finite=(), count=None):
 
 
 @pytest.mark.parametrize("mode", ["tones", "spectrum"])
-def test_incomplete_groups_are_told_and_their_snapshots_given(mode):
+def test_incomplete_groups_are_announced_and_their_snapshots_given(mode):
     length = 50
     if mode == "tones":
         weights = TABLES["pairs and singles"]

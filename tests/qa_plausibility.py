@@ -123,7 +123,7 @@ def test_read_csv_repeated_column_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_touch_of_says_when_it_cannot_be_told(name):
+def test_touch_of_says_when_it_is_unknown(name):
     model = load_sensor(name)
     phases = np.array([model.untouched_deg(), model.phases_deg(4.0, 40.0)])
     assert touch_of(model, phases, 1.0).tolist() == [0, 1]

@@ -74,7 +74,7 @@ def test_sc16_folds_without_rounding():
 
 
 def with_losses(samples, losses, rate, start=1000.25):
-    """The samples left after (first lost, number lost), with tags as gr-uhd sets them."""
+    """The samples received after (first lost, number lost), with tags as gr-uhd sets them."""
     keep = np.ones(len(samples), bool)
     tags = [rx_time(0, start)]
     for first, count in losses:
@@ -101,9 +101,11 @@ def test_lost_samples_cost_their_snapshots_and_no_others(losses, chunk):
     rate = 12.5e6
     frames = 16
     samples = noise(frames * 720, seed=3)
-    left, tags, keep = with_losses(samples, losses, rate)
+    received, tags, keep = with_losses(samples, losses, rate)
     whole = [f for f in range(frames) if keep[f * 720 + 64 : f * 720 + 320].all()]
-    folded, indices, fold = run_fold(left, tags, chunk=chunk, frame_length=720, sample_rate=rate)
+    folded, indices, fold = run_fold(
+        received, tags, chunk=chunk, frame_length=720, sample_rate=rate
+    )
     np.testing.assert_allclose(folded, reference_fold(samples, 720)[whole], atol=1e-6)
     # The index of every snapshot follows from the tags before it.
     found, index = [], None
@@ -116,14 +118,14 @@ def test_lost_samples_cost_their_snapshots_and_no_others(losses, chunk):
 
 
 @pytest.mark.parametrize("chunk", [None, 100])
-@pytest.mark.parametrize("told_late", [False, True])
-def test_frames_are_found_again_after_a_loss_that_no_tag_told(told_late, chunk):
+@pytest.mark.parametrize("tagged_late", [False, True])
+def test_frames_are_found_again_after_a_loss_without_a_tag(tagged_late, chunk):
     length, lost, at = 96, 5 * 96 + 30, 300 * 96 + 20
     frame = noise(length, 5) * (np.arange(length) < 64)
     sent = np.tile(frame, 1500) + 0.1 * noise(1500 * length, 6)
     samples = np.delete(sent, slice(at, at + lost))
     tags = [rx_time(0, 2.5)]
-    if told_late:
+    if tagged_late:
         tags.append(rx_time(1300 * length, 2.5 + (1300 * length + lost) / 12.5e6))
     folded, indices, fold = run_fold(
         samples, tags, chunk, frame_length=length, first_averaged=0, repetitions=1
@@ -131,8 +133,8 @@ def test_frames_are_found_again_after_a_loss_that_no_tag_told(told_late, chunk):
     there = np.abs(folded - frame[:64]).max(axis=1) < 1
     # Lost frames are on the count only where a tag tells of them, sooner or later.
     assert fold.frames_moved() == 1 and fold.samples_moved() == lost % length
-    assert fold.samples_lost() == (lost - lost % length if told_late else 0)
-    assert fold.gaps() == told_late
+    assert fold.samples_lost() == (lost - lost % length if tagged_late else 0)
+    assert fold.gaps() == tagged_late
     assert there[:300].all() and not there[300:500].any()
     back = 300 + np.argmax(there[300:])
     assert back < 1100 and there[back:].all()
@@ -148,16 +150,16 @@ def test_tones_in_one_thread_are_those_of_two_blocks_to_the_bit(chunk, item_type
     samples = rng.integers(-2000, 2000, size=(90 * 720, 2)).astype(np.int16)
     # In a group, over whole groups, and in a guard.
     losses = [(720 * 11 + 100, 1500), (720 * 30 + 70, 720 * 20), (720 * 70 + 400, 30)]
-    left, tags, _ = with_losses(samples, losses, rate)
+    received, tags, _ = with_losses(samples, losses, rate)
     if item_type == "fc32":
-        left = (left[:, 0] + 1j * left[:, 1]).astype(np.complex64)
-        left[720 * 40 + 99] = np.nan
+        received = (received[:, 0] + 1j * received[:, 1]).astype(np.complex64)
+        received[720 * 40 + 99] = np.nan
     weights = rng.normal(size=(3, group_length)) + 1j * rng.normal(size=(3, group_length))
     parameters = {"frame_length": 720, "sample_rate": rate, "item_type": item_type}
     two = [wiforce.preamble_fold(**parameters), wiforce.phase_group_doppler(weights, group_length)]
     one = [wiforce.preamble_fold.tones(weights, group_length, **parameters)]
     (want, want_tags, want_pdus), (tones, tone_tags, pdus) = (
-        run_tones(left, tags, chunk, chain) for chain in (two, one)
+        run_tones(received, tags, chunk, chain) for chain in (two, one)
     )
     np.testing.assert_array_equal(tones, want)
     assert tone_tags == want_tags
@@ -173,14 +175,14 @@ def test_collected_groups_hold_the_snapshots_with_their_noise_and_mask(chunk):
     """The room is surveyed in them, and the tones are computed from them."""
     length, rate = 8, 12.5e6
     samples = np.random.default_rng(5).integers(-2000, 2000, size=(90 * 720, 2)).astype(np.int16)
-    left, tags, _ = with_losses(samples, [(720 * 11 + 100, 1500), (720 * 30, 720 * 20)], rate)
+    received, tags, _ = with_losses(samples, [(720 * 11 + 100, 1500), (720 * 30, 720 * 20)], rate)
     parameters = {"frame_length": 720, "sample_rate": rate, "item_type": "sc16"}
     fold = wiforce.preamble_fold(**parameters)
     two = [wiforce.preamble_fold(**parameters), wiforce.phase_group_doppler.collected(length)]
     one = [wiforce.preamble_fold.collected(length, **parameters)]
     for collecting in (one[0], two[1]):  # no port that never sends anything
         assert not pmt.to_python(collecting.message_ports_out())
-    folded, tones_tags, _ = run_tones(left, tags, chunk, [fold])
+    folded, tones_tags, _ = run_tones(received, tags, chunk, [fold])
     by_snapshot, snapshot, noise = {}, 0, []
     for offset, vector in enumerate(folded):
         snapshot = tones_tags.get((offset, "snapshot"), snapshot)
@@ -188,7 +190,7 @@ def test_collected_groups_hold_the_snapshots_with_their_noise_and_mask(chunk):
         by_snapshot[snapshot] = vector, noise[2 * offset : 2 * offset + 2]
         snapshot += 1
     for chain in (one, two):
-        items, own, pdus = run_tones(left, tags, chunk, chain)
+        items, own, pdus = run_tones(received, tags, chunk, chain)
         assert not pdus and len(items) == 9
         for row, item in enumerate(items.reshape(-1, length, 64)):
             first = own[row, "group"] * length
@@ -264,7 +266,7 @@ def test_times_without_a_loss_change_nothing():
     assert fold.gaps() == 0
 
 
-def test_losses_are_told_again_after_the_device_s_clock_was_set_anew():
+def test_losses_are_counted_again_after_the_device_s_clock_was_reset():
     tags = [rx_time(0, 1000.0)]
     tags += [rx_time(2000 * n, 2 + (2000 * n + 5000 * n) / 12.5e6) for n in range(1, 7)]
     _, _, fold = run_fold(noise(20 * 720), tags, frame_length=720)

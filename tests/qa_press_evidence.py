@@ -41,28 +41,28 @@ def presses(line, slide_mm=0.0, off=0.0, contact=1.0):
 
 
 def judged(model, ratios, touch, batch=None):
-    """The evidence of some groups, and which of them are doubted."""
+    """The evidence of some groups, and which of them they contradict."""
     evidence = PressEvidence(model, CARRIER_HZ, np.zeros(2), PERIOD_S)
     psi = np.array(model.untouched_deg(CARRIER_HZ)) + np.degrees(np.angle(ratios))
     clear, none = np.ones(len(touch), bool), np.zeros(len(touch), bool)
     groups = none, ratios, psi, np.full(psi.shape, STD_DEG), touch, clear, none
     batch = batch or len(touch)
-    doubted = [
+    contradicting = [
         evidence.take(*(each[i : i + batch] for each in groups))
         for i in range(0, len(touch), batch)
     ]
-    return evidence, np.concatenate(doubted)
+    return evidence, np.concatenate(contradicting)
 
 
 @pytest.mark.parametrize(("contact", "kinds"), [(1.0, []), (0.98, []), (0.9, ["amplitude"])])
 def test_evidence_right_file_is_not_suspected(sensor, contact, kinds):
     """A warning that comes with the right file is no warning; contacts lose some of the signal."""
     line, model = sensor
-    evidence, doubted = judged(model, *presses(line, contact=contact))
-    assert [each.kind for each in evidence.suspicions] == kinds and not doubted.any()
+    evidence, contradicting = judged(model, *presses(line, contact=contact))
+    assert [each.kind for each in evidence.suspicions] == kinds and not contradicting.any()
 
 
-def test_evidence_edges_of_a_press_are_left_out(sensor):
+def test_evidence_edges_of_a_press_are_excluded(sensor):
     """In its first and last group a press is a mixture with the untouched sensor."""
     line, model = sensor
     ratios, touch = presses(line)
@@ -76,12 +76,12 @@ def test_evidence_swapped_ends_are_found_where_the_line_is_not_even(sensor):
     """All locations would be mirrored without any other sign."""
     line, model = sensor
     ratios, touch = presses(replace(line, swapped=True))
-    evidence, doubted = judged(model, ratios, touch)
+    evidence, contradicting = judged(model, ratios, touch)
     found = [each.kind for each in evidence.suspicions]
     assert found == (["swapped ends"] if line.lean else [])
-    assert evidence.doubted == bool(line.lean)
+    assert evidence.contradicted == bool(line.lean)
     # From the second press on nothing is known before its end.
-    assert not doubted[:-4].any()
+    assert not contradicting[:-4].any()
     more = np.concatenate([ratios, ratios]), np.tile(touch, 2)
     whole = judged(model, *more)[1]
     assert np.array_equal(whole, judged(model, *more, batch=7)[1])
@@ -91,17 +91,20 @@ def test_evidence_swapped_ends_are_found_where_the_line_is_not_even(sensor):
 def test_evidence_other_file_moves_locations_with_the_force(sensor):
     line, model = sensor
     other = Line(lean=0.0 if line.lean else 0.2)
-    evidence, doubted = judged(model, *presses(other))
+    evidence, contradicting = judged(model, *presses(other))
     (found,) = evidence.suspicions
-    assert found.text.startswith("the location moves with the force, by 0.") and not doubted.any()
+    assert (
+        found.text.startswith("the location moves with the force, by 0.")
+        and not contradicting.any()
+    )
 
 
 def test_evidence_sliding_contact_is_not_taken_for_swapped_ends(sensor):
     """Readings of a finger that slides are right."""
     line, model = sensor
-    evidence, doubted = judged(model, *presses(line, slide_mm=2.0))
+    evidence, contradicting = judged(model, *presses(line, slide_mm=2.0))
     (found,) = evidence.suspicions
-    assert "the contact slides" in found.text and not doubted.any()
+    assert "the contact slides" in found.text and not contradicting.any()
 
 
 @pytest.mark.parametrize(("off", "expected"), [(0.03, 0), (0.2, 2)])
@@ -109,12 +112,12 @@ def test_evidence_unstated_off_state_shows_in_the_amplitude(sensor, off, expecte
     line, model = sensor
     evidence, _ = judged(model, *presses(line, off=off * np.exp(0.5j)))
     found = [each for each in evidence.suspicions if each.kind == "off state"]
-    assert len(found) == expected and evidence.doubted == bool(expected)
+    assert len(found) == expected and evidence.contradicted == bool(expected)
     evidence.reset()
-    assert evidence.suspicions == [] and not evidence.doubted
+    assert evidence.suspicions == [] and not evidence.contradicted
 
 
-def test_evidence_phases_of_no_press_doubt_the_file(sensor):
+def test_evidence_phases_of_no_press_cast_suspicion_on_the_file(sensor):
     line, model = sensor
     evidence = PressEvidence(model, CARRIER_HZ, np.zeros(2), PERIOD_S)
     ratios, touch = presses(line)
@@ -153,7 +156,7 @@ def test_near_path_a_hand_that_comes_is_stated_during_the_touch():
 
 
 def test_near_path_noise_slow_gain_and_presses_add_nothing():
-    """What the standard deviation gains in doubt, a quiet room loses in accuracy."""
+    """What the standard deviation gains in width, a quiet room loses in accuracy."""
     rng, path = np.random.default_rng(3), NearPath(PERIOD_S)
     noise = np.exp(np.radians(STD_DEG) * rng.standard_normal(60))
     follow(path, noise * np.r_[np.full(58, 1.05), 0.8, 0.9])  # the press began in the last two

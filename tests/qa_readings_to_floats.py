@@ -55,7 +55,7 @@ def test_floats_are_repeated_in_the_order_of_the_readings():
     np.testing.assert_array_equal(found[0], np.repeat(np.arange(1, 401), 3))
 
 
-def test_floats_of_other_sensors_are_left_out():
+def test_floats_of_other_sensors_are_omitted():
     """Two sensors in one stream would look like one that jumps."""
     other = PRESSED | {"sensor": "finger", "force_n": 7.0}
     assert streams([PRESSED, other, PRESSED], 2)[0].tolist() == [4.0, 4.0]
@@ -72,7 +72,7 @@ def test_floats_of_flagged_readings_can_be_unknown():
     assert found[2].tolist() == [40.0, -1.0, -1.0]
 
 
-def test_floats_of_malformed_messages_are_left_out():
+def test_floats_of_malformed_messages_are_omitted():
     odd = [{}, {"sensor": "arm"}, PRESSED | {"force_n": None, "location_mm": "40"}]
     found = streams([*odd, PRESSED], 2, unknown=-1.0)
     assert found[0].tolist() == [-1.0, 4.0] and found[2].tolist() == [-1.0, 40.0]

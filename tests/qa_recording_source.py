@@ -144,27 +144,27 @@ def test_bad_parameters_are_named(tmp_path, monkeypatch, change, message):
 
 
 @pytest.mark.parametrize("datatype, item_type", [("ci16_le", "sc16"), ("cf32_le", "fc32")])
-def test_frames_that_move_untold_are_followed_as_in_a_stream_to_the_last_bit(
+def test_frames_that_move_without_a_tag_are_followed_as_in_a_stream_to_the_last_bit(
     tmp_path, datatype, item_type
 ):
     length, offset = 96, 41
     rng = np.random.default_rng(5)
     frame = rng.normal(size=(length, 2)) * (np.arange(length) < 70)[:, None]
     sent = 3000 * (np.tile(frame, (4000, 1)) + 0.1 * rng.normal(size=(4000 * length, 2)))
-    untold = np.delete(sent, slice(700 * length + 30, 705 * length + 77), axis=0)
-    told, lost = 1800 * length + 7, 993  # and a moment later some come twice
-    kept = [untold[:told], untold[told + lost : 2400 * length], untold[2399 * length + 9 :]]
+    moved = np.delete(sent, slice(700 * length + 30, 705 * length + 77), axis=0)
+    stated, lost = 1800 * length + 7, 993  # and a moment later some come twice
+    kept = [moved[:stated], moved[stated + lost : 2400 * length], moved[2399 * length + 9 :]]
     samples = np.concatenate(kept)
     samples = np.rint(samples).astype("<i2") if item_type == "sc16" else samples.astype("<f4")
     path = tmp_path / "x.bin"
     path.write_bytes(samples.tobytes())
-    back = told + lost + 5 * length + 47
-    segments = [(0, 0, told), (told, back, len(samples) - told)]
+    back = stated + lost + 5 * length + 47
+    segments = [(0, 0, stated), (stated, back, len(samples) - stated)]
     source = wiforce.recording_source(
         str(path), datatype, segments, length, first_averaged=3, repetitions=1, frame_offset=offset
     )
     folded, tags = run(source)
-    times = [(0, 0.0), (told, back / 12.5e6)]
+    times = [(0, 0.0), (stated, back / 12.5e6)]
     want, want_tags = folded_in_a_stream(samples, item_type, times, length, offset)
     np.testing.assert_array_equal(folded, want)
     assert tags == want_tags

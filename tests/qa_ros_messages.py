@@ -104,7 +104,7 @@ def test_wrench_of_press_points_into_the_surface_and_holds_the_location():
         ({"touch": None, "force_n": None}, ("wrench_doubtful", None, None)),
     ],
 )
-def test_wrench_doubtful_readings_have_a_topic_of_their_own(changes, expected):
+def test_wrench_flagged_readings_have_a_topic_of_their_own(changes, expected):
     """A controller that follows the clear topic must never act on a doubtful force."""
     name, *values = wrench_of(Reading(**asdict(PRESS) | changes))
     assert [name, *(None if math.isnan(value) else value for value in values)] == list(expected)

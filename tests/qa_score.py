@@ -185,7 +185,7 @@ def test_score_compares_a_file_of_readings(tmp_path):
     assert len(errors) == report["compared"]
     assert np.median(np.abs(errors)) == pytest.approx(report["median_error_n"], abs=1e-4)
     text = run_command(*arguments)
-    assert "presses are negative, turned round" in text.stdout
+    assert "presses are negative, sign inverted" in text.stdout
     for more, message in {
         ("--sensor", "leg"): "--sensor: must be one of arm, got 'leg'",
         ("--force-column", "x"): "--force-column: must be one of the columns of",

@@ -76,7 +76,7 @@ def test_intervals_hold_the_truth_over_many_calibrations(tmp_path):
 
 
 @pytest.mark.parametrize("frequency", LIMITS)
-def test_what_five_locations_cannot_tell_of_a_law_is_in_the_deviation(tmp_path, frequency):
+def test_what_five_locations_leave_open_of_a_law_is_in_the_deviation(tmp_path, frequency):
     law = OwnLaw("log", "kinked", 12.0)
     rng = np.random.default_rng(3)
     rows = vna_rows(law, frequency, np.linspace(2, 8, 30), 0.2, rng)
@@ -153,10 +153,10 @@ def test_several_carriers_go_into_one_model(tmp_path):
         model.phases_deg(5.0, 33.0)
 
 
-def refused(table, told):
+def refused(table, message):
     with pytest.raises(InputError) as caught:
         calibrate(table(), "own")
-    assert told in str(caught.value), caught.value
+    assert message in str(caught.value), caught.value
     assert "\n" not in str(caught.value)
 
 
@@ -180,7 +180,7 @@ def test_a_missing_port_is_refused(own_table, rows):
 
 
 @pytest.mark.parametrize(
-    "row, told",
+    "row, message",
     [
         ("900.000,30,1,x,12", "row 254: force_n: must be a number, got 'x'"),
         ("900.000,30,1,3,nan", "row 254: phase_deg: must be finite"),
@@ -191,9 +191,9 @@ def test_a_missing_port_is_refused(own_table, rows):
         ("-5,30,1,3,12", "row 254: freq_mhz: must be positive"),
     ],
 )
-def test_rows_that_cannot_be_are_refused_by_number(own_table, rows, row, told):
+def test_rows_that_cannot_be_are_refused_by_number(own_table, rows, row, message):
     rows.append(row)
-    refused(own_table, told)
+    refused(own_table, message)
 
 
 def test_the_same_measurement_twice_is_refused(own_table, rows):
@@ -228,8 +228,8 @@ def test_calibration_warnings_name_what_is_not_supported(own_table, rows):
     few = calibration_warnings(calibrate(own_table(), "own"))
     assert any("3 locations: five" in text for text in few)
     paper = " ".join(calibration_warnings(load_sensor("paper-900mhz")))
-    for told in ("do not fit a line", "force-unobservable", "falls by", "location 40 mm"):
-        assert told in paper
+    for warning in ("do not fit a line", "force-unobservable", "falls by", "location 40 mm"):
+        assert warning in paper
 
 
 def test_touchstone_gives_the_phases_at_the_carrier(tmp_path, rows):
@@ -377,8 +377,8 @@ def test_bases_go_on_smoothly_beyond_their_knots():
     for basis in (PowerBasis(), SplineBasis(np.array([2.0, 3.0, 5.0, 8.0]))):
         for edge in (2.0, 8.0):
             values = basis(edge + np.array([-2e-4, -1e-4, 0.0, 1e-4, 2e-4]))
-            bend = np.diff(values, 2, axis=0)
-            assert np.abs(bend).max() < 1e-6
+            curvature = np.diff(values, 2, axis=0)
+            assert np.abs(curvature).max() < 1e-6
 
 
 def test_coefficient_covariance_is_that_of_repeated_calibrations():
@@ -391,12 +391,12 @@ def test_coefficient_covariance_is_that_of_repeated_calibrations():
         fits.append(CurveFitter("power", None, []).fit(force, noisy))
     at = PowerBasis()(np.array([2.5, 5.0, 7.5]))
     spread = np.std([at @ fit.coefficients for fit in fits], axis=0)
-    told = 0.3 * np.sqrt(np.einsum("fk,km,fm->f", at, fits[0].unit_covariance, at))
+    stated = 0.3 * np.sqrt(np.einsum("fk,km,fm->f", at, fits[0].unit_covariance, at))
     # 300 repeats know a standard deviation to 4 %
-    assert spread == pytest.approx(told, rel=0.15)
+    assert spread == pytest.approx(stated, rel=0.15)
 
 
-def test_noise_and_misfit_are_told_apart():
+def test_noise_and_misfit_are_distinguished():
     rng = np.random.default_rng(10)
     force = np.linspace(2, 8, 60)
     noisy = CurveFitter("power", None, []).fit(force, rng.normal(0, 0.4, 60))

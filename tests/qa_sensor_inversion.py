@@ -101,8 +101,8 @@ def test_invert_covariance_is_that_of_repeated_noise(model):
     found = model.invert(phases, std)
     spread = np.cov(found.force_n, found.location_mm)
     own = model.model_std_deg(4.0, 33.0)
-    told = found.covariance.mean(axis=0)
-    # the model's own error is told as well: it is there even without noise
+    stated = found.covariance.mean(axis=0)
+    # the model's own error is stated as well: it is there even without noise
     slopes = np.linalg.inv(
         np.column_stack(
             [
@@ -112,7 +112,7 @@ def test_invert_covariance_is_that_of_repeated_noise(model):
         )
     )
     expected = spread + slopes @ np.diag(own**2) @ slopes.T
-    assert told == pytest.approx(expected, rel=0.1, abs=5e-4)
+    assert stated == pytest.approx(expected, rel=0.1, abs=5e-4)
 
 
 def test_invert_outside_the_calibration_is_extrapolated(model):
@@ -165,11 +165,11 @@ def test_invert_unobservable_force_is_never_confident(name, noise_deg):
     force = force[model.in_span(force, 40.0)]
     phases = model.phases_deg(force, 40.0)
     found = model.invert(phases + rng.normal(0, noise_deg, phases.shape), noise_deg)
-    hidden = np.array(["force-unobservable" in flags for flags in found.flags])
+    unobservable = np.array(["force-unobservable" in flags for flags in found.flags])
     error = np.abs(found.force_n - force)
-    assert np.mean(hidden) >= 0.999
+    assert np.mean(unobservable) >= 0.999
     assert np.mean(error <= 2 * found.force_std_n) >= 0.99
-    assert not np.any(error[~hidden] > 3 * found.force_std_n[~hidden])
+    assert not np.any(error[~unobservable] > 3 * found.force_std_n[~unobservable])
 
 
 @pytest.mark.parametrize("name, noise_deg", [("wiforce-900mhz", 0.5), ("paper-2400mhz", 1.0)])
@@ -185,8 +185,8 @@ def test_invert_wide_posterior_gives_its_mean(name, noise_deg):
     expected = model.phases_deg(forces[:, None], places)
     variance = model.model_std_deg(forces[:, None], places) ** 2 + noise_deg**2
     for i in np.flatnonzero(wide)[:12]:
-        misfit = np.sum(wrap(phases[i] - expected) ** 2 / variance + np.log(variance), axis=-1)
-        weight = np.exp(0.5 * (misfit.min() - misfit)).sum(axis=1)
+        chi_squared = np.sum(wrap(phases[i] - expected) ** 2 / variance + np.log(variance), axis=-1)
+        weight = np.exp(0.5 * (chi_squared.min() - chi_squared)).sum(axis=1)
         weight /= weight.sum()
         mean = weight @ forces
         std = np.sqrt(weight @ (forces - mean) ** 2)

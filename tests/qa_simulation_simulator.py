@@ -158,12 +158,12 @@ def test_simulate_two_antennas_are_replaced_together(tmp_path):
     assert [path.name for path in paths[::3]] == ["x.sigmf-data", "x.antenna2.sigmf-data"]
     before = [path.read_bytes() for path in paths]
     assert before[0] != before[3] and len(before[0]) == len(before[3])
-    left = 1.5 * len(before[0]) / 4
+    free = 1.5 * len(before[0]) / 4
 
     def fill_the_disk(samples):
-        nonlocal left
-        left -= samples
-        if left < 0:
+        nonlocal free
+        free -= samples
+        if free < 0:
             raise OSError(errno.ENOSPC, "No space left on device")
 
     with pytest.raises(OutputError, match="No space left"):

@@ -53,7 +53,7 @@ def test_amplitude_can_change_and_never_beyond_full_scale():
 
 
 @pytest.mark.parametrize(
-    "parameters, told",
+    "parameters, message",
     [
         ({"waveform": "chirp"}, "waveform: must be 'repeated' or 'wifi', got 'chirp'"),
         ({"frame_length": 319}, "frame_length: must be an integer >= 320, got 319"),
@@ -63,7 +63,7 @@ def test_amplitude_can_change_and_never_beyond_full_scale():
         ({"item_type": "sc8"}, "item_type: must be one of fc32, sc16, got 'sc8'"),
     ],
 )
-def test_bad_parameters_are_refused_by_name_rule_and_value(parameters, told):
+def test_bad_parameters_are_refused_by_name_rule_and_value(parameters, message):
     with pytest.raises(ValueError) as error:
         wiforce.sounding_source(**parameters)
-    assert told in str(error.value)
+    assert message in str(error.value)

@@ -254,8 +254,8 @@ def test_stream_room_is_surveyed_again_without_a_tare_while_nothing_is_touched(g
     assert [r.time_s for r in readings] == [r.time_s for r in quiet]
     assert as_rows(readings[:TARE]) == as_rows(quiet[:TARE])
     assert_right(readings)
-    told = stream(settings, received, TARE)[1]
-    for got, want in zip(readings[-12:], told[-12:], strict=True):
+    expected = stream(settings, received, TARE)[1]
+    for got, want in zip(readings[-12:], expected[-12:], strict=True):
         assert (got.touch, got.flags) == (want.touch, want.flags)
         assert got.phase1_deg == pytest.approx(want.phase1_deg, abs=0.4)
     for batch in (5, 11):

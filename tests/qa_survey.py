@@ -228,7 +228,7 @@ def test_quiet_room_leaves_plan_unchanged(own_plan):
     assert findings(survey, own_plan, own_plan) == []
 
 
-def test_ripple_is_told_from_lamps_by_its_ratio(own_plan):
+def test_ripple_is_distinguished_from_lamps_by_its_ratio(own_plan):
     """Ripple multiplies everything; lamps only add."""
     clean = room(noise=0)
     swing = (1 + 0.1 * np.cos(2 * np.pi * 100 * TIME_S))[:, None]

@@ -256,7 +256,7 @@ def test_tag_that_returns_untouched_is_read_from_the_old_reference_without_a_fla
 def test_tag_that_returns_touched_is_flagged_until_its_release():
     """While it was silent it may have been moved, which looks like another press."""
     bench = Bench().run(60, None, silent=[0]).run(20, (4.0, 30.0))
-    assert "other phases" in bench.receiver.readout.sensors["s0"].state.doubt
+    assert "other phases" in bench.receiver.readout.sensors["s0"].state.reference_problem
     pairs = bench.run(10).run(20, (4.0, 30.0)).run(3).finished()
     assert all(r.flags for _, r in pairs[76:96])
     assert not wrong(pairs) and sum(not r.flags for _, r in pairs[-33:]) > 26

@@ -32,7 +32,7 @@ def readings(changes_deg, **arrays):
     ("change_deg", "touch"),
     [((0.3, -0.2), 0), ((3.0, 3.0), 0), ((25.0, 25.0), 1), ((-40.0, 2.0), 1), ((170.0, 190.0), 1)],
 )
-def test_touch_is_told_by_the_change_alone(change_deg, touch):
+def test_touch_is_decided_by_the_change_alone(change_deg, touch):
     """A press in the middle of an unknown sensor would be taken for a motion of the tag."""
     (reading,) = readings([change_deg])
     assert reading.touch == touch and reading.sensor == "arm" and reading.flags == ()

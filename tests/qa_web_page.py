@@ -127,7 +127,7 @@ def test_page_of_eight_sensors_fits_its_window(window, reader, size):
             assert window.run("return document.documentElement.scrollHeight") <= SIZES[size][1]
 
 
-def test_page_tells_why_a_tare_is_refused_and_that_the_run_has_ended(window, reader, monkeypatch):
+def test_page_says_why_a_tare_is_refused_and_that_the_run_has_ended(window, reader, monkeypatch):
     press_tare = "document.getElementById('tare').click()"
     with opened(window, ZmqSource(reader.readings, reader.control), reader):
         reader.refusal = "arm is touched (3.00 N at 40.0 mm)"

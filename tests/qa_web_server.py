@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The server of the page: who may look, what each viewer is sent, and what it watches."""
 
+import contextlib
 import json
 import time
 import urllib.error
@@ -35,6 +36,18 @@ class NoSource:
 
     def close(self):
         pass
+
+
+class Flood(NoSource):
+    """A source with more readings than a viewer's buffers hold."""
+
+    time_s = 0.0
+
+    def poll(self, board):
+        for _ in range(400):
+            self.time_s = round(self.time_s + 0.01, 2)
+            board.add({"sensor": "arm", "time_s": self.time_s, "flags": "gap " * 20})
+        board.show({"state": "reading"})
 
 
 def fetch(url, path="", **headers):
@@ -111,6 +124,14 @@ def test_page_with_token_answers_nobody_without_it():
         for path, status in (("/readings", 403), (f"/readings?token={TOKEN}", 101)):
             with closing(RawViewer(url, path)) as viewer:
                 assert viewer.status == status
+
+
+def test_page_cookie_is_kept_from_scripts_and_other_sites():
+    """Another site could read the token, or press the tare button with it."""
+    with serving(NoSource(), TOKEN) as (url, _):
+        with urllib.request.urlopen(f"{url}?token={TOKEN}", timeout=10) as answer:
+            cookie = answer.headers["Set-Cookie"]
+    assert TOKEN in cookie and "HttpOnly" in cookie and "SameSite=Strict" in cookie
 
 
 def test_page_on_loopback_is_not_for_other_pages():
@@ -200,6 +221,21 @@ def test_file_source_follows_a_file_that_grows_and_is_replaced(suffix, tmp_path)
     source.close()
 
 
+def test_file_source_reads_a_file_that_became_shorter_from_its_start(tmp_path):
+    """A second run that writes to the same file would not be shown."""
+    path, board = tmp_path / "readings.jsonl", Board(30.0)
+    lines = [json.dumps({"time_s": time_s, "sensor": "arm"}) + "\n" for time_s in (5.0, 6.0, 1.0)]
+    path.write_text("".join(lines[:2]))
+    source = FileSource(path)
+    source.poll(board)
+    path.write_text(lines[2])
+    for _ in range(2):  # it is noticed by one call, and read by the next
+        source.poll(board)
+    rows = json.loads(board.message((-1, 0), status=False))["rows"]
+    assert [row[1] for row in rows] == [1.0]
+    source.close()
+
+
 def test_file_source_reads_only_the_end_of_a_long_file(tmp_path, monkeypatch):
     """A file of a month would keep the page busy for minutes."""
     monkeypatch.setattr("wiforce_app.web.file_source._TAIL_BYTES", 2000)
@@ -241,15 +277,6 @@ def test_stalled_viewer_is_dropped_and_others_get_every_reading(monkeypatch):
     """One laptop that was closed must not fill the memory of the robot."""
     monkeypatch.setattr(server_module, "_STALLED_S", 0.5)
 
-    class Flood(NoSource):
-        time_s = 0.0
-
-        def poll(self, board):
-            for _ in range(400):
-                self.time_s = round(self.time_s + 0.01, 2)
-                board.add({"sensor": "arm", "time_s": self.time_s, "flags": "gap " * 20})
-            board.show({"state": "reading"})
-
     with serving(Flood(), history_s=1000.0) as (url, page):
         with (
             closing(RawViewer(url, receive_buffer=4096)) as stalled,
@@ -268,7 +295,21 @@ def test_stalled_viewer_is_dropped_and_others_get_every_reading(monkeypatch):
     assert times == sorted(set(times)) and len(times) == round(100 * (times[-1] - times[0])) + 1
 
 
-def test_viewers_beyond_the_limit_are_told_so(monkeypatch):
+def test_viewer_that_pings_and_does_not_read_is_dropped():
+    """The answers to its pings would fill the memory of the robot."""
+    with serving(Flood(), history_s=1000.0) as (url, page):
+        with closing(RawViewer(url, receive_buffer=4096)) as stalled:
+            deadline = time.monotonic() + 15
+            while not page.viewers:
+                time.sleep(0.01)
+            while page.viewers:
+                assert time.monotonic() < deadline, "the viewer is still there"
+                with contextlib.suppress(OSError):
+                    stalled.ping()
+                time.sleep(0.01)
+
+
+def test_viewers_beyond_the_limit_are_refused_with_the_reason(monkeypatch):
     monkeypatch.setattr(server_module, "_MOST_VIEWERS", 2)
     with serving(NoSource()) as (url, page):
         with (
@@ -294,6 +335,23 @@ def test_tares_of_two_viewers_are_one_request():
                     assert not message["answer"]["ok"]
                     assert message["answer"]["error"] == f"tare refused: {reader.refusal}"
         assert 1 <= reader.tares <= 2
+
+
+def test_zmq_source_keeps_the_end_of_a_run_after_the_reader_is_silent():
+    """A run that ended in order would be shown as lost."""
+    now, board = [0.0], Board(30.0)
+
+    def status(seconds):
+        now[0] = seconds
+        source.poll(board)
+        return json.loads(board.message((-1, 0), status=True))["status"]
+
+    with closing(ZmqSource("5999", now=lambda: now[0])) as source:
+        source._take({"message": "heartbeat", "state": "reading"}, board)
+        assert (status(1.0)["state"], status(3.0)["state"]) == ("reading", "lost")
+        assert status(5.4)["reason"].startswith("no messages for 5 s")
+        source._take({"message": "end", "state": "ended"}, board)
+        assert status(60.0)["state"] == "ended"
 
 
 @pytest.mark.parametrize(

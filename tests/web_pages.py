@@ -129,7 +129,7 @@ def untouched(time_s, sensor="arm"):
 
 
 class RawViewer:
-    """A websocket client that reads only when it is told to."""
+    """A websocket client that reads only when it is asked to."""
 
     def __init__(self, url, path="/readings", headers=(), receive_buffer=None):
         parts = urlsplit(url)
@@ -157,6 +157,10 @@ class RawViewer:
         """Send a short text, masked with zeros."""
         data = text.encode()
         self._socket.sendall(bytes([0x81, 0x80 | len(data), 0, 0, 0, 0]) + data)
+
+    def ping(self):
+        """Request an answer of the websocket protocol itself."""
+        self._socket.sendall(bytes([0x89, 0x80, 0, 0, 0, 0]))
 
     def message(self):
         """The next message; None after the server has closed the connection."""

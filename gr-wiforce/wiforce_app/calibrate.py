@@ -196,7 +196,7 @@ def report(model):
             *_hysteresis(carrier),
             *_expected(model, carrier),
         ]
-    lines += _left_out(model.cross_validation)
+    lines += _cross_validation(model.cross_validation)
     lines += [f"assumed: {line}" for line in model.provenance.get("assumed", [])]
     return lines
 
@@ -234,7 +234,7 @@ def _expected(model, carrier):
     return lines
 
 
-def _left_out(validation):
+def _cross_validation(validation):
     if not validation:
         return []
     lines = [

@@ -11,8 +11,8 @@ from gnuradio.wiforce.io.textfile import check_output, replacing
 from gnuradio.wiforce.io.writers import open_writer
 from gnuradio.wiforce.scene import load_scene
 
-from .file_outputs import provenance
 from .progress import progress
+from .provenance import provenance
 
 _SUFFIXES = {"mcap": ".mcap", "parquet": ".parquet", "csv": ".csv", "json": ".jsonl"}
 

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files of readings that commands write, and what the files say of their readings."""
+"""The files of readings that ``gr-wiforce read`` writes at a time."""
 
-import json
 from contextlib import ExitStack
 from datetime import UTC, datetime
 from pathlib import Path
@@ -9,29 +8,7 @@ from pathlib import Path
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.writers import open_writer
 
-
-def provenance(scene):
-    """Version, scene and sensor models, for the metadata of a file.
-
-    Parameters
-    ----------
-    scene : Scene
-
-    Returns
-    -------
-    dict of str to str
-        ``wiforce:version``; ``wiforce:scene``, JSON with all defaults filled in;
-        ``wiforce:sensors``, JSON with the model of each sensor by name.
-    """
-    from gnuradio.wiforce._config import VERSION
-    from gnuradio.wiforce.sensor import sensor_to_dict
-
-    models = {each.name: sensor_to_dict(each.load_model(scene)) for each in scene.sensors}
-    return {
-        "wiforce:version": VERSION,
-        "wiforce:scene": json.dumps(scene.as_dict()),
-        "wiforce:sensors": json.dumps(models),
-    }
+from .provenance import provenance
 
 
 def open_mcap(path, inputs, metadata):

@@ -43,7 +43,7 @@ class GuidedCalibration:
         self._echo, self._scale = echo, scale
         plan = session.plan
         self._largest_deg = steady_deg(plan.frequency_hz, plan.permittivity)
-        self._doubtful, self._location_mm, self._ended = None, None, None
+        self._unconfirmed, self._location_mm, self._ended = None, None, None
         self._tare_refused = False
         self._commands = {
             "k": self._keep,
@@ -134,19 +134,19 @@ class GuidedCalibration:
         return True
 
     def _measure(self, line, target):
-        self._doubtful, self._tare_refused = None, False
+        self._unconfirmed, self._tare_refused = None, False
         try:
             press = self._press(line, target)
         except InputError as error:
             self._refuse(error)
             return
-        doubts = self._session.doubts(press, target)
-        if not doubts:
+        warnings = self._session.warnings(press, target)
+        if not warnings:
             self._store(press)
             return
-        self._doubtful = press
-        for doubt in doubts:
-            self._echo(f"  doubtful: {doubt}")
+        self._unconfirmed = press
+        for warning in warnings:
+            self._echo(f"  doubtful: {warning}")
         self._echo("  not stored: measure again, or keep it with k")
 
     def _press(self, line, target):
@@ -184,14 +184,14 @@ class GuidedCalibration:
         self._echo(f"  {press.force_n:.2f} N: {_phases(press)}; stored, {done} of {wanted}")
 
     def _keep(self, target):
-        if self._doubtful is None:
+        if self._unconfirmed is None:
             self._echo("  nothing doubtful to keep")
             return
-        press, self._doubtful = self._doubtful, None
+        press, self._unconfirmed = self._unconfirmed, None
         self._store(press)
 
     def _undo(self, target):
-        self._doubtful = None
+        self._unconfirmed = None
         removed = self._session.undo()
         if removed is None:
             self._echo("  nothing is stored")

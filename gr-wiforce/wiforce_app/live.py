@@ -16,7 +16,7 @@ from gnuradio.wiforce.io.zmq_keys import ServerKeys
 from gnuradio.wiforce.io.zmq_sockets import endpoint_of, is_loopback
 from gnuradio.wiforce.scene import load_scene
 
-from .file_outputs import open_mcap, provenance
+from .file_outputs import open_mcap
 from .live_outputs import (
     MCAP_FILE_BYTES,
     STAMP_COLUMNS,
@@ -24,7 +24,7 @@ from .live_outputs import (
     LiveOutputs,
     LslStreams,
     McapFile,
-    ReadingsFile,
+    TableFile,
     ZmqMessages,
 )
 from .log import FORMATS, LEVELS, log
@@ -37,6 +37,7 @@ from .options import (
     tracked_presses,
     web_options,
 )
+from .provenance import provenance
 from .radio_request import RECEIVE_S, DeviceLost, RadioRequest
 
 _LOOK_S = 0.1
@@ -167,7 +168,7 @@ def live(
             endpoints = [(control, keys)] if control else []
             if web is not None:
                 endpoints.append((_open_page(outputs, web, web_token), None))
-            outputs.add(ReadingsFile(writer))
+            outputs.add(TableFile(writer))
             session = _make_session(scene, request, outputs, tracked, record)
             _run(session, request, outputs, endpoints, duration, reconnect)
     except DeviceLost as lost:
@@ -267,12 +268,12 @@ def _run(session, request, outputs, endpoints, duration, reconnect):
     from .run_health import Heartbeat, RunHealth
     from .service_manager import ServiceManager
     from .service_report import ServiceReport
-    from .session_watch import Watch
+    from .session_monitor import SessionMonitor
 
     ending = _Ending()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ending.request("signal"))
-    watch = Watch(session)
+    monitor = SessionMonitor(session)
     shorten_pauses()
 
     def opened(link):
@@ -282,8 +283,8 @@ def _run(session, request, outputs, endpoints, duration, reconnect):
 
     keeper = RadioKeeper(request, session, reconnect, on_open=opened)
     health = RunHealth(session, RunClock(), log.info, lambda: keeper.state)
-    watch.health = outputs.health = health
-    outputs.seen = watch.note
+    monitor.health = outputs.health = health
+    outputs.seen = monitor.note
     service = ServiceManager()
     service_report = ServiceReport(service, session, keeper)
     tares = TareLog(session, log.info)
@@ -291,13 +292,13 @@ def _run(session, request, outputs, endpoints, duration, reconnect):
     requests = []
     for endpoint, keys in endpoints:
         stop = partial(ending.request, "request")
-        requests.append(serve_requests(endpoint, tares, watch.status, stop=stop, keys=keys))
+        requests.append(serve_requests(endpoint, tares, monitor.status, stop=stop, keys=keys))
     try:
         with Heartbeat(health.report, lambda report: outputs.send("heartbeat", report)):
             try:
                 while not ending.requested.wait(_LOOK_S) and session.failure is None:
                     keeper.look()
-                    watch.look()
+                    monitor.look()
                     health.look()
                     service_report.look()
                     for each in requests:
@@ -314,11 +315,11 @@ def _run(session, request, outputs, endpoints, duration, reconnect):
     finally:
         service.close()
         health.look()
-        watch.finish()
+        monitor.finish()
         for each in requests:
             each.close()
         outputs.send("end", {**health.report(), **ending.report()})
-    log.info(f"read {watch.summary()}")
+    log.info(f"read {monitor.summary()}")
     if ending.failure is not None:
         raise OutputError("--record", f"the recording is incomplete ({ending.failure.strerror})")
 

@@ -70,8 +70,8 @@ class Output:
         """
 
 
-class ReadingsFile(Output):
-    """A file of readings, or standard output."""
+class TableFile(Output):
+    """A file of readings that has a row for each, or standard output."""
 
     def __init__(self, writer: ReadingsWriter | RotatingWriter):
         self._writer = writer

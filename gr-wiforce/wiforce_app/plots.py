@@ -93,7 +93,7 @@ def _force(readings):
 
 
 def _plot_sensor(axes, readings, color, label):
-    """What a sensor's readings say without doubt, and the phases and SNR of all of them."""
+    """The values of readings without a warning, and the phases and SNR of all of them."""
     time = _column(readings, "time_s")
     reliable = [reading for reading in readings if not _flagged(reading)]
     for axis, values, std in (

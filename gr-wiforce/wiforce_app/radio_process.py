@@ -51,8 +51,8 @@ class _Control:
         """
         deadline = time.monotonic() + timeout_s
         while b"\n" not in self._rest:
-            left_s = max(deadline - time.monotonic(), 0)
-            if not select.select([self._control], [], [], left_s)[0]:
+            remaining_s = max(deadline - time.monotonic(), 0)
+            if not select.select([self._control], [], [], remaining_s)[0]:
                 return None
             data = self._control.recv(65536)
             if not data:

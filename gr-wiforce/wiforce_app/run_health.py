@@ -117,18 +117,18 @@ class RunHealth:
             self._events.append(f"{text}; its readings are empty until it returns")
 
     def _returns(self, reading, tag):
-        name, doubt = reading.sensor, self._stream.doubt_of(reading.sensor)
+        name, problem = reading.sensor, self._stream.reference_problem(reading.sensor)
         if tag.received_s is None:
             text = f"{name} is received from {reading.time_s:.2f} s on, after its reference time"
             return f"{text}; readings are flagged inconsistent until a tare"
         silent_s = reading.time_s - tag.received_s
         text = f"{name} is received again at {reading.time_s:.2f} s, after {silent_s:.1f} s"
-        if not doubt:
+        if not problem:
             return f"{text}; readings continue from the former reference"
-        if doubt == RETUNED:
-            return f"{text}; {doubt}: readings are flagged moved until a tare"
+        if problem == RETUNED:
+            return f"{text}; {problem}: readings are flagged moved until a tare"
         ends = "until its untouched phases are seen or a tare is forced"
-        return f"{text}; {doubt}: readings are flagged inconsistent {ends}"
+        return f"{text}; {problem}: readings are flagged inconsistent {ends}"
 
     def look(self) -> None:
         """Log what has happened, and give up a tare that cannot be completed."""
@@ -177,7 +177,7 @@ class RunHealth:
             name: {
                 "age_s": None if tag.arrived_s is None else round(now - tag.arrived_s, 3),
                 "received": tag.arrived_s is not None and not tag.silent,
-                "doubt": self._stream.doubt_of(name),
+                "doubt": self._stream.reference_problem(name),
                 "clock_offset_ppm": clocks_ppm.get(name),
                 "length_mm": tag.length_mm,
             }

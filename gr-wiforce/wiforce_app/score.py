@@ -162,7 +162,7 @@ def _text(report):
         f"offset          {report['offset_s']:.4f} +- {report['offset_std_s']:.4f} s (time of the "
         f"gauge at time 0 of the readings; correlation {report['correlation']:.3f})",
         f"gauge           zero {report['gauge_zero_n']:.3f} N, subtracted"
-        + ("; presses are negative, turned round" if report["gauge_sign"] < 0 else ""),
+        + ("; presses are negative, sign inverted" if report["gauge_sign"] < 0 else ""),
         f"compared        {report['compared']} steady touched readings without flag",
         f"force error     median {report['median_error_n']:.3f} N, rms {report['rms_error_n']:.3f}"
         f" N, 90 % below {report['p90_error_n']:.3f} N, bias {report['bias_n']:+.3f} N",

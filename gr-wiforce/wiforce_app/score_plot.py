@@ -30,10 +30,10 @@ def plot_comparison(readings, gauge, found, path, title):
     over_time.plot(
         readings.time_s[clear], readings.force_n[clear], ".", ms=4, color="C0", label="reading"
     )
-    doubtful = touched & ~clear
+    flagged = touched & ~clear
     over_time.plot(
-        readings.time_s[doubtful],
-        readings.force_n[doubtful],
+        readings.time_s[flagged],
+        readings.force_n[flagged],
         "x",
         ms=5,
         color="C3",

@@ -153,12 +153,12 @@ class StreamReader:
             return self._exchanged or self._receiver.state
         return "reference" if self._kept is not None and self._kept.groups else "acquiring"
 
-    def doubt_of(self, sensor: str) -> str:
+    def reference_problem(self, sensor: str) -> str:
         """Why it is not known which phases of a sensor are those untouched; empty if they are."""
         if self._receiver is None:
             return ""
         state = self._receiver.readout.sensors[sensor].state
-        return RETUNED if state.retuned else state.doubt
+        return RETUNED if state.retuned else state.reference_problem
 
     def suspicions(self) -> dict[str, list[Suspicion]]:
         """Mistakes that the presses suggest: see ``Receiver.suspicions``."""

@@ -47,8 +47,8 @@ class Stream:
     tags : list of (int, str, pmt)
     times : list of (int, float)
         Items and what ``rx_time`` says of them, in s, by a clock that is never set.
-    told : list of (int, int)
-        Items and the samples lost before them, as a time has told.
+    losses : list of (int, int)
+        Items and the samples lost before them, as a time tag states.
     set : list of (float, float)
         When the clock was set, in s by itself, and by how much.
     shift_s : float
@@ -67,7 +67,7 @@ class Stream:
     earliest: int = 0
     tags: list = field(default_factory=list)
     times: list = field(default_factory=list)
-    told: list = field(default_factory=list)
+    losses: list = field(default_factory=list)
     set: list = field(default_factory=list)
     shift_s: float = 0.0
     spoilt: list = field(default_factory=list)
@@ -78,8 +78,8 @@ class Stream:
         self.tags.append((int(item), key, value))
 
     def time_s(self, item):
-        """Time of an item on the device's count, as far as losses were told."""
-        lost = sum(count for start, count in self.told if start <= item)
+        """Time of an item on the device's count, as far as losses are known."""
+        lost = sum(count for start, count in self.losses if start <= item)
         return 7.25 + (item + lost) / RATE
 
     def tag_time(self, item, seconds):
@@ -117,7 +117,7 @@ class Stream:
                 for item, *rest in marks
             ]
 
-        self.tags, self.times, self.told = map(moved, (self.tags, self.times, self.told))
+        self.tags, self.times, self.losses = map(moved, (self.tags, self.times, self.losses))
 
     def scale(self, start, count, factor, offset=0.0):
         """What a complex gain and a constant make of a stretch, clipped as a converter does."""
@@ -129,17 +129,17 @@ class Stream:
         self.codes[start : start + count] = np.clip(part, -32768, 32767, out=part)
 
 
-def lost_and_told(stream, rng):
+def lost_tagged(stream, rng):
     """An overflow, with the time of the first sample behind it."""
     start, count = _place(stream, rng), int(10 ** rng.uniform(0, 5.7))
     count = min(count, len(stream.codes) - start - 1)
     stream.cut(start, count)
-    stream.told.append((start, count))
+    stream.losses.append((start, count))
     stream.tag_time(start, stream.time_s(start))
 
 
-def lost_untold(stream, rng):
-    """Samples lost that no tag tells."""
+def lost_untagged(stream, rng):
+    """Samples lost without a time tag."""
     start, count = _place(stream, rng), int(rng.integers(1, 5000))
     stream.cut(start, count)
     stream.shift_s += (count + FRAME) / RATE
@@ -177,7 +177,7 @@ def clock_set_anew(stream, rng):
     stream.set.append((stream.time_s(item), rng.choice([-1.5, 7200.0])))
     for start in np.sort(rng.integers(item, len(stream.codes) - GROUP, 2)):
         stream.cut(start, 5000)
-        stream.told.append((start, 5000))
+        stream.losses.append((start, 5000))
         stream.tag_time(start, stream.time_s(start))
 
 
@@ -221,7 +221,7 @@ def reopened(stream, rng):
     count = min(frames * FRAME, len(stream.codes) - start - GROUP)
     late = FRAME * int(rng.integers(0, 90))  # up to 5 ms
     stream.cut(start, count)
-    stream.told.append((start, count + late))
+    stream.losses.append((start, count + late))
     stream.tag_time(start, stream.time_s(start))
     stream.tag(start, "retuned", pmt.from_uint64(1))
     stream.scale(start, len(stream.codes), np.exp(2j * np.pi * rng.random()))
@@ -275,8 +275,8 @@ def second_reader(stream, rng):
 
 
 FAULTS = (
-    lost_and_told,
-    lost_untold,
+    lost_tagged,
+    lost_untagged,
     doubled,
     time_doubled,
     time_ahead,
@@ -303,7 +303,7 @@ def faulty(codes, rng, faults, earliest=0):
     stream.tag_time(0, 7.25)
     if stream.set:
         # The loss that the first time of a new clock tells is known but for whole frames.
-        stream.shift_s += (sum(count for _, count in stream.told) + FRAME) / RATE
+        stream.shift_s += (sum(count for _, count in stream.losses) + FRAME) / RATE
     return stream
 
 

@@ -143,14 +143,14 @@ def call(arguments):
         raise Hang(f"{arguments}: still running after {LIMIT_S} s")
 
     before = signal.signal(signal.SIGALRM, expired)
-    left = signal.alarm(LIMIT_S)
+    remaining_s = signal.alarm(LIMIT_S)
     said = io.StringIO()
     try:
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(said):
             status = main(list(arguments))
     finally:
         signal.signal(signal.SIGALRM, before)
-        signal.alarm(left)
+        signal.alarm(remaining_s)
     return status, said.getvalue()
 
 

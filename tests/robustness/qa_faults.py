@@ -16,8 +16,8 @@ SEQUENCES, LONG_SEQUENCES = 6, 1000
 
 # What the flags say of each fault; those left out cost nothing.
 SHOWN_AS = {
-    faults.lost_and_told: {"gap"},
-    faults.lost_untold: {"weak"},
+    faults.lost_tagged: {"gap"},
+    faults.lost_untagged: {"weak"},
     faults.doubled: {"weak"},
     faults.time_ahead: {"gap", "weak"},
     faults.clock_set_anew: {"gap", "weak"},
@@ -52,16 +52,16 @@ def check(codes, seed, chosen, earliest=0):
     """Reads the stream after these faults; returns readings and what is wrong with them."""
     stream = faults.faulty(codes, np.random.default_rng(seed), chosen, earliest)
     readings, reader = faults.read(stream)
-    told = f"seed {seed}: {', '.join(stream.said)}"
-    assert reader.failure is None, told
-    # Every sample that came or was told lost lies in a group that is counted, but for the last,
-    # and for silent ones just before it.
+    case = f"seed {seed}: {', '.join(stream.said)}"
+    assert reader.failure is None, case
+    # Every sample that was received, or is known to be lost, lies in a group that is counted,
+    # but for the last, and for silent ones just before it.
     lost = reader.fold.samples_lost() + reader.fold.samples_moved()
-    left = len(stream.codes) + lost - reader.counts.groups * faults.GROUP
-    assert -faults.FRAME < left < faults.GROUP + stream.silent, told
-    assert len(readings) == reader.counts.groups, told
+    unread = len(stream.codes) + lost - reader.counts.groups * faults.GROUP
+    assert -faults.FRAME < unread < faults.GROUP + stream.silent, case
+    assert len(readings) == reader.counts.groups, case
     wrong = [(r.time_s, faults.wrong(r, stream.shift_s)) for r in readings]
-    return readings, [f"{told}: at {time:.3f} s {what}" for time, what in wrong if what]
+    return readings, [f"{case}: at {time:.3f} s {what}" for time, what in wrong if what]
 
 
 def sequence(path, seed):
@@ -73,14 +73,14 @@ def sequence(path, seed):
     return wrong, sum(not r.flags for r in readings)
 
 
-def test_losses_in_any_order_are_told_by_the_time_of_their_sample():
+def test_losses_in_any_order_are_found_by_the_time_of_their_sample():
     rng = np.random.default_rng(5)
     stream = faults.Stream(np.repeat(np.arange(4_000_000)[:, None], 2, axis=1))
-    for fault in 4 * [faults.lost_and_told] + [faults.clock_set_anew, faults.lost_and_told]:
+    for fault in 4 * [faults.lost_tagged] + [faults.clock_set_anew, faults.lost_tagged]:
         fault(stream, rng)
-    last = dict(stream.times)  # what a later loss swallowed is told with it
+    last = dict(stream.times)  # what a later loss swallowed is counted with it
     assert len(last) >= 6
-    assert [item for item, _ in stream.told] != sorted(item for item, _ in stream.told)
+    assert [item for item, _ in stream.losses] != sorted(item for item, _ in stream.losses)
     for item, seconds in last.items():
         assert stream.codes[item, 0] == round((seconds - 7.25) * faults.RATE)
 
@@ -129,13 +129,13 @@ def test_a_reference_taken_late_is_flagged_in_all_that_rests_on_it(path):
     assert all("inconsistent" in r.flags for r in readings if r.touch is not None)
 
 
-def test_a_device_opened_again_is_doubted_even_where_nothing_seems_changed(path):
+def test_a_device_opened_again_is_flagged_even_where_nothing_seems_changed(path):
     """A phase that happens to be near the old one would give slightly wrong forces."""
     stream = faults.Stream(codes_in(path).copy())
     stream.tag(20 * faults.GROUP, "retuned", pmt.from_uint64(1))
     readings, _ = faults.read(stream)
-    doubted = ["moved" in r.flags for r in readings]
-    assert len(doubted) > 25 and all(doubted[20:]) and sum(doubted[:20]) < 3
+    flagged = ["moved" in r.flags for r in readings]
+    assert len(flagged) > 25 and all(flagged[20:]) and sum(flagged[:20]) < 3
 
 
 @pytest.mark.timeout(7200)

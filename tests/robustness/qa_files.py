@@ -26,7 +26,7 @@ def room_for(size):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_full_disk_keeps_every_whole_row_and_is_told_in_one_line(sandbox, readings, seed):
+def test_a_full_disk_keeps_every_whole_row_and_is_reported_in_one_line(sandbox, readings, seed):
     size = int(np.random.default_rng(seed).integers(len("".join(readings))))
     output = sandbox.folder / f"full{seed}.csv"
     done = sandbox.run("read", "press", *READ, "-o", output, before=room_for(size))
@@ -38,7 +38,7 @@ def test_a_full_disk_keeps_every_whole_row_and_is_told_in_one_line(sandbox, read
     assert len(kept) + len(rest.splitlines(keepends=True)[0]) > size
 
 
-def test_standard_output_on_a_full_disk_is_told_in_one_line(sandbox):
+def test_standard_output_on_a_full_disk_is_reported_in_one_line(sandbox):
     with open("/dev/full", "w") as full:
         before = os.dup(1)
         try:

@@ -135,16 +135,16 @@ def test_a_killed_reader_leaves_whole_rows_and_no_hindrance(sandbox, readings, l
     output = sandbox.folder / "killed.csv"
     began = time.monotonic()
     sandbox.run("read", "killed", *READ, "-o", output, before=os.getpid)  # in a process
-    usual_s = time.monotonic() - began
+    complete_s = time.monotonic() - began
     for _ in range(LONG_KILLS if long_run else KILLS):
         output.unlink(missing_ok=True)
         reader = follow(sandbox, "killed", output)
-        time.sleep(rng.random() * 1.2 * usual_s)
+        time.sleep(rng.random() * 1.2 * complete_s)
         seen = output.read_text() if output.exists() else ""
         reader.kill()
         reader.communicate(timeout=60)
-        left = output.read_text() if output.exists() else ""
-        assert left == whole[: len(left)] and left[-1:] in ("", "\n")
-        assert len(left) >= len(seen)
+        written = output.read_text() if output.exists() else ""
+        assert written == whole[: len(written)] and written[-1:] in ("", "\n")
+        assert len(written) >= len(seen)
     done = sandbox.run("read", "killed", *READ, "-o", output)
     assert done.returncode == 0 and output.read_text() == whole

@@ -45,7 +45,7 @@ class Tally:
     false_touches: int = 0  # unflagged
     missed: int = 0  # steady presses above 1.5 N that an unflagged reading denies
     touches: list = field(default_factory=list)
-    left_out: list = field(default_factory=list)  # share of each group, because of interference
+    rejected: list = field(default_factory=list)  # share of each group, because of interference
     refused: list = field(default_factory=list)  # messages of the product
     flags: Counter = field(default_factory=Counter)  # of steady presses
     captures: int = 0
@@ -83,7 +83,7 @@ class Tally:
             "all_phases_rms_deg": rms(every_phase),
             "captures": self.captures,
             "suspected": dict(self.suspected.most_common()),
-            "left_out": float(np.mean(self.left_out)) if self.left_out else math.nan,
+            "rejected": float(np.mean(self.rejected)) if self.rejected else math.nan,
         }
         for key, unit in (("force", "n"), ("location", "mm")):
             error = np.array([getattr(touch, f"{key}_{unit}") for touch in trusted])
@@ -161,7 +161,7 @@ def judge(room, rows):
         if kind == "changing":
             continue
         tally.unflagged += not flags
-        tally.left_out.append(number(row, "interference"))
+        tally.rejected.append(number(row, "interference"))
         if kind == "untouched":
             tally.untouched += 1
             tally.false_touches += touch and not flags

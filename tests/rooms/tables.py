@@ -41,7 +41,7 @@ TABLES = {
             "hopper": "a hopper on 8 of 64 subcarriers, 5 to 20 ms long, 50 %, 30 dB",
         },
         {
-            "left out": ("left_out", "{:.0%}"),
+            "left out": ("rejected", "{:.0%}"),
             "phase error": ("all_phases_rms_deg", "{:.3f} deg"),
         },
     ),

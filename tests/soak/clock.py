@@ -56,7 +56,7 @@ class PlayedTime:
             radio_keeper,
             run_health,
             service_report,
-            session_watch,
+            session_monitor,
         )
 
         for module in (resumed_time, sample_receiver, live_session, run_health):
@@ -70,7 +70,7 @@ class PlayedTime:
 
         run_health.RunHealth = health
         radio_keeper.RadioKeeper = partial(radio_keeper.RadioKeeper, link=link, now=self.monotonic)
-        session_watch.Watch = partial(session_watch.Watch, now=self.monotonic)
+        session_monitor.SessionMonitor = partial(session_monitor.SessionMonitor, now=self.monotonic)
         service_report.ServiceReport = partial(service_report.ServiceReport, now=self.monotonic)
         rotation.RotatingWriter = partial(rotation.RotatingWriter, now=self.time)
         # These pauses are in the time of the machine.

@@ -45,11 +45,11 @@ class Events:
     def _pressed(self):
         return int(self._rng.integers(1, len(self._world.loops.loops)))
 
-    def _doubt(self):
+    def _reference_problem(self):
         return RETUNED if self._world.retuned else ""
 
     def _expect_reading(self):
-        self._world.expect("reading", doubt=self._doubt())
+        self._world.expect("reading", reference_problem=self._reference_problem())
 
     # The device and its network
 
@@ -80,7 +80,7 @@ class Events:
         world.go_on_anywhere(rng)
         world.begin_stream()
         world.play_slot()
-        world.expect("reading", doubt=RETUNED)
+        world.expect("reading", reference_problem=RETUNED)
 
     def network_cut(self):
         """The network is gone for a while, shorter than a loss of the device."""
@@ -187,7 +187,7 @@ class Events:
         world.play(self._rng.uniform(PRESS_S - 0.2, PRESS_S - 0.1), loop := self._pressed())
         request = world.tare()
         world.play_slot(loop)
-        world.expect("reading", tare="failed", doubt="")
+        world.expect("reading", tare="failed", reference_problem="")
         return self._answered(request, "failed", "the former reference is kept")
 
     def tare_forced(self):
@@ -198,10 +198,10 @@ class Events:
         world.play(PRESS_S + 0.3, loop := self._pressed())
         request = world.tare(force=True)
         world.play(0.8, loop)
-        world.expect("reading", tare="complete", doubt=True)
+        world.expect("reading", tare="complete", reference_problem=True)
         self._answered(request, "complete")
         world.play_slot(loop)
-        # Nobody knows what the release left; a tare ends the doubt.
+        # Nobody knows what the release left; a tare makes the reference valid.
         world.play_slot()
         world.play(0.2)
         self._finish_tare(world.tare(force=True), 0.8)
@@ -236,7 +236,7 @@ class Events:
         world.go_on_anywhere(self._rng)
         world.begin_stream()
         world.play_slot()
-        world.expect("reading", doubt=RETUNED)
+        world.expect("reading", reference_problem=RETUNED)
         self.losses += 1
 
     def tare_without_tag(self):
@@ -314,7 +314,7 @@ class Events:
         self._answered(world.tare(), "refused", "the first reference is not complete")
         world.play_slot()
         world.play_slot()
-        world.expect("reading", doubt="")
+        world.expect("reading", reference_problem="")
 
 
 # Of the short form.

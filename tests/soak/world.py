@@ -140,11 +140,11 @@ class World:
         RunEnded
             When nobody takes samples any more.
         """
-        left = round(seconds * RATE_HZ)
-        while left > 0:
-            count = min(PACKET, left, self.loops.length - self.position)
+        remaining = round(seconds * RATE_HZ)
+        while remaining > 0:
+            count = min(PACKET, remaining, self.loops.length - self.position)
             self._send(self._codes(loop, count), loop)
-            left -= count
+            remaining -= count
             self._keep_up()
 
     def play_slot(self, loop=STILL):
@@ -175,9 +175,9 @@ class World:
     def wait(self, seconds):
         """Let time pass without samples, in steps that the reader can notice."""
         end_s = self.clock.now_s + seconds
-        while (left_s := end_s - self.clock.now_s) > 1e-9:
-            passed_s = seconds - left_s
-            self.clock.now_s += min(left_s, 0.1 if passed_s < 12 else passed_s / 50)
+        while (remaining_s := end_s - self.clock.now_s) > 1e-9:
+            passed_s = seconds - remaining_s
+            self.clock.now_s += min(remaining_s, 0.1 if passed_s < 12 else passed_s / 50)
             time.sleep(0.04)
             self._check_ended()
 
@@ -194,7 +194,7 @@ class World:
         if not first:
             self.run.note(LOST, 0)
             run.gaps += 1
-            gone = run.total + (self.clock.now_s + count / RATE_HZ - self._left_s) * RATE_HZ
+            gone = run.total + (self.clock.now_s + count / RATE_HZ - self._lost_at_s) * RATE_HZ
             run.total = math.ceil(gone / FRAME) * FRAME
             self.retuned = True
         run.utc.append((run.total, self._utc_of_run()))
@@ -208,7 +208,7 @@ class World:
     def leave(self):
         """The device is gone; note the time of its last sample."""
         self.settle()
-        self._left_s = self.clock.now_s
+        self._lost_at_s = self.clock.now_s
 
     def note_utc(self):
         """The host's clock was set."""
@@ -296,7 +296,10 @@ class World:
         report = self.health.report()
         self.allow(state)
         self.checks += 1
-        said = {"tare": report["tare"]["state"], "doubt": report["sensors"]["arm"]["doubt"]}
+        said = {
+            "tare": report["tare"]["state"],
+            "reference_problem": report["sensors"]["arm"]["doubt"],
+        }
         right = report["state"] == state and reason in report["reason"]
         for key, wanted in more.items():
             right &= bool(said[key]) if wanted is True else said[key] == wanted

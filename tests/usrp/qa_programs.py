@@ -11,11 +11,11 @@ import pytest
 EXAMPLES = Path("/usr/libexec/uhd/examples")
 
 
-def run(program, *arguments, timeout=60, tries=1, wanted=""):
-    """Output of a program that must exit 0 and print ``wanted`` within ``tries`` runs."""
+def run(program, *arguments, timeout=60, attempts=1, wanted=""):
+    """Output of a program that must exit 0 and print ``wanted`` within ``attempts`` runs."""
     path = EXAMPLES / program
     command = [str(path) if path.exists() else program, *map(str, arguments)]
-    for _ in range(tries):
+    for _ in range(attempts):
         done = subprocess.run(
             command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=timeout
         )
@@ -44,7 +44,7 @@ def test_uhd_test_messages_all_reports_arrive(software_usrp):
     device = software_usrp("--air", "cable", speed=10)
     arguments = ["--args", device.args, "--test-chain", "--ntests", 20]
     # The program waits 0.1 s of wall time for each report, which a busy machine may miss once.
-    output = run("test_messages", *arguments, tries=3)
+    output = run("test_messages", *arguments, attempts=3)
     results = re.findall(r"->\s+(\d+) successes,\s+(\d+) failures", output)
     assert sum(int(good) for good, _ in results) == 20, output
     assert all(bad == "0" for _, bad in results), output
@@ -63,7 +63,7 @@ def test_uhd_latency_test_all_replies_transmitted_in_time(software_usrp, long_ru
     device = software_usrp("--air", "cable", speed=0.3)
     runs = 50 if long_run else 20
     arguments = ["--args", device.args, "--nruns", runs, "--rate", 5e6, "--rtt", 0.005]
-    run("latency_test", *arguments, tries=4, wanted=f"ACKs received:    {runs}/{runs}")
+    run("latency_test", *arguments, attempts=4, wanted=f"ACKs received:    {runs}/{runs}")
 
 
 def test_uhd_rx_timed_samples_arrive_complete(software_usrp):

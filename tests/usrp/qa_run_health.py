@@ -20,13 +20,13 @@ class Run:
 
     def __init__(self):
         self.now_s, self.said = 0.0, []
-        self.doubt, self.device, self.suspicions = "", RUNNING, []
+        self.problem, self.device, self.suspicions = "", RUNNING, []
         tares = SimpleNamespace(measuring=False, state=TareState())
         sensor = SimpleNamespace(name="arm", model=SimpleNamespace(length_mm=80.0))
         self.stream = SimpleNamespace(
             state="reading",
             tares=tares,
-            doubt_of=lambda name: self.doubt,
+            reference_problem=lambda name: self.problem,
             suspicions=lambda: {"arm": self.suspicions},
             plan=SimpleNamespace(reference_groups=10, group_period_s=0.05, sensors=[sensor]),
         )
@@ -68,20 +68,20 @@ def run():
 
 
 @pytest.mark.parametrize(
-    "doubt, words",
+    "problem, words",
     [
         ("", "readings continue from the former reference"),
         ("it moved", "it moved: readings are flagged inconsistent"),
         (RETUNED, f"{RETUNED}: readings are flagged moved until a tare"),
     ],
 )
-def test_health_says_when_a_tag_goes_silent_and_returns(run, doubt, words):
+def test_health_says_when_a_tag_goes_silent_and_returns(run, problem, words):
     assert run.read(2.0) == ("reading", "")
     assert run.read(0.9, touch=None)[0] == "reading" and not run.said
     assert run.read(2.0, touch=None) == ("lost", "not received: arm")
     assert run.said == ["arm is not received since 2.00 s; its readings are empty until it returns"]
     assert run.health.report()["sensors"]["arm"]["age_s"] == pytest.approx(2.9)
-    run.doubt = doubt
+    run.problem = problem
     assert run.read(0.1)[0] == "reading"
     assert run.said[1].startswith("arm is received again at 5.00 s, after 3.0 s; ")
     assert words in run.said[1] and len(run.said) == 2

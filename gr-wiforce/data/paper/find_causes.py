@@ -121,8 +121,8 @@ def main(names):
             wanted = paper_figures()[name][FITTED[name]]
             print(f"{name}: {FITTED[name]} {wanted:.3g}", flush=True)
             # The captures of several presses take long; three causes give a range as well.
-            tried = list(CAUSES)[: 3 if FITTED[name] == "force_n" else None]
-            causes = {cause: fitted(name, cause, wanted, folder) for cause in tried}
+            candidates = list(CAUSES)[: 3 if FITTED[name] == "force_n" else None]
+            causes = {cause: fitted(name, cause, wanted, folder) for cause in candidates}
             _write_own(SCENES / f"{name}.yaml", causes.pop(OWN))
             _write_others(path, name, causes)
 

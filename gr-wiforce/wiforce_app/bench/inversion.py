@@ -86,8 +86,8 @@ def _brute_force(model, carrier, phases, noise_deg):
     prior = 0.5 * np.log(variance).sum(axis=-1) - np.log(grid[0])  # equal steps of force
     found = []
     for pair in phases:
-        misfit = 0.5 * np.sum(wrap_deg(pair - expected) ** 2 / variance, axis=-1) + prior
-        weight = np.exp(misfit.min() - misfit).sum(axis=1)
+        cost = 0.5 * np.sum(wrap_deg(pair - expected) ** 2 / variance, axis=-1) + prior
+        weight = np.exp(cost.min() - cost).sum(axis=1)
         weight /= weight.sum()
         mean = weight @ force
         found.append((mean, np.sqrt(weight @ (force - mean) ** 2)))

@@ -163,7 +163,7 @@ def _summary(case, estimator, runs):
     rms = np.sqrt(np.mean(phases**2, axis=0))
     bound = np.sqrt(np.mean([run.bound_deg**2 for run in runs], axis=0))
     clear = np.abs(errors[~flagged])
-    doubt, limits = std[~flagged], np.array(_WRONG[1:])
+    clear_std, limits = std[~flagged], np.array(_WRONG[1:])
     unread = sum(run.unread for run in runs)
     return RoomRow(
         case.name,
@@ -172,9 +172,9 @@ def _summary(case, estimator, runs):
         bound.tolist(),
         (20 * np.log10(rms / bound)).tolist(),
         float(np.median(np.abs(errors[:, 0]))),
-        np.mean(clear <= 2 * doubt, axis=0).tolist(),
+        np.mean(clear <= 2 * clear_std, axis=0).tolist(),
         len(clear) / (len(errors) + unread),
-        int(np.sum(np.any((clear > _WRONG[0] * doubt) & (clear > limits), axis=1))),
+        int(np.sum(np.any((clear > _WRONG[0] * clear_std) & (clear > limits), axis=1))),
         _counted([_without_numbers(run.added) for run in runs]),
         _counted([run.skipped for run in runs]),
         float(np.mean([run.start_s for run in runs])),

@@ -86,9 +86,9 @@ def speed(as_json, runs, megabytes, folder, only, cpu_time, latency_seconds):
 
 
 def _check_room(folder, size, megabytes):
-    left = shutil.disk_usage(folder).free
-    if size > left:
-        rule = f"both recordings must fit on the disk, which has {left // 10**6} MB free"
+    free = shutil.disk_usage(folder).free
+    if size > free:
+        rule = f"both recordings must fit on the disk, which has {free // 10**6} MB free"
         raise click.BadParameter(f"{rule}, got {megabytes}", param_hint="--megabytes")
 
 

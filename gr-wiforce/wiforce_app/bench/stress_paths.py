@@ -113,8 +113,8 @@ def read_case(case, path="double", indices=None, scale=None, hurt=None, run=0, s
 
 def _numbered(groups, case):
     """Groups with an index in the touched part; infinite std without a reading."""
-    doubtful = np.repeat(groups.overlapping | ~groups.locked, 2, axis=1)
-    std = np.where(doubtful, np.inf, groups.phase_std_deg)
+    unreliable = np.repeat(groups.overlapping | ~groups.locked, 2, axis=1)
+    std = np.where(unreliable, np.inf, groups.phase_std_deg)
     index = np.full(len(groups), case.reference_groups)
     return groups.having(index=index, phase_std_deg=std)
 

@@ -39,11 +39,11 @@ def tradeoff(scenes, as_json, quick, folder, fresh, plot_path, page_path):
     from gnuradio.wiforce.scene import load_scene, shipped_scenes
 
     from ..evaluation.runs import keep_result, result_of
-    from ..marks import mark_of
+    from ..provenance import fingerprint
 
     names = list(dict.fromkeys(scenes or shipped_scenes()))
     # Invalid scenes are refused before any work is done.
-    marks = {name: mark_of(load_scene(name), simulated=True) for name in names}
+    fingerprints = {name: fingerprint(load_scene(name), simulated=True) for name in names}
     inputs = [file for name in names for file in load_scene(name).files]
     if plot_path is not None:
         from ..plots import check_picture
@@ -53,12 +53,14 @@ def tradeoff(scenes, as_json, quick, folder, fresh, plot_path, page_path):
         check_output(page_path, inputs)
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    results = {name: None if fresh else result_of(folder, name, marks[name]) for name in names}
+    results = {
+        name: None if fresh else result_of(folder, name, fingerprints[name]) for name in names
+    }
     missing = [name for name in names if results[name] is None]
     with progress("measuring", len(missing)) as step:
         for name in missing:
             results[name] = _measured(name, folder, _QUICK_RUNS if quick else _RUNS)
-            keep_result(folder, name, marks[name], results[name])
+            keep_result(folder, name, fingerprints[name], results[name])
             step(1)
     results = [results[name] for name in names]
     if plot_path is not None:

@@ -59,8 +59,8 @@ class Journal:
                 continue  # cut off by a power failure, or not ours
         return entries
 
-    def mark(self, name, output):
-        """The mark of a capture's readings, None unless they are there and whole.
+    def fingerprint(self, name, output):
+        """The fingerprint of a capture's readings, None unless they are there and whole.
 
         Parameters
         ----------
@@ -81,7 +81,7 @@ class Journal:
             )
         except OSError:
             return None
-        return entry.get("mark") if whole else None
+        return entry.get("fingerprint") if whole else None
 
     def note(self, name, **values):
         """Append what became of a capture.

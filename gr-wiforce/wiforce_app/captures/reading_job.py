@@ -15,8 +15,7 @@ from gnuradio.wiforce.io.writers import open_writer
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import scene_of
 
-from ..file_outputs import provenance
-from ..marks import mark_of
+from ..provenance import fingerprint, provenance
 
 _UUID_DIGITS = len(uuid.uuid4().hex)
 # Longer than most metadata, and thousands of noisy samples.
@@ -37,7 +36,7 @@ class ReadingJob:
         Scene file or name of a shipped scene; None for the capture's own.
     settings : dict
         ``datatype``, ``frame_offset`` and ``tracked``.
-    mark : str or None
+    fingerprint : str or None
         Of the readings that exist already.
     """
 
@@ -46,7 +45,7 @@ class ReadingJob:
     output: str
     scene: str | None
     settings: dict
-    mark: str | None = None
+    fingerprint: str | None = None
 
 
 @dataclass(frozen=True)
@@ -55,10 +54,10 @@ class ReadingReport:
 
     Attributes
     ----------
-    mark : str
+    fingerprint : str
         Hash of all that its readings depend on.
     unchanged : bool
-        It was not read, since readings with this mark exist.
+        It was not read, since readings with this fingerprint exist.
     rows : int
     counts : GroupCounts
     messages : list of str
@@ -67,7 +66,7 @@ class ReadingReport:
         Where the readings are, until whoever asked for them renames them to the job's output.
     """
 
-    mark: str
+    fingerprint: str
     unchanged: bool
     rows: int = 0
     counts: GroupCounts = field(default_factory=GroupCounts)
@@ -109,9 +108,9 @@ def _read(job):
     recording = open_capture(job.path, job.settings["datatype"])
     scene, differences = scene_of(recording, job.scene)
     identities = [_identity(file) for file in recording.files]
-    mark = mark_of(scene, job.settings, *identities)
-    if mark == job.mark:
-        return ReadingReport(mark, unchanged=True)
+    current = fingerprint(scene, job.settings, *identities)
+    if current == job.fingerprint:
+        return ReadingReport(current, unchanged=True)
     frame_offset = job.settings["frame_offset"]
     reader = open_reader(recording, plan(scene), frame_offset, job.settings["tracked"])
     warn_of_start(recording, reader, differences, frame_offset)
@@ -138,7 +137,7 @@ def _read(job):
     warn_of_end(job.path, reader)
     if [_identity(file) for file in recording.files] != identities:
         warn(job.path, "changed while it was read; repeat the command when it is complete")
-    return ReadingReport(mark, False, writer.rows, reader.counts, partial=str(partial))
+    return ReadingReport(current, False, writer.rows, reader.counts, partial=str(partial))
 
 
 def remove_partial(outputs):

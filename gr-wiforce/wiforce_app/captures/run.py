@@ -70,10 +70,10 @@ def read_many(given, scene, output, form, again, jobs, scheduler, settings):
         tasks = []
         for capture in captures:
             path = (folder / f"{capture.name}.{suffix}").absolute()
-            mark = None if again else journal.mark(capture.name, path)
+            known = None if again else journal.fingerprint(capture.name, path)
             tasks.append(
                 ReadingJob(
-                    capture.name, _absolute(capture.path), str(path), _scene(scene), settings, mark
+                    capture.name, _absolute(capture.path), str(path), _scene(scene), settings, known
                 )
             )
         _protect_captures(tasks, whole)
@@ -142,7 +142,7 @@ def _keep(journal, task, report):
         raise OutputError(output, f"cannot be written ({error.strerror})") from error
     journal.note(
         task.name,
-        mark=report.mark,
+        fingerprint=report.fingerprint,
         output=output.name,
         size_bytes=written.st_size,
         time_ns=written.st_mtime_ns,

@@ -63,7 +63,7 @@ def plot_scene(result, path):
     for i, sensor in enumerate(result["sensors"]):
         truth = np.array(sensor["truth"], float)
         readings = np.array([row[:4] for row in sensor["readings"]], float)
-        doubtful = np.array([row[4] for row in sensor["readings"]])
+        flagged = np.array([row[4] for row in sensor["readings"]])
         for row, (column, key, label) in enumerate(
             ((2, "force_n", "force (N)"), (3, "location_mm", "location (mm)"))
         ):
@@ -72,7 +72,7 @@ def plot_scene(result, path):
             over_time.plot(truth[:, 0], known, color="0.6", lw=2.5, zorder=0)
             name = sensor["sensor"]
             over_time.plot(readings[:, 0], readings[:, column], f"C{i}.", ms=4, label=name)
-            over_time.plot(readings[doubtful, 0], readings[doubtful, column], "x", color="C3", ms=5)
+            over_time.plot(readings[flagged, 0], readings[flagged, column], "x", color="C3", ms=5)
             over_time.set_ylabel(label)
             _distributions(distribution, sensor["methods"], f"{key}_errors", f"C{i}")
             distribution.set_xlabel(f"error of {label}")

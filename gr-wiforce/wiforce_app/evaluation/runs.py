@@ -9,8 +9,8 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.textfile import check_output, write_whole
 from gnuradio.wiforce.scene import load_scene, shipped_scenes, simulation_warnings
 
-from ..marks import mark_of
 from ..progress import progress
+from ..provenance import fingerprint
 from ..workers import run_tasks
 from .causes import other_causes, paper_figures
 from .report import cause_table, table, write_report
@@ -39,8 +39,9 @@ def evaluate_scenes(names, folder, jobs=None, fresh=False, scheduler=None):
         if stems.count(stem) > 1:
             raise InputError("scenes", "must have different file names", name)
     # Invalid scenes are refused before any work is done.
-    marks = {
-        name: mark_of(load_scene(name), other_causes(str(name)), simulated=True) for name in names
+    fingerprints = {
+        name: fingerprint(load_scene(name), other_causes(str(name)), simulated=True)
+        for name in names
     }
     inputs = [file for name in names for file in load_scene(name).files]
     for name in names:
@@ -51,15 +52,17 @@ def evaluate_scenes(names, folder, jobs=None, fresh=False, scheduler=None):
         for output in (_file(folder, name), _file(folder, name).with_suffix(".png")):
             check_output(output, inputs)
     check_output(folder / "report.md", inputs)
-    missing = [name for name in names if fresh or result_of(folder, name, marks[name]) is None]
+    missing = [
+        name for name in names if fresh or result_of(folder, name, fingerprints[name]) is None
+    ]
     # A worker of a cluster has another working folder.
     tasks = [(name, _findable(name), str(folder.absolute())) for name in missing]
     with progress("evaluating", len(missing)) as step:
         for outcome in run_tasks(_run, tasks, jobs, scheduler):
             name = missing[outcome.index]
-            keep_result(folder, name, marks[name], outcome.get())
+            keep_result(folder, name, fingerprints[name], outcome.get())
             step(1)
-    results = [result_of(folder, name, marks[name]) for name in names]
+    results = [result_of(folder, name, fingerprints[name]) for name in names]
     figures = paper_figures()
     write_report(results, folder, figures)
     click.echo(table(results, figures))
@@ -83,15 +86,15 @@ def _file(folder, name):
     return folder / f"{Path(name).stem}.json"
 
 
-def result_of(folder, name, mark):
+def result_of(folder, name, current):
     """The stored result of a scene; None when there is none with this hash."""
     try:
         content = json.loads(_file(folder, name).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    return content["result"] if content.get("mark") == mark else None
+    return content["result"] if content.get("fingerprint") == current else None
 
 
-def keep_result(folder, name, mark, result):
+def keep_result(folder, name, current, result):
     """Write a result atomically."""
-    write_whole(_file(folder, name), json.dumps({"mark": mark, "result": result}))
+    write_whole(_file(folder, name), json.dumps({"fingerprint": current, "result": result}))

@@ -5,8 +5,3 @@ A process of its own serves it, so that no viewer can delay a reader. Whatever t
 readings go to one `Board`, and a `PageServer` sends what is new of it to every viewer.
 `page.py` describes the plots, which the browser draws with the files in `assets/`.
 """
-
-# Bokeh draws the plots; Tornado, which it brings along, serves the page.
-NEEDS = "bokeh"
-# Tried before a port is opened, so that a missing package is one line at the start.
-MODULES = ("bokeh", "tornado")

@@ -2,7 +2,6 @@
 """Where the page is served, and the token that opens it."""
 
 import hmac
-import importlib.util
 import ipaddress
 import re
 import secrets
@@ -11,8 +10,7 @@ from dataclasses import dataclass
 
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.addresses import host_and_port
-
-from . import MODULES, NEEDS
+from gnuradio.wiforce.io.optional import check_installed
 
 OPTION = "--web"
 _EVERYWHERE = ("0.0.0.0", "::")
@@ -67,9 +65,8 @@ class PageAddress:
         >>> PageAddress.of("[::1]:8080").url
         'http://[::1]:8080/'
         """
-        for module in MODULES:
-            if importlib.util.find_spec(module) is None:
-                raise InputError(OPTION, f"needs {NEEDS}: pip install {NEEDS}")
+        # Bokeh draws the plots; Tornado, which it brings along, serves the page.
+        check_installed(OPTION, ("bokeh", "tornado"))
         host, port = host_and_port(text, OPTION)
         if token is not None and not _TOKEN.fullmatch(token):
             rule = "must be 16 to 128 letters, digits, - or _"

@@ -59,7 +59,7 @@ class LivePage(Output):
             sockets = {"readings": readings, "control": self.control, "folder": self._folder}
             settings = {**vars(address), **sockets}
             self._process = _spawned(listening.fileno())
-        self._tell(settings)
+        self._send_settings(settings)
 
     def take(self, reading: Reading, stamp: Mapping[str, Any]) -> None:
         """Publish one reading."""
@@ -85,7 +85,7 @@ class LivePage(Output):
         self._publisher.close()
         shutil.rmtree(self._folder, ignore_errors=True)
 
-    def _tell(self, settings: Mapping[str, Any]) -> None:
+    def _send_settings(self, settings: Mapping[str, Any]) -> None:
         """Give the process its settings; by its input, since every user can see arguments."""
         assert self._process.stdin is not None
         try:

@@ -9,19 +9,19 @@ namespace gr::wiforce::kernel {
 namespace {
 
 // Change of a snapshot against a neighbour, median over the subcarriers, up to which
-// interference covers only a part of the band: a multiple of its usual value, of which it
-// has a standard deviation of 18 % (a burst of 7 dB over the band multiplies it by 6), or
-// of the mean over the subcarriers. That is .69 for noise, some .4 for a burst that fades
-// over the band, and below .1 for a strong transmitter on 8 of 64.
-constexpr float USUAL_MEDIAN = 2.5f;
+// interference covers only a part of the band: a multiple of its typical value, of which
+// it has a standard deviation of 18 % (a burst of 7 dB over the band multiplies it by 6),
+// or of the mean over the subcarriers. That is .69 for noise, some .4 for a burst that
+// fades over the band, and below .1 for a strong transmitter on 8 of 64.
+constexpr float TYPICAL_MEDIAN = 2.5f;
 constexpr float NARROW_MEDIAN = 0.2f;
-// Snapshots without interference whose mean is the usual power of the subcarriers.
+// Snapshots without interference whose mean is the typical power of the subcarriers.
 constexpr std::size_t LEAST_QUIET = 8;
-// That mean where there are none, as a multiple of the usual median; 1.5 to 2.3 with a
+// That mean where there are none, as a multiple of the typical median; 1.5 to 2.3 with a
 // tag.
-constexpr float MEAN_OF_USUAL = 2.0f;
-// Quantile of that median over the snapshots of a group that is its usual value. Edges of
-// two tags are beside seven snapshots of ten.
+constexpr float MEAN_OF_TYPICAL = 2.0f;
+// Quantile of that median over the snapshots of a group that is its typical value. Edges
+// of two tags are beside seven snapshots of ten.
 constexpr double BAND_QUANTILE = 0.15;
 
 float median_of(std::array<float, FFT_LENGTH> powers)
@@ -40,7 +40,7 @@ float mean_of(const std::array<float, FFT_LENGTH>& powers)
 
 narrow_band_screen::narrow_band_screen(int group_length)
     : d_length(group_length),
-      d_usual_median(group_length),
+      d_typical_median(group_length),
       d_spectra(std::size_t(group_length) * FFT_LENGTH),
       d_changes(group_length)
 {
@@ -48,8 +48,8 @@ narrow_band_screen::narrow_band_screen(int group_length)
 
 int narrow_band_screen::keep(const phase_group& group, std::vector<std::uint8_t>& marks)
 {
-    const float usual = measure_changes(group, marks);
-    const float limit = USUAL_MEDIAN * usual; // an edge of a tag, or a band, is above
+    const float typical = measure_changes(group, marks);
+    const float limit = TYPICAL_MEDIAN * typical; // an edge of a tag, or a band, is above
     const auto is_narrow = [&](int n) {
         if (n < 0 || n >= d_length || !marks[n] || !(d_changes[n].mean > 0))
             return false;
@@ -79,7 +79,7 @@ int narrow_band_screen::keep(const phase_group& group, std::vector<std::uint8_t>
     }
     if (summed == 0)
         return 0;
-    level = quiet < LEAST_QUIET ? MEAN_OF_USUAL * usual : level / quiet;
+    level = quiet < LEAST_QUIET ? MEAN_OF_TYPICAL * typical : level / quiet;
     float kept = 0; // information, each subcarrier weighted by its own noise
     for (const float sum : sums) {
         const float excess = std::max(sum / (summed * level) - 1, 0.0f);
@@ -92,8 +92,8 @@ int narrow_band_screen::keep(const phase_group& group, std::vector<std::uint8_t>
     return static_cast<int>(d_narrow.size());
 }
 
-// Changes of all snapshots; returns the usual median over the subcarriers, 0 where it is
-// not known.
+// Changes of all snapshots; returns the typical median over the subcarriers, 0 where it
+// is not known.
 float narrow_band_screen::measure_changes(const phase_group& group,
                                           const std::vector<std::uint8_t>& marks)
 {
@@ -109,8 +109,8 @@ float narrow_band_screen::measure_changes(const phase_group& group,
             d_values.push_back(d_changes[n].median);
     }
     if (d_values.size() >= LEAST_QUIET)
-        d_usual_median.add(quantile(d_values, BAND_QUANTILE));
-    return d_usual_median.value();
+        d_typical_median.add(quantile(d_values, BAND_QUANTILE));
+    return d_typical_median.value();
 }
 
 // Change of a snapshot against that neighbour from which it differs less: an edge of a

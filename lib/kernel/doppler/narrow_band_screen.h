@@ -43,7 +43,7 @@ private:
     change measure_change(const phase_group& group, int n);
 
     const int d_length;
-    recent_level d_usual_median; // over the subcarriers
+    recent_level d_typical_median; // over the subcarriers
     fourier_transform d_fourier{ FFT_LENGTH };
     std::vector<fc32> d_spectra;
     std::vector<change> d_changes;

@@ -14,7 +14,7 @@ float quantile(std::vector<float>& values, std::size_t candidates, double part);
 float quantile(std::vector<float>& values, double part);
 
 /*
- * The usual value of a quantity that each phase group measures once, by the lower
+ * The typical value of a quantity that each phase group measures once, by the lower
  * quantile over the latest groups. It is valid while most of them are hit by
  * interference, which raises the quantity.
  */

@@ -17,7 +17,7 @@ constexpr double largest_deg = 1e9;
 // A dip of the likelihood by so much (squared standard deviations) parts two solutions.
 constexpr double barrier = 4.0;
 // Part of the posterior in which force is unobservable, from which on the reading is.
-constexpr double mostly = 0.2;
+constexpr double unobservable_share = 0.2;
 // Part of the posterior outside the calibrated span, below which the reading is inside,
 constexpr double rim = 0.02;
 // and part inside, above which a solution may be preferred for it.
@@ -249,7 +249,7 @@ std::uint8_t press_posterior::invert(const phase_reading& wanted,
             out.force_variance += shift * shift;
         }
     }
-    if (all.unobservable > mostly * all.mass)
+    if (all.unobservable > unobservable_share * all.mass)
         flags |= force_unobservable;
     if (all.outside > rim * all.mass &&
         d_span.extrapolated(

@@ -72,7 +72,7 @@ class sample_receiver(gr.sync_block):
         self._waiting: deque[socket.socket] = deque()
         self._stream: socket.socket | None = None
         self._search = search
-        self._left = 0  # samples of the packet at hand
+        self._remaining = 0  # samples of the packet that are not received yet
         self._packet_start = 0  # its first sample, of those received
         self._tags: deque[SampleTag] = deque()
         self.received = self.peak = 0
@@ -162,19 +162,19 @@ class sample_receiver(gr.sync_block):
         if self._stream is not None:
             self._stream.close()
         self._stream = None
-        self._left = 0
+        self._remaining = 0
         self._tags.clear()
 
     def _read(self, out: Array) -> tuple[int, list[Tag]]:
         """Read a part of a packet; the number of samples, and their tags."""
-        if self._left == 0:
-            self._left, tags = unpack_counts(self._bytes(HEAD_BYTES))
+        if self._remaining == 0:
+            self._remaining, tags = unpack_counts(self._bytes(HEAD_BYTES))
             self._packet_start = self.received
             self._tags.extend(unpack_tags(self._bytes(tags * TAG_BYTES)))
-        count = min(len(out), self._left)
+        count = min(len(out), self._remaining)
         data = out[:count].view(np.uint8).data.cast("B")
         count = self._fill(data) // SAMPLE_BYTES
-        self._left -= count
+        self._remaining -= count
         tags_of = self._take_tags(count)
         self.received += count
         self.called_s = self._heard_s = time.monotonic()
@@ -204,7 +204,7 @@ class sample_receiver(gr.sync_block):
             try:
                 count = self._stream.recv_into(data[received:], 0, socket.MSG_WAITALL)
             except BlockingIOError:
-                if received == 0 and self._left == 0:
+                if received == 0 and self._remaining == 0:
                     raise TimeoutError from None
                 self.called_s = time.monotonic()  # it waits for samples all the same
                 continue

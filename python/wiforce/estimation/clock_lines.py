@@ -144,12 +144,12 @@ def vertex(spectrum: Array, best: int) -> tuple[float, float]:
     >>> round(offset, 6), round(height, 6)
     (0.2, 1.0)
     """
-    left, top, right = np.log(np.maximum(spectrum[best - 1 : best + 2], 1e-30))
-    curvature = left - 2 * top + right
+    below, top, above = np.log(np.maximum(spectrum[best - 1 : best + 2], 1e-30))
+    curvature = below - 2 * top + above
     if curvature >= 0:
         return 0.0, float(np.exp(top))
-    offset = float(np.clip(0.5 * (left - right) / curvature, -0.5, 0.5))
-    return offset, float(np.exp(top - 0.25 * (left - right) * offset))
+    offset = float(np.clip(0.5 * (below - above) / curvature, -0.5, 0.5))
+    return offset, float(np.exp(top - 0.25 * (below - above) * offset))
 
 
 def _line_near(frequency_hz: Array, spectrum: Array, clock: TagClock) -> ClockLine:

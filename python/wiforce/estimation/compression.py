@@ -40,7 +40,7 @@ class Compression:
     ----------
     image : ndarray of complex, shape (K, K)
         A of :func:`image_operator`.
-    doubt : float
+    std : float
         Standard deviation of what remains of the image, relative to the channel.
 
     Examples
@@ -53,7 +53,7 @@ class Compression:
     """
 
     image: Array = field(repr=False)
-    doubt: float
+    std: float
 
     def correct(self, groups: Groups) -> Groups:
         """Remove the image from ``ends``; what may remain raises ``gain``."""
@@ -63,7 +63,7 @@ class Compression:
         energy = np.einsum("gek,gk->ge", power, 1 / groups.noise)
         return groups.having(
             ends=groups.ends - groups.ends.conj() @ self.image.T,
-            gain=groups.gain + 2 * self.doubt**2 * energy,
+            gain=groups.gain + 2 * self.std**2 * energy,
         )
 
 
@@ -82,8 +82,8 @@ def measure_compression(samples: Array, waveform: Waveform) -> Compression | Non
     -------
     Compression or None
         None where it is below 0.3 % at the largest sample or not significant, or the guard is too
-        short for the echoes to fade. Its doubt is half of what the result depends on whether the DC
-        offset is there before the signal is compressed, or added behind.
+        short for the echoes to fade. Its standard deviation is half of the difference between a DC
+        offset that is there before the signal is compressed, and one that is added behind.
 
     Notes
     -----
@@ -112,8 +112,8 @@ def measure_compression(samples: Array, waveform: Waveform) -> Compression | Non
         return None
     if found * abs(_cubed(symbol, offset)) < _SIGNIFICANT * uncertain:
         return None
-    doubt = abs(before - behind) / 2 * float(np.mean(np.abs(symbol) ** 2))
-    return Compression(image_operator(symbol, (before + behind) / 2, waveform), doubt)
+    std = abs(before - behind) / 2 * float(np.mean(np.abs(symbol) ** 2))
+    return Compression(image_operator(symbol, (before + behind) / 2, waveform), std)
 
 
 def _compression(symbol: Array, offset: complex) -> float:

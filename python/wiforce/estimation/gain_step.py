@@ -106,8 +106,8 @@ class GainStep:
         if self._untouched >= _FORGOTTEN_GROUPS:
             self._stepped = False
         rises = bool(self._before) and all(
-            std > _RISE * usual
-            for std, usual in zip(group.stds, self._before[-1].stds, strict=True)
+            std > _RISE * before
+            for std, before in zip(group.stds, self._before[-1].stds, strict=True)
         )
         self._risen = self._risen + 1 if rises else 0
         if self._risen > self._after:  # noise that lasts is no disturbance

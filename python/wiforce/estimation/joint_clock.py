@@ -220,10 +220,10 @@ class PhaseExpansion:
         ndarray, shape (..., K)
         """
         turned = self.ends * np.repeat(shifts, 2, axis=-1)[..., None]
-        bend = (turned.conj() * (self.gram @ turned)).real.sum(axis=-2)
+        curvature = (turned.conj() * (self.gram @ turned)).real.sum(axis=-2)
         slope = (shifts[..., None, :] @ self.gradient)[..., 0, :]
         # The expansion of a large step may be below what noise leaves at the optimum.
-        return np.maximum(self.power - slope + bend, 0.0)
+        return np.maximum(self.power - slope + curvature, 0.0)
 
 
 def _by_tag(matrices: Array) -> Array:

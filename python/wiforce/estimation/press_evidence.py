@@ -35,11 +35,11 @@ _MOVE_MM, _MOVE_STDS, _FORCE_CHANGE_N = 0.1, 5.0, 0.5
 _LEAST_PRESSES, _MOST = 2, 0.75
 # The ends are swapped if locations then move by less than this share of what they move now.
 _STILL = 0.25
-# Touched readings without a cause, and their share, from which the file is doubted.
+# Touched readings without a cause, and their share, from which the file is the suspect.
 _LEAST_UNEXPLAINED, _UNEXPLAINED = 8, 0.5
-# Off states differ by more than this and so many standard deviations, and readings are doubted
+# Off states differ by more than this and so many standard deviations, and readings are flagged
 # from the larger one on. Losses of a real line and contact change magnitudes by a few per cent.
-_OFF, _DOUBTED_OFF, _OFF_STDS = 0.05, 0.1, 5.0
+_OFF, _CONTRADICTED_OFF, _OFF_STDS = 0.05, 0.1, 5.0
 # Change of an end's amplitude by presses that is mentioned: an off state of this size changes a
 # phase by up to 3 deg.
 _AMPLITUDE = 0.03
@@ -164,7 +164,7 @@ class PressEvidence:
         return self._record.suspicions
 
     @property
-    def doubted(self) -> bool:
+    def contradicted(self) -> bool:
         """Whether the ends are swapped or have another off state: no reading is consistent."""
         return self._record.swapped or self._record.other_off
 
@@ -198,11 +198,11 @@ class PressEvidence:
         Returns
         -------
         ndarray of bool, shape (G,)
-            Groups that are touched while the sensor is ``doubted``.
+            Groups that are touched while the sensor is ``contradicted``.
         """
-        doubted = np.zeros(len(touch), bool)
+        contradicting = np.zeros(len(touch), bool)
         if not self._open and not np.any(touch == 1) and not renewed.any():
-            return doubted
+            return contradicting
         for row, touched in enumerate(touch.tolist()):
             if renewed[row]:
                 self.reset()
@@ -212,8 +212,8 @@ class PressEvidence:
                 self._record.readings += 1
                 self._record.unexplained += bool(unexplained[row])
                 self._open.add(ratios[row], phases[row], std[row])
-            doubted[row] = self.doubted and touched == 1
-        return doubted
+            contradicting[row] = self.contradicted and touched == 1
+        return contradicting
 
     def reset(self) -> None:
         """Forget the presses so far, for a new reference."""
@@ -278,7 +278,7 @@ class PressEvidence:
             other = math.inf if then is None else then[0]
             record.presses.append(_Press(now[0], other, now[1]))
             record.swapped |= self._fits_swapped()
-        record.other_off |= any(apart > _DOUBTED_OFF for _, apart, _ in self._off_states())
+        record.other_off |= any(apart > _CONTRADICTED_OFF for _, apart, _ in self._off_states())
 
     def _movement(self, phases: Array, std: Array) -> tuple[float, bool] | None:
         """Movement of the location with the force, and whether it is more than noise."""

@@ -93,8 +93,8 @@ class ProfileCheck:
         self._waveform = waveform
         frequency_hz = waveform.subcarriers * (waveform.sample_rate_hz / FFT_LENGTH)
         delays = np.exp(-2j * np.pi * np.outer(frequency_hz, _DELAYS_S))
-        left, singular, _ = np.linalg.svd(delays, full_matrices=False)
-        self._delays = left[:, singular > _LEAST_SINGULAR * singular[0]]
+        profiles, singular, _ = np.linalg.svd(delays, full_matrices=False)
+        self._delays = profiles[:, singular > _LEAST_SINGULAR * singular[0]]
         self._subcarriers = waveform.subcarriers
         self._reference: Array | None = None
         self._other: Array = np.empty(0)

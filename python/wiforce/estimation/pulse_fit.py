@@ -160,9 +160,9 @@ def _sums(
     own = np.maximum(information[:, 3, 3], 1e-300)
     across = information[:, :3, 3]
     by_phase = gradient[:, 3] / own
-    misfit = np.sum(power_of(fit.residual).sum(axis=1) * weights)
+    squares = np.sum(power_of(fit.residual).sum(axis=1) * weights)
     return _Sums(
-        float(misfit - np.sum(gradient[:, 3] ** 2 / own) / 2),
+        float(squares - np.sum(gradient[:, 3] ** 2 / own) / 2),
         sum(_coherent(fit, row, ends, weights[row]) for row in range(len(groups))),
         np.sum(gradient[:, :3] - across * by_phase[:, None], axis=0),
         information[:, :3, :3].sum(axis=0) - (across / own[:, None]).T @ across,

@@ -34,7 +34,7 @@ _PLACES = 24
 _LONG_SEARCH = 1 << 20
 # Static paths that leave less likeness than this between preamble and symbol have not been seen: of
 # all shipped scenes 0.6 is the least. Another rate or waveform leaves 0.03 to 0.3.
-_DOUBTFUL = 0.4
+_UNLIKELY = 0.4
 # Frames that leave less do not tell their length: other periodic signals leave up to 0.1.
 _FAINT = 0.15
 # Likeness of the mean frame to the preamble that noise exceeds once in 1e11 recordings.
@@ -212,7 +212,7 @@ def _agrees(recording: Capture, waveform: Waveform, place: int, samples: Array) 
     found, expected = find_frame_period(samples, waveform), waveform.frame_length
     if found.samples is None or not found.agrees and found.likeness < _FAINT:
         return False
-    if found.likeness < _DOUBTFUL:
+    if found.likeness < _UNLIKELY:
         _check_kind(recording, waveform, samples[:SEARCHED_SAMPLES], found.likeness)
     if found.agrees or found.samples == expected:
         return True
@@ -243,7 +243,7 @@ def _check_kind(
     recording: Capture, waveform: Waveform, samples: Array, likeness: float = 0.0
 ) -> None:
     """Refuse preambles that another waveform or another sample rate explains far better."""
-    clear = max(_DOUBTFUL, 2 * likeness)
+    clear = max(_UNLIKELY, 2 * likeness)
     for name in ("repeated", "wifi"):
         other = sounding_waveform(name, waveform.frame_length, waveform.sample_rate_hz)
         if name != waveform.name and find_frame_period(samples, other).likeness > clear:

@@ -52,7 +52,7 @@ class SensorState(NamedTuple):
         R of both ends against the untouched sensor, without the drift that the tare follows.
     force_n, location_mm : float
         NaN when unknown.
-    doubt : str
+    reference_problem : str
         Why it is not known which phases are those of the untouched sensor; empty if they are.
     retuned : bool
         The oscillators have had new phases since the reference, which says nothing any more.
@@ -69,7 +69,7 @@ class SensorState(NamedTuple):
     ratios: Array
     force_n: float
     location_mm: float
-    doubt: str
+    reference_problem: str
     retuned: bool = False
 
 
@@ -195,8 +195,8 @@ class SensorReadout:
             values[touched], of_inversion = self._invert(phases[touched], std[touched])
             flags[touched] |= of_inversion
         unexplained = (flags & _UNEXPLAINED) != 0
-        doubted = self._evidence.take(renewed, level, phases, std, touch, clear, unexplained)
-        flags[doubted] |= Flag.INCONSISTENT.value
+        contradicting = self._evidence.take(renewed, level, phases, std, touch, clear, unexplained)
+        flags[contradicting] |= Flag.INCONSISTENT.value
         uncertain = (touch == 1) & ~(values[:, 1] <= WEAK_FORCE_N)
         flags[uncertain] |= Flag.WEAK.value
         self._watch_motion(phases, std, touch, readable, values, flags)
@@ -210,7 +210,7 @@ class SensorReadout:
                 level[-1],
                 float(values[-1, 0]),
                 float(values[-1, 2]),
-                self._touch.doubt,
+                self._touch.reference_problem,
                 self._retuned,
             )
         return {
@@ -249,7 +249,7 @@ class SensorReadout:
             R of the new reference against the untouched sensor before; None when unknown.
         """
         self._forced = np.full(2, np.nan) if former is None else former
-        self.state = self.state._replace(doubt=FORCED)
+        self.state = self.state._replace(reference_problem=FORCED)
 
     def _image(self) -> Array:
         """Changes of arg R that a touch can cause; shape (n, 2).
@@ -338,15 +338,15 @@ class SensorReadout:
     def _restart(self) -> None:
         """Begin with a new reference."""
         forced, self._forced = self._forced, None
-        self._scale, self._former_scale, doubt = np.ones(2), np.ones(2), None
+        self._scale, self._former_scale, unverified = np.ones(2), np.ones(2), None
         if forced is not None:
             untouched = None
             if np.isfinite(forced).all():
                 self._former_scale = np.abs(forced)
                 first, second = (-np.degrees(np.angle(forced))).tolist()
                 untouched = first, second
-            doubt = self._touch.forced_doubt(untouched)
-        self._touch.tare(doubt)
+            unverified = self._touch.forced_reference(untouched)
+        self._touch.tare(unverified)
 
     def _invert(self, phases: Array, std: Array) -> tuple[Array, Array]:
         """Force, its std, location, its std (n, 4), and flags (n,) of touched groups."""

@@ -27,7 +27,7 @@ _LEAST_LAMPS = 4
 # Own lines hide others where they raise the least visible power by this factor.
 _STRONG = 30.0
 _LEAST_LINES = 3
-# So many odd harmonics show a clock whose first line is hidden.
+# So many odd harmonics show a clock whose first line is masked.
 _LEAST_ODD = 2
 # Whatever repeats more slowly is Doppler, such as that of a fan's blades, and no tag's clock.
 SLOWEST_TAG_HZ = 250.0
@@ -76,7 +76,7 @@ class Source:
         Twice the mains frequency, the clock of the tag, or the frequency of the line.
     lines : tuple of RoomLine
         Those found.
-    hidden : tuple of RoomLine
+    masked : tuple of RoomLine
         Those that must lie under lines of the scene's own tags, with their expected power.
 
     Examples
@@ -88,12 +88,12 @@ class Source:
     kind: str
     fundamental_hz: float
     lines: tuple[RoomLine, ...]
-    hidden: tuple[RoomLine, ...]
+    masked: tuple[RoomLine, ...]
 
     @property
     def power(self) -> float:
         """Of its strongest line."""
-        return max(line.power for line in (*self.lines, *self.hidden))
+        return max(line.power for line in (*self.lines, *self.masked))
 
     @property
     def width_share(self) -> float:
@@ -114,7 +114,7 @@ class _Spectrum:
         middle = round(hertz / self.step_hz)
         return float(self.least_power[max(middle - 1, 0) : middle + 2].max(initial=0.0))
 
-    def is_hidden(self, hertz: float) -> bool:
+    def is_masked(self, hertz: float) -> bool:
         """Whether a strong line of the scene's own tags is near."""
         return self.least(hertz) > _STRONG * float(self.least_power.min())
 
@@ -155,7 +155,7 @@ def identify(
     >>> least = np.where(np.abs(np.arange(0.0, 8681.0) - 7000) < 8, 1.0, 0.01)
     >>> lines = [RoomLine(1400.0 * m, 1.0 / m**2) for m in (1, 2, 3, 4, 6)]
     >>> (tag,) = identify(lines, 1.0, least, sounding_waveform())
-    >>> tag.kind, round(tag.fundamental_hz), round(tag.hidden[0].frequency_hz)
+    >>> tag.kind, round(tag.fundamental_hz), round(tag.masked[0].frequency_hz)
     ('tag', 1400, 7000)
     """
     spectrum = _Spectrum(step_hz, least_power, waveform)
@@ -205,16 +205,16 @@ def _lamps(lines: Sequence[RoomLine], fundamental_hz: float, spectrum: _Spectrum
                 found.setdefault(order, line)
                 break
     first = [
-        order for order in range(1, _FIRST_LAMPS) if not spectrum.is_hidden(order * fundamental_hz)
+        order for order in range(1, _FIRST_LAMPS) if not spectrum.is_masked(order * fundamental_hz)
     ]
     if sum(order in found for order in first) < max(_LAMPS_SHARE * len(first), _LEAST_LAMPS):
         return None
-    hidden = []
+    masked = []
     for order in range(1, int(spectrum.highest_hz / fundamental_hz) + 1):
         around = [found[n].power for n in (order - 1, order + 1) if n in found]
         if order not in found and around and spectrum.least(order * fundamental_hz) > max(around):
-            hidden.append(RoomLine(order * fundamental_hz, float(np.mean(around))))
-    return Source("lamps", fundamental_hz, tuple(found.values()), tuple(hidden))
+            masked.append(RoomLine(order * fundamental_hz, float(np.mean(around))))
+    return Source("lamps", fundamental_hz, tuple(found.values()), tuple(masked))
 
 
 def _present_hz(lines: Sequence[RoomLine], fundamental_hz: float) -> float:
@@ -257,10 +257,10 @@ def _tag(lines: Sequence[RoomLine], spectrum: _Spectrum) -> Source | None:
             candidate_hz = line.frequency_hz / divisor
             if candidate_hz < SLOWEST_TAG_HZ:
                 continue
-            if divisor == 2 and not spectrum.is_hidden(candidate_hz):
+            if divisor == 2 and not spectrum.is_masked(candidate_hz):
                 continue
             found = harmonics_of(candidate_hz)
-            second = 2 in found or spectrum.is_hidden(position(2, candidate_hz))
+            second = 2 in found or spectrum.is_masked(position(2, candidate_hz))
             enough = len(found) >= _LEAST_LINES and divisor in found and second
             if divisor == 2:  # otherwise the line that is there is the first
                 enough = enough and sum(m % 2 for m in found) >= _LEAST_ODD
@@ -273,7 +273,7 @@ def _tag(lines: Sequence[RoomLine], spectrum: _Spectrum) -> Source | None:
     lowest = min(best)
     envelope = line_envelope(np.arange(1, _MOST_HARMONICS), clock_hz, spectrum.waveform)
     power = envelope * (best[lowest].power / envelope[lowest - 1])
-    explained, hidden = set(best.values()), []
+    explained, masked = set(best.values()), []
     frequencies = np.array([line.frequency_hz for line in lines])
     for m in np.flatnonzero(power > _NEGLIGIBLE * power[0]) + 1:
         hertz = position(int(m), clock_hz)
@@ -282,9 +282,9 @@ def _tag(lines: Sequence[RoomLine], spectrum: _Spectrum) -> Source | None:
         weak = [lines[i] for i in near if lines[i].power < 30 * power[m - 1]]
         explained.update(weak)
         if not weak and spectrum.least(hertz) > power[m - 1]:
-            hidden.append(RoomLine(hertz, float(power[m - 1])))
+            masked.append(RoomLine(hertz, float(power[m - 1])))
     return Source(
-        "tag", clock_hz, tuple(line for line in lines if line in explained), tuple(hidden)
+        "tag", clock_hz, tuple(line for line in lines if line in explained), tuple(masked)
     )
 
 

@@ -150,7 +150,7 @@ class Survey:
             (line.frequency_hz, line.power, source.width_share)
             for source in self.sources
             if source not in without
-            for line in (*source.lines, *source.hidden)
+            for line in (*source.lines, *source.masked)
             if line.frequency_hz > clutter_hz
         ]
         frequency_hz, power, share = np.array(lines).reshape(-1, 3).T

@@ -248,8 +248,8 @@ class TareRequests(TareReports):
             location = f"{state.location_mm:.1f} mm" if np.isfinite(state.location_mm) else ""
             values = " at ".join(text for text in (force, location) if text)
             return f"{name} is touched ({values})" if values else f"{name} is touched"
-        if state.doubt:
-            return f"{name} may be touched, since {state.doubt}"
+        if state.reference_problem:
+            return f"{name} may be touched, since {state.reference_problem}"
         return ""
 
     def _complete(self) -> None:
@@ -267,9 +267,11 @@ class TareRequests(TareReports):
             state = self._sensors[name].state
             if measured.retuned:
                 continue
-            if measured.problem or (state.doubt and measured.groups):
+            if measured.problem or (state.reference_problem and measured.groups):
                 # A mean over a touch and its release is the phase of neither.
-                self._sensors[name].force_reference(None if state.doubt else measured.former)
+                self._sensors[name].force_reference(
+                    None if state.reference_problem else measured.former
+                )
         reason = ""
         if missing:
             reason = f"{', '.join(missing)} not received; the former reference is kept for it"

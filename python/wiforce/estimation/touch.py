@@ -17,9 +17,9 @@ from ..io.readings import WEAK_PHASE_DEG
 from ..signal.carrier import wrapped
 from .drift import DriftRate
 from .groups import Array
-from .reference_doubt import ReferenceDoubt, distance_squared
 from .tare import SlowTare
 from .touch_image import TouchImage
+from .unverified_reference import UnverifiedReference, distance_squared
 
 # Systematic spread of the phases within a state, in degrees, added to the noise.
 _STATE_SPREAD_DEG = 1.5
@@ -54,8 +54,8 @@ class TouchDecision(NamedTuple):
     drift_deg : (float, float)
         Drift of both phases that the tare subtracts, in degrees.
     disturbed : bool
-        Whether the phases of the untouched sensor are in doubt: they jumped during the reference,
-        which holds until the next tare; or a doubt stated by ``ReferenceDoubt``.
+        Whether the phases of the untouched sensor are uncertain: they jumped during the reference,
+        which holds until the next tare; or there is an ``UnverifiedReference``.
     released : bool
         Whether the phases have returned to those of the former reference, after a tare that was
         forced during a touch. ``drift_deg`` refers to the former reference from here on.
@@ -134,22 +134,22 @@ class TouchDetector:
         self._untouched_s = 0.0
         self._moving = False
         self._reference = _ReferenceCheck()
-        self._doubt: ReferenceDoubt | None = None
+        self._unverified: UnverifiedReference | None = None
         self._touch = 0
         self._seen_s = math.nan
         self._last_deg = (0.0, 0.0)
 
-    def tare(self, doubt: ReferenceDoubt | None = None) -> None:
+    def tare(self, unverified: UnverifiedReference | None = None) -> None:
         """Restart with a drift of 0, for a new reference.
 
         Parameters
         ----------
-        doubt : ReferenceDoubt, optional
-            Whether the sensor may have been touched during the reference.
+        unverified : UnverifiedReference, optional
+            Where the sensor may have been touched during the reference.
         """
         self._tare.reset()
         self._reference = _ReferenceCheck()
-        self._doubt = doubt
+        self._unverified = unverified
         self._touch = 0
 
     @property
@@ -158,14 +158,14 @@ class TouchDetector:
         return self._touch
 
     @property
-    def doubt(self) -> str:
+    def reference_problem(self) -> str:
         """Why it is not known which phases are those of the untouched sensor; empty if they are."""
         if self._reference.disturbed:
             return "its phases jumped during the reference"
-        return "" if self._doubt is None else self._doubt.reason
+        return "" if self._unverified is None else self._unverified.reason
 
-    def forced_doubt(self, untouched_deg: tuple[float, float] | None) -> ReferenceDoubt:
-        """The doubt of a tare that was forced while the sensor seemed to be touched.
+    def forced_reference(self, untouched_deg: tuple[float, float] | None) -> UnverifiedReference:
+        """The reference of a tare that was forced while the sensor seemed to be touched.
 
         Parameters
         ----------
@@ -174,9 +174,9 @@ class TouchDetector:
 
         Returns
         -------
-        ReferenceDoubt
+        UnverifiedReference
         """
-        return ReferenceDoubt(FORCED, self._image.distance, untouched_deg)
+        return UnverifiedReference(FORCED, self._image.distance, untouched_deg)
 
     def update(
         self,
@@ -204,7 +204,7 @@ class TouchDetector:
         """
         tare = self._tare
         if not (math.isfinite(std_deg[0]) and math.isfinite(std_deg[1])):
-            return TouchDecision(None, False, tare.drift_deg, self.doubt != "")
+            return TouchDecision(None, False, tare.drift_deg, self.reference_problem != "")
         self._note_silence(time_s, in_reference)
         drift = tare.drift_deg
         first, second = wrapped(phases_deg[0] - drift[0]), wrapped(phases_deg[1] - drift[1])
@@ -221,8 +221,8 @@ class TouchDetector:
         else:
             self._touch, moved = self._decide((first, second), spreads, untouched, common)
         released = False
-        if self._doubt is not None and not in_reference:
-            released = self._judge(self._doubt, time_s, phases_deg, (first, second), std_deg)
+        if self._unverified is not None and not in_reference:
+            released = self._verify(self._unverified, time_s, phases_deg, (first, second), std_deg)
             if released and (self._touch or moved):
                 tare.shift((first, second))
                 self._touch, moved = 0, False
@@ -250,14 +250,14 @@ class TouchDetector:
 
     def _decision(self, moved: bool, released: bool) -> TouchDecision:
         drift = self._tare.drift_deg
-        return TouchDecision(self._touch, moved, drift, self.doubt != "", released)
+        return TouchDecision(self._touch, moved, drift, self.reference_problem != "", released)
 
     def _note_silence(self, time_s: float, in_reference: bool) -> None:
-        """Doubt the reference when the tag returns after it was silent."""
+        """Require that the reference is verified when the tag returns after it was silent."""
         silent_s, self._seen_s = time_s - self._seen_s, time_s
-        if not silent_s > SILENT_S or in_reference or self._doubt is not None:
+        if not silent_s > SILENT_S or in_reference or self._unverified is not None:
             return
-        self._doubt = ReferenceDoubt(
+        self._unverified = UnverifiedReference(
             "it returned with other phases",
             self._image.distance,
             self._tare.drift_deg,
@@ -265,24 +265,26 @@ class TouchDetector:
             before_deg=self._last_deg if self._touch else None,
         )
 
-    def _judge(
+    def _verify(
         self,
-        doubt: ReferenceDoubt,
+        unverified: UnverifiedReference,
         time_s: float,
         phases_deg: tuple[float, float],
         change_deg: tuple[float, float],
         std_deg: tuple[float, float],
     ) -> bool:
-        """End a doubt where a group allows it; whether the sensor is at its former phases."""
+        """Verify the reference by a group; whether the sensor is at its former phases."""
         drift = self.drift_std_deg(time_s)
         spreads = (
             math.hypot(std_deg[0], _STATE_SPREAD_DEG, drift[0]),
             math.hypot(std_deg[1], _STATE_SPREAD_DEG, drift[1]),
         )
-        if not doubt.ends((phases_deg[0], phases_deg[1]), change_deg, spreads, self._touch):
+        if not unverified.verified_by(
+            (phases_deg[0], phases_deg[1]), change_deg, spreads, self._touch
+        ):
             return False
-        self._doubt = None
-        return doubt.released_to_former
+        self._unverified = None
+        return unverified.released_to_former
 
     def drift_std_deg(self, time_s: float) -> tuple[float, float]:
         """Standard deviation of what the phases may have drifted since the last untouched group.

@@ -64,8 +64,8 @@ def without_wander(
     >>> moved, white = weights.mix(slopes * wander[:, None]), weights.mix(waveforms)
     >>> solver = np.linalg.pinv(white)
     >>> residual = (moved - white @ (solver @ moved)) @ ends
-    >>> left = without_wander(weights, [slopes], ends, white, solver, residual)
-    >>> bool(np.linalg.norm(left) < 0.03 * np.linalg.norm(residual))
+    >>> smaller = without_wander(weights, [slopes], ends, white, solver, residual)
+    >>> bool(np.linalg.norm(smaller) < 0.03 * np.linalg.norm(residual))
     True
     """
     times = weights.times_s
@@ -80,5 +80,5 @@ def without_wander(
     rows = basis.reshape(len(basis), -1)
     gram = (rows.conj() @ rows.T).real
     sizes, *_ = np.linalg.lstsq(gram, (rows.conj() @ residual.ravel()).real, rcond=1e-9)
-    left: Array = residual - np.tensordot(sizes, basis, 1)
-    return left
+    result: Array = residual - np.tensordot(sizes, basis, 1)
+    return result

@@ -82,10 +82,10 @@ class History(QWidget):
                 strict=True,
             ):
                 line.setData(*track.series(column))
-                times, doubtful = track.series(column, flagged=True)
-                known = np.isfinite(doubtful)
+                times, flagged = track.series(column, flagged=True)
+                known = np.isfinite(flagged)
                 # An unreliable value outside the axis is marked at its edge.
-                marks.setData(times[known], np.clip(doubtful[known], 0.0, limit))
+                marks.setData(times[known], np.clip(flagged[known], 0.0, limit))
         self._force.setYRange(0, largest, padding=0.08)
         start = max(0.0, newest - self._history_s)
         self._location.setXRange(start, max(newest, start + 1.0), padding=0)

@@ -2,6 +2,7 @@
 """Libraries that only one feature needs, and how each is installed."""
 
 import importlib
+import importlib.util
 from collections.abc import Iterable
 from typing import Any
 
@@ -50,21 +51,51 @@ def optional_modules(where: object, names: Iterable[str]) -> list[Any]:
     'zmq'
     """
     found: list[Any] = []
-    missing: dict[tuple[str | None, str], Exception] = {}
+    missing: dict[str, Exception] = {}
     for name in names:
         try:
             found.append(importlib.import_module(name))
         except (ImportError, RuntimeError) as error:  # pylsl raises the latter without liblsl
-            missing[_PACKAGES[name.partition(".")[0]]] = error
+            missing[name] = error
     if missing:
-        packages = [pypi for _, pypi in missing]
-        ways = [f"pip install {' '.join(packages)}"]
-        debian = [name for name, _ in missing if name is not None]
-        if len(debian) == len(missing):
-            ways.insert(0, f"apt install {' '.join(debian)}")
-        rule = f"needs {' and '.join(each.strip(chr(34)) for each in packages)}: "
-        raise InputError(where, rule + ", or ".join(ways)) from next(iter(missing.values()))
+        raise _missing(where, missing) from next(iter(missing.values()))
     return found
+
+
+def check_installed(where: object, names: Iterable[str]) -> None:
+    """Say in one line what must be installed, without the time that imports take.
+
+    Parameters
+    ----------
+    where : str or path
+        The option or file that needs the modules.
+    names : iterable of str
+        Modules of the packages that this file lists, without dots.
+
+    Raises
+    ------
+    InputError
+        As :func:`optional_modules`.
+
+    Examples
+    --------
+    >>> check_installed("--zmq", ["zmq"])
+    """
+    missing = [name for name in names if importlib.util.find_spec(name) is None]
+    if missing:
+        raise _missing(where, missing)
+
+
+def _missing(where: object, names: Iterable[str]) -> InputError:
+    """The error that names the packages of missing modules, each once."""
+    needed = list(dict.fromkeys(_PACKAGES[name.partition(".")[0]] for name in names))
+    packages = [pypi for _, pypi in needed]
+    ways = [f"pip install {' '.join(packages)}"]
+    debian = [name for name, _ in needed if name is not None]
+    if len(debian) == len(needed):
+        ways.insert(0, f"apt install {' '.join(debian)}")
+    rule = f"needs {' and '.join(each.strip(chr(34)) for each in packages)}: "
+    return InputError(where, rule + ", or ".join(ways))
 
 
 def optional_module(name: str, where: object) -> Any:

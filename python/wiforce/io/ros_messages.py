@@ -16,7 +16,7 @@ _OK, _WARN, _ERROR = 0, 1, 2
 _LEVELS = {"reading": _OK, "lost": _ERROR}
 _TOUCH_UNKNOWN = -1
 _HEALTH_TOPIC = "/diagnostics"  # where ROS tools expect it
-_CLEAR, _DOUBTFUL = "wrench", "wrench_doubtful"
+_CLEAR, _FLAGGED = "wrench", "wrench_doubtful"
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def topics_of(sensors: Iterable[str]) -> dict[str, str]:
     topics = {_HEALTH_TOPIC: DIAGNOSTICS}
     for sensor in sensors:
         topics[topic_of(sensor, "reading")] = READING
-        topics |= {topic_of(sensor, name): WRENCH for name in (_CLEAR, _DOUBTFUL)}
+        topics |= {topic_of(sensor, name): WRENCH for name in (_CLEAR, _FLAGGED)}
     return topics
 
 
@@ -121,7 +121,7 @@ def reading_messages(row: Mapping[str, Any]) -> Iterator[RosMessage]:
 
     The origin is at port 1; x runs along the line to port 2, and z away from the surface that is
     pressed. A press of F newton at l mm is the force (0, 0, -F) with the torque (0, F l/1000, 0).
-    A wrench cannot tell that it is doubtful or unknown: those of readings with flags, or without
+    A wrench cannot state that it is doubtful or unknown: those of readings with flags, or without
     force or location, have a topic of their own.
 
     Parameters
@@ -165,8 +165,8 @@ def reading_messages(row: Mapping[str, Any]) -> Iterator[RosMessage]:
     force_n = 0.0 if untouched else fields["force_n"]
     torque_nm = 0.0 if untouched else force_n * fields["location_mm"] / 1000
     wrench = {"force": _vector(z=0.0 - force_n), "torque": _vector(y=torque_nm)}
-    doubtful = bool(words) or not math.isfinite(torque_nm)
-    topic = topic_of(sensor, _DOUBTFUL if doubtful else _CLEAR)
+    flagged = bool(words) or not math.isfinite(torque_nm)
+    topic = topic_of(sensor, _FLAGGED if flagged else _CLEAR)
     yield RosMessage(topic, WRENCH, {"header": header, "wrench": wrench}, stamp_ns)
 
 

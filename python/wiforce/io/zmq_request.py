@@ -124,7 +124,7 @@ def request(
         try:
             client.connect(address)
             client.send_string(word)
-            return _await_answer(client, handshake, timeout_s)
+            return _receive_answer(client, handshake, timeout_s)
         except zmq.ZMQError as error:
             reason = str(error)
             if error.errno == errno.EINVAL:
@@ -134,15 +134,15 @@ def request(
             handshake.close()
 
 
-def _await_answer(client: Any, handshake: _Handshake, timeout_s: float) -> str | None:
+def _receive_answer(client: Any, handshake: _Handshake, timeout_s: float) -> str | None:
     import zmq
 
     poller = zmq.Poller()
     poller.register(client, zmq.POLLIN)
     poller.register(handshake.events, zmq.POLLIN)
     deadline = time.monotonic() + timeout_s
-    while (left_s := deadline - time.monotonic()) > 0:
-        if client in dict(poller.poll(max(1, round(1000 * left_s)))):
+    while (remaining_s := deadline - time.monotonic()) > 0:
+        if client in dict(poller.poll(max(1, round(1000 * remaining_s)))):
             return str(client.recv_string())
         handshake.look()
     handshake.explain()

@@ -290,11 +290,11 @@ def _model_variance(
     nearest = calibrated[np.argmin(np.abs(location_mm[:, None] - calibrated), axis=1)]
     fitted = model.model_std_deg(force_n, nearest, frequency_hz) ** 2
     between = (location_mm != nearest)[:, None]
-    left_out = np.stack([_left_out_deg(rows, port, location_mm) for port in (1, 2)], axis=-1)
-    return fitted + np.where(between, (left_out / 2) ** 2, 0.0)
+    held_out = np.stack([_held_out_deg(rows, port, location_mm) for port in (1, 2)], axis=-1)
+    return fitted + np.where(between, (held_out / 2) ** 2, 0.0)
 
 
-def _left_out_deg(rows: Sequence[dict], port: int, location_mm: np.ndarray) -> np.ndarray:
+def _held_out_deg(rows: Sequence[dict], port: int, location_mm: np.ndarray) -> np.ndarray:
     """Rms error where locations were left out, interpolated to other locations; shape (n,)."""
     own = sorted((r["location_mm"], r["rms_deg"]) for r in rows if r["port"] == port)
     locations, errors = zip(*own, strict=True)

@@ -244,7 +244,7 @@ class _Report:
                 yield self._finding(source, sources)
 
     def _finding(self, source: Source, others: Sequence[Source]) -> Finding:
-        lines = (*source.lines, *source.hidden)
+        lines = (*source.lines, *source.masked)
         handling, matters = self._handling(lines, self._is_solved(source))
         if matters and not self._is_solved(source):
             handling += self._clashes(source, others)
@@ -298,11 +298,11 @@ class _Report:
         visible = np.array(
             [
                 line.frequency_hz
-                for line in (*source.lines, *source.hidden)
+                for line in (*source.lines, *source.masked)
                 if line.power * plan.group_length > 1
             ]
         )
-        every = [line for each in (source, *others) for line in (*each.lines, *each.hidden)]
+        every = [line for each in (source, *others) for line in (*each.lines, *each.masked)]
         for tag, clock in enumerate(plan.clocks):
             near = [
                 m

@@ -26,7 +26,7 @@ _MOVING_HZ = 30.0
 _DURATION_S = 3.0
 
 
-def _usual_duration(scope: Any) -> float:
+def _default_duration(scope: Any) -> float:
     """Duration of a simulation that states none, so that scenes for reading need not state it."""
     samples = scope["phase_group"].snapshots * scope["sounding"].frame_length
     return max(_DURATION_S, samples / scope["radio"].sample_rate_hz)
@@ -131,7 +131,9 @@ class Simulation:
     )
     duration_s: float = key(
         Number(unit="s", low=0, above=True, high=_LONGEST_S),
-        derived=Derived(f"{_DURATION_S:g}; one phase group where that is longer", _usual_duration),
+        derived=Derived(
+            f"{_DURATION_S:g}; one phase group where that is longer", _default_duration
+        ),
         doc="Length of the capture, at least one phase group. Whole frames are written.",
     )
     seed: int = key(

@@ -14,7 +14,7 @@ from ..signal.carrier import wrap_deg
 from .calibration import calibrate
 from .checks import LEAST_FORCES
 from .curves import CurveModel
-from .entry_doubts import force_doubt, press_doubts
+from .entry_plausibility import force_warning, press_warnings
 from .force_gauge import UNITS_N
 from .press_measurement import PressMeasurement
 from .session_file import SessionFile
@@ -77,7 +77,7 @@ class CalibrationSession:
     ...         phases = tuple(true.phases_deg(target.force_n, target.location_mm).tolist())
     ...         press = PressMeasurement(
     ...             target.location_mm, target.force_n, 0.0, phases, (0.1, 0.1), 14)
-    ...         assert not session.doubts(press, target)
+    ...         assert not session.warnings(press, target)
     ...         session.add(press)
     ...     session.coverage().done, max(row.largest_deg for row in session.residuals()) < 1
     ((60, 60), True)
@@ -172,7 +172,7 @@ are 2 N), got 204.0
             rule += f" (is it in g? {force_n:g} g are {weight:.2g} N)"
         raise InputError("force_n", rule, force_n)
 
-    def doubts(self, press: PressMeasurement, target: Target | None = None) -> list[str]:
+    def warnings(self, press: PressMeasurement, target: Target | None = None) -> list[str]:
         """Reasons why a press may be an error of the person who measures.
 
         Parameters
@@ -187,8 +187,8 @@ are 2 N), got 204.0
             A sentence each; empty when it is plausible.
         """
         plan = self.plan
-        asked = force_doubt(press.force_n, target.force_n) if target is not None else None
-        found = press_doubts(
+        asked = force_warning(press.force_n, target.force_n) if target is not None else None
+        found = press_warnings(
             press, self.presses, plan.frequency_hz, plan.length_mm, plan.permittivity
         )
         return ([asked] if asked else []) + found

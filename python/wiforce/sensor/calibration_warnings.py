@@ -32,7 +32,7 @@ def calibration_warnings(model):
         at = f"{carrier.frequency_hz / 1e6:g} MHz: "
         own = [
             *_few_locations(model, carrier),
-            *_left_out(model, carrier),
+            *_cross_validation(model, carrier),
             *_misfit(carrier),
             *_steps(model, index),
             *_falls(model, index),
@@ -60,7 +60,7 @@ def _few_locations(model, carrier):
     return texts
 
 
-def _left_out(model, carrier):
+def _cross_validation(model, carrier):
     rows = [
         row
         for row in model.cross_validation.get("locations", [])
@@ -123,12 +123,12 @@ def _unobservable(model, carrier):
     inverter = model.inverter(carrier.frequency_hz)
     force = np.linspace(*model.force_span_n, _FORCES)
     places = np.linspace(*model.location_span_mm, 9)
-    hidden = [
+    unobservable = [
         place
         for place in places
         if np.mean(inverter.unobservable(force, np.full(_FORCES, place))) > _UNOBSERVABLE_PART
     ]
-    if not hidden:
+    if not unobservable:
         return []
-    listed = ", ".join(f"{place:g}" for place in hidden)
+    listed = ", ".join(f"{place:g}" for place in unobservable)
     return [f"force and location are hard to tell apart at {listed} mm (force-unobservable)"]

@@ -98,7 +98,7 @@ class SplineBasis:
         inside = np.clip(u, self._u[0], self._u[-1])
         return self._spline(inside) + (u - inside)[..., None] * self._slope(inside)
 
-    def bends(self):
+    def curvatures(self):
         """Second derivatives at points spread evenly over u; shape (points, size).
 
         In units of the span of u, and such that the sum of squares is their mean square.

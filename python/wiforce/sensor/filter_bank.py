@@ -159,6 +159,6 @@ def _parabolas(at, values, new):
     """Through the three nearest nodes: log weights are close to parabolas."""
     middle = np.clip(np.searchsorted(at, new - 0.5 * (at[1] - at[0])), 1, len(at) - 2)
     x = (new - at[middle]) / (at[1] - at[0])
-    left, centre, right = values[middle - 1], values[middle], values[middle + 1]
-    result = centre + 0.5 * (right - left) * x + 0.5 * (left - 2 * centre + right) * x * x
+    before, centre, behind = values[middle - 1], values[middle], values[middle + 1]
+    result = centre + 0.5 * (behind - before) * x + 0.5 * (before - 2 * centre + behind) * x * x
     return result - result.max()

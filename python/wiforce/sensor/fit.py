@@ -105,7 +105,7 @@ class CurveFitter:
         # rows appended to the least squares, per root of the number of samples
         self._penalty: np.ndarray | None = None
         if form == "spline":
-            choices = [np.sqrt(weight) * self._basis.bends() for weight in _SMOOTHING]
+            choices = [np.sqrt(weight) * self._basis.curvatures() for weight in _SMOOTHING]
             scores = [self._score(samples, penalty) for penalty in choices]
             self._penalty = choices[int(np.argmin(scores))]
 

@@ -122,10 +122,10 @@ class Inverter:
 
     def _known_location(self, location_mm, count):
         location = np.broadcast_to(np.asarray(location_mm, float), count)
-        left, right = self.forward.location_mm[[0, -1]]
-        outside = location[(location < left) | (location > right)]
+        first, last = self.forward.location_mm[[0, -1]]
+        outside = location[(location < first) | (location > last)]
         if outside.size:
-            rule = f"must lie from {left:g} to {right:g} mm"
+            rule = f"must lie from {first:g} to {last:g} mm"
             raise InputError("location_mm", rule, float(outside[0]))
         return location
 

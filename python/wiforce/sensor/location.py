@@ -258,23 +258,23 @@ class _Curves:
     def likelihood(self, shape, pairs, length):
         """Restricted log likelihood, and residual variance, of pairs (fade, shift); each (H,)."""
         observations = _LEAST_RESIDUAL_WEIGHT
-        misfit = np.full(len(pairs), _LEAST_RESIDUAL_WEIGHT * self._least**2)
+        squares_sum = np.full(len(pairs), _LEAST_RESIDUAL_WEIGHT * self._least**2)
         log_determinant = np.zeros(len(pairs))
         for port, components in enumerate(self._components):
             change = _change(self._at, shape, pairs, self._length_mm, port)
             squares, trace, determinant = _restricted(self._at, change, length, components)
             rank = components.shape[1]
-            misfit += squares + self._floor * rank * trace
+            squares_sum += squares + self._floor * rank * trace
             observations += rank * (self._at.size - 2)
             log_determinant += rank * determinant
-        variance = misfit / observations
+        variance = squares_sum / observations
         return -0.5 * (observations * np.log(variance) + log_determinant), variance
 
 
 def _components(values, floor):
     """Orthogonal combinations of the forces, in units of one force, that rise above the noise."""
-    left, singular, _ = np.linalg.svd(values - values.mean(axis=0), full_matrices=False)
-    scaled = left * singular / np.sqrt(values.shape[1])
+    vectors, singular, _ = np.linalg.svd(values - values.mean(axis=0), full_matrices=False)
+    scaled = vectors * singular / np.sqrt(values.shape[1])
     strong = singular**2 / values.size > 4 * floor
     strong[0] = True
     return scaled[:, strong]
@@ -314,13 +314,13 @@ def _summaries(shape, length, pairs, share, variance, width):
     How similar, ``width`` says in units of the constants above.
     """
     log_fade, shift = np.log(pairs[:, 0]), pairs[:, 1]
-    left, found = share.copy(), []
-    while left.size and left.max() > 1e-3 * _LEFT_OUT:
-        centre = int(np.argmax(left))
+    unassigned, found = share.copy(), []
+    while unassigned.size and unassigned.max() > 1e-3 * _LEFT_OUT:
+        centre = int(np.argmax(unassigned))
         near = np.abs(log_fade - log_fade[centre]) < width * _SAME_LOG_FADE
-        near &= (np.abs(shift - shift[centre]) < width * _SAME_SHIFT_MM) & (left > 0)
-        probability = left[near].sum()
-        weight = left[near] / probability
+        near &= (np.abs(shift - shift[centre]) < width * _SAME_SHIFT_MM) & (unassigned > 0)
+        probability = unassigned[near].sum()
+        weight = unassigned[near] / probability
         fade_mean, shift_mean = weight @ log_fade[near], weight @ shift[near]
         found.append(
             Transition(
@@ -334,7 +334,7 @@ def _summaries(shape, length, pairs, share, variance, width):
                 residual_variance=float(weight @ variance[near]),
             )
         )
-        left[near] = 0.0
+        unassigned[near] = 0.0
     return found
 
 

@@ -118,8 +118,8 @@ def location_suspicions(farthest_mm: float, length_mm: float) -> list[str]:
 
 def _direction(rows: CalibrationTable, slope: float) -> list[str]:
     """Whether ports are swapped or the sign of the phase is inverted."""
-    tried = slope * _DIRECTION_SLOPES
-    expected, reverse = (float(concentrations(rows, sign * tried).max()) for sign in (1, -1))
+    slopes = slope * _DIRECTION_SLOPES
+    expected, reverse = (float(concentrations(rows, sign * slopes).max()) for sign in (1, -1))
     if reverse < ON_A_LINE or len(np.unique(rows.location_mm)) < ENOUGH_LOCATIONS:
         return []
     if 1 - reverse > _REVERSED * (1 - expected):

@@ -47,7 +47,8 @@ def validate_forms(data: Sequence[CarrierData]) -> dict[str, Any]:
     """
     several = any(len(set(c.press)) > 1 for d in data for c in d.all_curves())
     squares = {
-        form: [fold for d in data for fold in _left_out(d, form, several)] for form in curves.FORMS
+        form: [fold for d in data for fold in _fold_errors(d, form, several)]
+        for form in curves.FORMS
     }
     inside = {form: [s for s, rim in folds if not rim] for form, folds in squares.items()}
     everywhere = {form: [s for s, _ in folds] for form, folds in squares.items()}
@@ -106,7 +107,7 @@ def best_form(squares: Mapping[str, Sequence[np.ndarray]]) -> str:
     return best
 
 
-def _left_out(data: CarrierData, form: str, by_press: bool) -> list[tuple[np.ndarray, bool]]:
+def _fold_errors(data: CarrierData, form: str, by_press: bool) -> list[tuple[np.ndarray, bool]]:
     """Squared errors of each fold, and whether the fold is extrapolated."""
     knots = force_knots(form, np.concatenate([c.force_n for c in data.all_curves()]))
     samples = [(c.force_n, c.added_deg) for c in data.all_curves()]

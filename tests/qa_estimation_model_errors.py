@@ -174,7 +174,7 @@ def test_drift_rate_stated_grows_with_the_root_of_time():
 
 
 def test_drift_rate_leaves_out_groups_beside_a_touch():
-    """A press that begins slowly would be learned as drift, and doubt every later reading."""
+    """A press that begins slowly would be learned as drift, and widen every later reading."""
     rate = DriftRate(PERIOD_S)
     for press in range(20):
         edge = [0.0] * 16 + [1.0, 3.0]  # the press begins in the last two groups
@@ -213,7 +213,7 @@ def compressed_frames(share, offset=0.0, before=True, delay=0.0, frames=3):
 
 @pytest.mark.parametrize("share", [0.005, 0.01, 0.04])
 @pytest.mark.parametrize("delay", [0.0, 0.5, 1.7])
-def test_compression_is_told_from_the_ringing_of_filters(share, delay):
+def test_compression_is_distinguished_from_the_ringing_of_filters(share, delay):
     """Ringing that passes for 0.5 % of compression would turn the readings of a linear receiver."""
     samples, _, largest = compressed_frames(share, delay=delay)
     found = measure_compression(samples, WAVEFORM)
@@ -249,12 +249,12 @@ def test_compressed_tag_is_read_with_its_phase(share, offset, before):
         return np.degrees(np.angle(np.sum(ends * ends[0].conj(), axis=2))[:, 0] - turns)[1:]
 
     before_deg, after_deg = np.abs(errors_deg(ends)), np.abs(errors_deg(corrected.ends))
-    stated_deg = np.degrees(found.doubt)
+    stated_deg = np.degrees(found.std)
     assert np.all(after_deg < 0.15 * before_deg.max() + 2 * stated_deg)
     assert (stated_deg > 0.01) == (offset > 0)
     np.testing.assert_allclose(
         corrected.gain[:, 0],
-        1e-9 + 2 * found.doubt**2 * np.sum(np.abs(ends[:, 0]) ** 2, axis=1),
+        1e-9 + 2 * found.std**2 * np.sum(np.abs(ends[:, 0]) ** 2, axis=1),
     )
 
 

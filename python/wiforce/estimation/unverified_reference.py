@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Doubt whether a reference is that of the untouched sensor, and what ends it.
+"""A reference that may not be that of the untouched sensor, and what verifies it.
 
 A tare that was forced may have been measured while the sensor was pressed, and a tag that was
 silent may have been moved or pressed meanwhile. Readings are then flagged until the phases show an
@@ -21,13 +21,13 @@ _KNOWN = 12.0
 _Pair = tuple[float, float]
 
 
-class ReferenceDoubt:
+class UnverifiedReference:
     """Watches for a release that shows where the phases of the untouched sensor are.
 
-    Two events end the doubt. Either the phases return to those that were untouched before, and are
-    counted from there again. Or a press that only the new reference explains is followed by a
-    release: its phases are a touch of the model against the new reference, but neither a touch nor
-    untouched against the former one.
+    Two events verify the reference. Either the phases return to those that were untouched before,
+    and are counted from there again. Or a press that only the new reference explains is followed
+    by a release: its phases are a touch of the model against the new reference, but neither a
+    touch nor untouched against the former one.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class ReferenceDoubt:
     untouched_deg : (float, float) or None
         Phases of the untouched sensor as known before, in the present frame; None when unknown.
     groups : int
-        Groups in a row at these phases that end the doubt.
+        Groups in a row at these phases that verify the reference.
     before_deg : (float, float) or None
         Other phases at which nothing has changed: those right before a tag went silent.
 
@@ -47,13 +47,13 @@ class ReferenceDoubt:
     --------
     A tare was forced during a press of 40 and 10 deg, which is then released:
 
-    >>> doubt = ReferenceDoubt("forced", lambda change, spreads: 99.0, (-40.0, -10.0))
+    >>> reference = UnverifiedReference("forced", lambda change, spreads: 99.0, (-40.0, -10.0))
     >>> spreads = (1.5, 1.5)
-    >>> [doubt.ends((0.0, 0.0), (0.0, 0.0), spreads, touch=0) for _ in range(5)]
+    >>> [reference.verified_by((0.0, 0.0), (0.0, 0.0), spreads, touch=0) for _ in range(5)]
     [False, False, False, False, False]
-    >>> [doubt.ends((-40.0, -10.0), (-40.0, -10.0), spreads, touch=1) for _ in range(3)]
+    >>> [reference.verified_by((-40.0, -10.0), (-40.0, -10.0), spreads, touch=1) for _ in range(3)]
     [False, False, True]
-    >>> doubt.released_to_former
+    >>> reference.released_to_former
     True
     """
 
@@ -72,8 +72,10 @@ class ReferenceDoubt:
         self._wanted, self._at_former = groups, 0
         self._pressed = self._released = 0
 
-    def ends(self, phases_deg: _Pair, change_deg: _Pair, spreads_deg: _Pair, touch: int) -> bool:
-        """Take a group; whether the doubt ends with it.
+    def verified_by(
+        self, phases_deg: _Pair, change_deg: _Pair, spreads_deg: _Pair, touch: int
+    ) -> bool:
+        """Take a group; whether it verifies the reference.
 
         Parameters
         ----------

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Doubts about a measurement of a guided calibration, by those that were taken before it.
+"""Whether an entry of a guided calibration is plausible, by those that were taken before it.
 
-They concern errors of the person who measures: a wrong digit, the wrong mark of the ruler, a sensor
-held the other way round. The errors of the sensor are for the calibration to find.
+The checks find errors of the person who measures: a wrong digit, the wrong mark of the ruler, a
+sensor held the other way round. The errors of the sensor are for the calibration to find.
 """
 
 from collections.abc import Sequence
@@ -28,8 +28,8 @@ _STEP_PART, _LEAST_STEP_MM = 0.6, 4.0
 _FORCE_PART, _FORCE_N = 0.4, 0.5
 
 
-def force_doubt(force_n: float, asked_n: float) -> str | None:
-    """Doubt about a force that is far from the one that was asked for.
+def force_warning(force_n: float, asked_n: float) -> str | None:
+    """Warning of a force that is far from the one that was asked for.
 
     Parameters
     ----------
@@ -42,8 +42,8 @@ def force_doubt(force_n: float, asked_n: float) -> str | None:
 
     Examples
     --------
-    >>> force_doubt(2.1, 2.0)
-    >>> force_doubt(21.0, 2.0)
+    >>> force_warning(2.1, 2.0)
+    >>> force_warning(21.0, 2.0)
     'the force is 21 N where about 2 N was asked for'
     """
     if abs(force_n - asked_n) <= max(_FORCE_N, _FORCE_PART * asked_n):
@@ -51,14 +51,14 @@ def force_doubt(force_n: float, asked_n: float) -> str | None:
     return f"the force is {force_n:g} N where about {asked_n:g} N was asked for"
 
 
-def press_doubts(
+def press_warnings(
     new: PressMeasurement,
     before: Sequence[PressMeasurement],
     frequency_hz: float,
     length_mm: float,
     permittivity: float,
 ) -> list[str]:
-    """Doubts about a press by those before it.
+    """Warnings of a press that those before it contradict.
 
     Parameters
     ----------
@@ -83,22 +83,22 @@ def press_doubts(
     ...     phases = sensor.phases_deg(force_n, location_mm).tolist()
     ...     return PressMeasurement(location_mm, force_n, 0.0, tuple(phases), (0.1, 0.1), 14)
     >>> taken = [press(30.0, force_n) for force_n in (1.0, 1.5, 2.0, 3.0)]
-    >>> press_doubts(press(40.0, 3.0), taken, 900e6, 80.0, 1.0)
+    >>> press_warnings(press(40.0, 3.0), taken, 900e6, 80.0, 1.0)
     []
     >>> from dataclasses import replace
-    >>> press_doubts(replace(press(30.0, 3.0), location_mm=40.0), taken, 900e6, 80.0, 1.0)
+    >>> press_warnings(replace(press(30.0, 3.0), location_mm=40.0), taken, 900e6, 80.0, 1.0)
     ['the phases are those of a press at about 30 mm, not at 40 mm']
     """
     presses = [each for each in before if not each.untouched]
     here = [each for each in presses if each.location_mm == new.location_mm]
-    doubts: list[str] = []
+    warnings: list[str] = []
     if here:
-        doubts += _jump(new, here, frequency_hz, permittivity)
-        if not doubts:
-            doubts += _widening(new, here, frequency_hz, length_mm, permittivity)
+        warnings += _jump(new, here, frequency_hz, permittivity)
+        if not warnings:
+            warnings += _widening(new, here, frequency_hz, length_mm, permittivity)
     else:
-        doubts += _step(new, presses, frequency_hz, permittivity)
-    return doubts
+        warnings += _step(new, presses, frequency_hz, permittivity)
+    return warnings
 
 
 def _jump(

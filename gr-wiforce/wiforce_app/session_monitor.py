@@ -24,7 +24,7 @@ _BUFFER_LIMIT = Path("/proc/sys/net/core/rmem_max")
 _WANTED_BUFFER = 50_000_000  # what UHD asks for
 
 
-class Watch:
+class SessionMonitor:
     """Monitors a session and reports to standard error.
 
     Parameters
