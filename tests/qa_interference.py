@@ -3,6 +3,7 @@
 
 import copy
 import shutil
+from functools import lru_cache
 
 import numpy as np
 import pmt
@@ -209,7 +210,9 @@ def phase_errors(scene, readings):
     return wrap_deg(np.array([(r.phase1_deg, r.phase2_deg) for r in held]) - truth)
 
 
+@lru_cache
 def read(scene, name):
+    """Readings of a capture that does not change."""
     return [r for batch in RecordingReader(open_capture(name), plan(scene)) for r in batch]
 
 
