@@ -53,6 +53,7 @@ def long_run(request):
 
 def pytest_configure(config):
     config.addinivalue_line("markers", f"timeout(seconds): time limit instead of {TIMEOUT_S} s")
+    config.addinivalue_line("markers", "long: runs with --long only, since other cases say as much")
     try:
         from gnuradio import gr, wiforce  # noqa: F401
     except ImportError as error:
@@ -62,12 +63,16 @@ def pytest_configure(config):
         ) from error
 
 
-def pytest_collection_modifyitems(items):
-    """Sort files: the longest first, waiting for a device and computing in turn.
+def pytest_collection_modifyitems(config, items):
+    """Leave out what needs --long, and sort files.
 
-    Workers take whole files in this order. All cores are busy while some tests wait, and no long
-    file is left for the end.
+    The longest come first, waiting for a device and computing in turn. Workers take whole files in
+    this order. All cores are busy while some tests wait, and no long file is left for the end.
     """
+    if not config.getoption("--long"):
+        left_out = [item for item in items if item.get_closest_marker("long")]
+        config.hook.pytest_deselected(items=left_out)
+        items[:] = [item for item in items if not item.get_closest_marker("long")]
     rank = {name: number for number, name in enumerate(LONGEST)}
     waiting, computing = {}, {}
     for item in sorted(items, key=lambda item: rank.get(item.path.stem, len(rank))):

@@ -4,6 +4,7 @@
 import csv
 import os
 import shutil
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -69,9 +70,11 @@ def captures(tmp_path_factory):
     return name, scene
 
 
-def readings(captures, scene):
+@lru_cache
+def readings(name, scene):
+    """Readings of a touch; captures do not change."""
     found = []
-    read_capture(open_capture(captures[0]), scene, found.append)
+    read_capture(open_capture(name), scene, found.append)
     return [r for r in found if r.time_s > 0.5]
 
 
@@ -80,7 +83,7 @@ def test_antenna_ratio_with_carrier_offset_and_phase_noise_is_read(captures):
     truth = scene.load_model("line-900mhz")
     known = scene.load_model("line-900mhz-calibrated")
     bias = np.subtract(known.untouched_deg(), truth.untouched_deg())
-    found = readings(captures, scene)
+    found = readings(name, scene)
     phases = np.array([[r.phase1_deg, r.phase2_deg] for r in found])
     errors = wrap_deg(phases - truth.phases_deg(4.0, 33.0) - bias)
     # not quite linear in the tag: up to 2 |T|/|S| = 0.29 deg, and noise of 0.1 deg
@@ -90,19 +93,19 @@ def test_antenna_ratio_with_carrier_offset_and_phase_noise_is_read(captures):
 
 def test_antenna_ratio_partial_last_group_is_not_read(captures):
     scene = load_scene({**SCENE, "phase_group": {"snapshots": 610}})  # 25.6 groups
-    found = readings(captures, scene)
+    found = readings(captures[0], scene)
     assert found[-1].time_s == pytest.approx(24.5 * scene.group_period_s)
     assert "gap" not in found[-1].flags
 
 
 def test_single_antenna_with_free_clock_reads_nothing(captures):
     alone = load_scene({**SCENE, "environment": {"reader_clock": "free"}})
-    assert all(r.force_n is None or r.flags for r in readings(captures, alone))
+    assert all(r.force_n is None or r.flags for r in readings(captures[0], alone))
 
 
 def test_quiet_captures_of_two_antennas_lose_no_snapshot(captures):
     """The carrier offset makes repetitions differ far more than noise does, in every frame."""
-    assert all(r.interference == 0 for r in readings(captures, captures[1]))
+    assert all(r.interference == 0 for r in readings(*captures))
 
 
 @pytest.fixture(scope="module")
@@ -129,7 +132,7 @@ def test_survey_of_two_antennas_states_how_strong_the_tag_is(captures):
 
 
 def test_bursts_at_one_of_two_antennas_are_rejected(captures, interfered):
-    clean, found = readings(captures, captures[1]), readings((interfered,), captures[1])
+    clean, found = readings(*captures), readings(interfered, captures[1])
     assert [r.interference for r in found if not 0.16 < r.interference < 0.3] == []
     for name in ("phase1_deg", "phase2_deg"):
         got, want = ([getattr(r, name) for r in each] for each in (found, clean))

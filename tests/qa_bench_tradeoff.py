@@ -5,7 +5,9 @@ import json
 
 import pytest
 from command_runs import run_command
+from gnuradio import gr
 from gnuradio.wiforce.scene import load_scene
+from wiforce_app.bench import tradeoff, tradeoff_points
 from wiforce_app.bench.front import beat_the_plan, front, rated_error
 from wiforce_app.bench.tradeoff_points import settings_of
 from wiforce_app.room_report import UNLISTED_TAGS
@@ -81,8 +83,21 @@ def test_every_kind_of_setting_is_measured():
     assert any(name.startswith("lines to +-") for name in names)
 
 
+@pytest.fixture
+def few_settings(monkeypatch, long_run):
+    """One setting of each kind in the short form, measured in this process."""
+    if not long_run:
+        monkeypatch.setattr(tradeoff_points, "_GROUP_LENGTHS", (250,))
+        monkeypatch.setattr(tradeoff_points, "_HARMONICS", (12,))
+        monkeypatch.setattr(tradeoff_points, "_CLUTTER_HZ", (250.0,))
+        monkeypatch.setattr(tradeoff, "_measured", tradeoff_points.measure_scene)
+    before = gr.logging().default_level()
+    yield
+    gr.logging().set_default_level(before)
+
+
 @pytest.mark.timeout(400)
-def test_a_scene_is_measured_once_and_all_settings_read_it(tmp_path, long_run):
+def test_a_scene_is_measured_once_and_all_settings_read_it(few_settings, tmp_path, long_run):
     (tmp_path / "short.yaml").write_text(LONG if long_run else SHORT)
     words = "bench tradeoff short.yaml --quick --json --plot p.png --page p.md".split()
     done = run_command(*words, cwd=tmp_path)

@@ -3,6 +3,7 @@
 
 import copy
 import shutil
+from functools import lru_cache
 
 import numpy as np
 import pmt
@@ -23,6 +24,7 @@ from gnuradio.wiforce.wiforce_kernels import folded_reader
 from press_capture import SCENE, array_source
 
 FRAME = 720
+LONG = pytest.mark.long
 
 
 def scene_of(clocks=(1000,), waveform="repeated", snapshots=625, **simulation):
@@ -103,9 +105,9 @@ def groups_of(scene, name):
     "settings",
     [
         {"clocks": (400,)},
-        {"clocks": (1000,)},
+        pytest.param({"clocks": (1000,)}, marks=LONG),
         {"clocks": (2000,)},
-        {"clocks": (1000, 1400)},
+        pytest.param({"clocks": (1000, 1400)}, marks=LONG),
         {"waveform": "wifi"},
         {"snr_db": 5},
         {"snapshots": 125},
@@ -209,7 +211,9 @@ def phase_errors(scene, readings):
     return wrap_deg(np.array([(r.phase1_deg, r.phase2_deg) for r in held]) - truth)
 
 
+@lru_cache
 def read(scene, name):
+    """Readings of a capture that does not change."""
     return [r for batch in RecordingReader(open_capture(name), plan(scene)) for r in batch]
 
 
@@ -366,7 +370,7 @@ def test_stream_with_interference_is_read_as_the_recording(
     assert_same(readings, read(scene, hit))
 
 
-@pytest.mark.parametrize("packet", [1, 7, 64])
+@pytest.mark.parametrize("packet", [1, pytest.param(7, marks=LONG), 64])
 def test_vectors_in_packets_carry_the_noise_of_each(press, bursty, packet):
     """However the scheduler divides the stream, the same snapshots must be rejected."""
     _, scene, _ = press

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
+from wiforce_app import workers
 from wiforce_app.captures.journal import Journal
 from wiforce_app.captures.reading_job import ReadingJob, read_capture_file
 from wiforce_app.captures.search import find_captures, is_one
@@ -52,6 +54,19 @@ def captures(tmp_path_factory):
     return folder, alone.stdout
 
 
+class OneProcess(ThreadPoolExecutor):
+    """In place of a pool of processes, each of which takes half a second to start."""
+
+    def __init__(self, *_):
+        super().__init__(1)
+
+
+@pytest.fixture
+def in_process(monkeypatch):
+    """Tasks run in this process, where which process runs them is not what is tested."""
+    monkeypatch.setattr(workers, "ProcessPoolExecutor", OneProcess)
+
+
 def copy(capture, name):
     """A capture under another name, which its metadata must state."""
     shutil.copy(f"{capture}.sigmf-data", f"{name}.sigmf-data")
@@ -76,7 +91,7 @@ def test_folder_of_captures_gives_file_of_each_equal_to_reading_it_alone(capture
     assert [entry["rows"] for entry in journal(tmp_path / "out").values()] == [rows] * 4
 
 
-def test_repeated_run_reads_only_what_is_new_or_changed(captures, tmp_path):
+def test_repeated_run_reads_only_what_is_new_or_changed(in_process, captures, tmp_path):
     folder, _ = captures
     shutil.copytree(folder / "day1", tmp_path / "in")
     arguments = ["read", tmp_path / "in", "-o", tmp_path / "out", "--jobs", 1]
@@ -97,7 +112,7 @@ def test_repeated_run_reads_only_what_is_new_or_changed(captures, tmp_path):
     assert other.stderr.count("reference_s is 0.6 in the capture's own scene") == 3
 
 
-def test_captures_that_fail_are_listed_and_the_others_read(captures, tmp_path):
+def test_captures_that_fail_are_listed_and_the_others_read(in_process, captures, tmp_path):
     folder, alone = captures
     shutil.copytree(folder / "day1", tmp_path / "in")
     (tmp_path / "in" / "a.sigmf-data").write_bytes(b"")
@@ -176,7 +191,7 @@ def test_interrupted_run_keeps_what_is_read_and_says_how_to_go_on(captures, tmp_
     assert not list(out.glob(".*")), "a partial file was left"
 
 
-def test_one_parquet_file_holds_all_captures_with_their_names(captures, tmp_path):
+def test_one_parquet_file_holds_all_captures_with_their_names(in_process, captures, tmp_path):
     pandas = pytest.importorskip("pandas")
     pytest.importorskip("pyarrow")
     folder, alone = captures
@@ -221,7 +236,7 @@ def test_cluster_reads_every_capture_once_although_a_worker_is_killed(captures, 
     distributed = pytest.importorskip("distributed")
     folder, alone = captures
     (tmp_path / "in").mkdir()
-    for number in range(8):
+    for number in range(5):
         copy(folder / "day1" / "a", tmp_path / "in" / f"press{number}")
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, dashboard_address=None, local_directory=tmp_path / "dask"
@@ -234,13 +249,13 @@ def test_cluster_reads_every_capture_once_although_a_worker_is_killed(captures, 
         )
         killed.join()
     assert done.returncode == 0, done.stderr
-    assert "8 of 8 captures read; " in done.stderr
+    assert "5 of 5 captures read; " in done.stderr
     files = sorted(file.name for file in out.iterdir())
-    assert files == sorted(["captures.jsonl", *(f"press{number}.csv" for number in range(8))])
+    assert files == sorted(["captures.jsonl", *(f"press{number}.csv" for number in range(5))])
     assert {file.read_text() for file in out.glob("[!.]*.csv")} == {alone}
     lines = (out / "captures.jsonl").read_text().splitlines()
     assert sorted(json.loads(line)["capture"] for line in lines) == sorted(
-        f"press{number}" for number in range(8)
+        f"press{number}" for number in range(5)
     )
 
 
@@ -268,15 +283,15 @@ def test_snakefile_reads_captures_and_scores_those_with_a_load_cell(captures, tm
 
 
 def _kill_first_worker(cluster, out):
-    """Kill a worker and what would start it again, when half of the captures are read."""
+    """Kill a worker and what would start it again, when two of five captures are read."""
     deadline = time.monotonic() + 60
-    while len(list(out.glob("[!.]*.csv"))) < 3 and time.monotonic() < deadline:
+    while len(list(out.glob("[!.]*.csv"))) < 2 and time.monotonic() < deadline:
         time.sleep(0.05)
     nanny = next(iter(cluster.workers.values()))
     os.kill(nanny.pid, signal.SIGKILL)
 
 
-def test_worker_of_a_former_run_does_not_replace_readings(captures, tmp_path):
+def test_worker_of_a_former_run_does_not_replace_readings(in_process, captures, tmp_path):
     """After a killed run, readings of its scene must not appear in those of the next one."""
     folder, _ = captures
     output = tmp_path / "out" / "a.csv"
@@ -292,7 +307,7 @@ def test_worker_of_a_former_run_does_not_replace_readings(captures, tmp_path):
     assert names == [".note.txt.csv", "a.csv", "b.csv", "captures.jsonl"]
 
 
-def test_captures_of_equal_size_and_time_are_not_confused(captures, tmp_path):
+def test_captures_of_equal_size_and_time_are_not_confused(in_process, captures, tmp_path):
     """Files that were unpacked or synchronised together often agree in both."""
     folder, alone = captures
     other = load_scene(SCENE | {"simulation": SCENE["simulation"] | {"seed": 4}})
@@ -323,7 +338,7 @@ def test_outputs_that_are_captures_are_refused(captures, tmp_path):
         assert (tmp_path / name).read_bytes() == samples
 
 
-def test_whole_file_is_kept_when_no_capture_can_be_read(captures, tmp_path):
+def test_whole_file_is_kept_when_no_capture_can_be_read(in_process, tmp_path):
     pytest.importorskip("pyarrow")
     (tmp_path / "in").mkdir()
     (tmp_path / "in" / "a.sigmf-meta").write_text("{}")

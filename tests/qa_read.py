@@ -80,23 +80,34 @@ def test_read_capture_truncated_in_frame_reads_whole_groups(demo, printed, read_
     assert rows[:-1] == whole[:20]
 
 
+def completed(command, _):
+    """Exit status and messages of a command."""
+    done = run_command(*command)
+    return done.returncode, done.stderr
+
+
+def followed(command, output):
+    """The same of one that waits for more samples, interrupted when it has read 60 groups."""
+    words = ["gr-wiforce", *map(str, command), "--follow"]
+    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as reading:
+        end = time.monotonic() + 60
+        while not output.exists() or output.read_text().count("\n") < 60:
+            assert time.monotonic() < end
+            time.sleep(0.1)
+        reading.send_signal(signal.SIGINT)
+        said = reading.communicate(timeout=100)[1]
+    return reading.returncode, said
+
+
 @pytest.mark.parametrize("follow", [False, True])
 def test_read_unreported_sample_loss_warns_of_shifted_timing(demo, read_args, tmp_path, follow):
     capture = cut(demo, tmp_path, 0)
     whole, lost = (demo[0] / "demo.sigmf-data").read_bytes(), 4 * (20 * 450_000 + 1234)
     capture.with_suffix(".sigmf-data").write_bytes(whole[:lost] + whole[lost + 4 * 777 :])
-    command = ["gr-wiforce", "read", capture, *read_args[2:], "-o", tmp_path / "out.csv"]
-    reading = subprocess.Popen(
-        [*map(str, command), *(["--follow"] if follow else [])], stderr=subprocess.PIPE, text=True
-    )
-    if follow:
-        output, end = tmp_path / "out.csv", time.monotonic() + 60
-        while not output.exists() or output.read_text().count("\n") < 60:
-            assert time.monotonic() < end
-            time.sleep(0.1)
-        reading.send_signal(signal.SIGINT)
-    lines = reading.communicate(timeout=100)[1].splitlines()
-    assert reading.returncode == 0
+    command = ["read", capture, *read_args[2:], "-o", tmp_path / "out.csv"]
+    status, said = (followed if follow else completed)(command, tmp_path / "out.csv")
+    lines = said.splitlines()
+    assert status == 0
     warnings = [line for line in lines if "frame timing shifted once; times may be off" in line]
     assert len(warnings) == 1 and str(capture) in warnings[0]
     assert not any("lost" in line for line in lines)

@@ -12,6 +12,7 @@ from gnuradio.wiforce.receiver import Receiver
 from plain import make_air
 from wiforce_app.bench.air import TagOnAir
 
+LONG = pytest.mark.long
 CLOCKS_HZ = (1000.0, 1400.0)
 FORCE_N, LOCATIONS_MM = 4.0, (35.0, 55.0)
 
@@ -118,7 +119,11 @@ def faulty_groups(plan):
     return groups, start + 26
 
 
-@pytest.fixture(scope="module", params=[(1, 625), (2, 625), (1, 125), (2, 125)], ids=str)
+@pytest.fixture(
+    scope="module",
+    params=[(1, 625), (2, 125), *(pytest.param(case, marks=LONG) for case in ((2, 625), (1, 125)))],
+    ids=str,
+)
 def run(request):
     """Plan, groups with faults, the index of a tare, and the readings of groups one by one."""
     plan = make_plan(*request.param)
@@ -126,7 +131,7 @@ def run(request):
     return plan, groups, tare_at, readings_of(plan, groups, 1, tare_at)
 
 
-@pytest.mark.parametrize("size", [7, 64, None], ids=["7", "64", "all"])
+@pytest.mark.parametrize("size", [7, pytest.param(64, marks=LONG), None], ids=["7", "64", "all"])
 def test_receiver_batches_of_any_size_give_equal_readings(run, size):
     plan, groups, tare_at, expected = run
     assert_equal(readings_of(plan, groups, size, tare_at), expected)

@@ -25,7 +25,7 @@ ROOMS = (
 # those.
 PRESSES = ((0.55, 0.03, 0.36, 3.0, 5.5, 33.0), (1.0, 0.03, 0.36, 6.0, 4.0, 54.0))
 MIXTURES, LONG_MIXTURES = (
-    tuple(f"mixture-{seed}" for seed in range(1, last + 1)) for last in (4, 10)
+    tuple(f"mixture-{seed}" for seed in range(1, last + 1)) for last in (2, 10)
 )
 
 

@@ -8,7 +8,7 @@ import pytest
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.signal.clutter import clutter_basis
 from gnuradio.wiforce.signal.lines import tag_lines
-from gnuradio.wiforce.signal.partial_weights import PartialSolver
+from gnuradio.wiforce.signal.partial_weights import PartialSolver, pseudo_inverse
 from gnuradio.wiforce.signal.weights import design_weights
 from plain import WAVEFORM, T
 
@@ -191,6 +191,21 @@ def test_design_weights_every_line_aliased_raises():
     # 8 x 390 Hz is the snapshot rate of 3125 Hz within the resolution: line 5 falls on line -3 ...
     with pytest.raises(InputError, match="must leave the tag a line"):
         design_weights([390.0], 125, 320e-6)
+
+
+@pytest.mark.parametrize("error", [np.linalg.LinAlgError, SystemError])
+def test_pseudo_inverse_of_complex_matrix_without_gesdd_is_the_same(monkeypatch, error):
+    """Weights of a run that was surveyed are solved in complex arithmetic."""
+    rng = np.random.default_rng(3)
+    matrix = rng.standard_normal((40, 7)) + 1j * rng.standard_normal((40, 7))
+    matrix[:, 6] = matrix[:, 0]  # singular
+    expected = pseudo_inverse(matrix)
+
+    def give_up(*_, **__):
+        raise error("SVD did not converge")
+
+    monkeypatch.setattr(np.linalg, "pinv", give_up)
+    assert np.allclose(pseudo_inverse(matrix), expected, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("error", [np.linalg.LinAlgError, SystemError])

@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 from gnuradio import gr, wiforce
+from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.recorded_groups import frame_settings
 from gnuradio.wiforce.estimation.snapshot_group import SnapshotGroup
 from gnuradio.wiforce.io.capture import open_capture
@@ -200,6 +201,28 @@ def test_stream_reads_on_while_weights_are_exchanged(groups, monkeypatch):
     monkeypatch.setattr(StreamReader, "_use", ask)
     reader = stream(wiforce.plan(SCENE), groups["quiet"][:TARE] + groups["busy"][TARE:], TARE)[0]
     assert states == ["acquiring", "reading"] and reader.state == "reading"
+
+
+@pytest.mark.parametrize(
+    "error", [InputError("tag", "is one of two", 2), np.linalg.LinAlgError("SVD did not converge")]
+)
+def test_stream_room_that_cannot_be_planned_for_is_read_with_the_present_weights(
+    groups, monkeypatch, error
+):
+    """A reader that nobody attends must not end because of what a survey has found."""
+
+    def fail(*_):
+        raise error
+
+    monkeypatch.setattr("gnuradio.wiforce.stream.readapted", fail)
+    settings = wiforce.plan(SCENE)
+    received = groups["quiet"][:TARE] + groups["busy"][TARE:]
+    reader, readings, plans = stream(settings, received, TARE)
+    assert all(plan is settings for plan in plans)
+    assert [reading.group for reading in readings] == list(range(len(received)))
+    touched = [r for r in readings if r.touch == 1 and not r.flags]
+    assert len(touched) >= 5
+    assert all(abs(r.force_n - 4.0) < 4 * r.force_std_n for r in touched)
 
 
 def test_stream_second_survey_of_the_same_room_keeps_the_plan(groups):

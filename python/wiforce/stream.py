@@ -6,6 +6,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from .errors import InputError
 from .estimation.compression import Compression, measure_compression
 from .estimation.folded_groups import FoldedGroups
@@ -225,7 +227,9 @@ class StreamReader:
             better, self._adapted_to = readapted(
                 self.plan, self._adapted_to, self._scene_plan, survey
             )
-        except InputError:  # a second tag that could be meant has appeared: ours is tracked
+        except (InputError, np.linalg.LinAlgError):
+            # A second tag that could be meant has appeared, and ours is tracked; or LAPACK cannot
+            # solve the other weights. Neither must end a run that can be read as it is.
             return self.plan
         return better
 

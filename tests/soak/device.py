@@ -135,6 +135,11 @@ class Device:
         """The next packet carries the time: samples were lost before it."""
         self._tags = True
 
+    @property
+    def tags_next(self):
+        """Whether the next packet carries a time."""
+        return self._tags is not False
+
     def tag_wrongly(self, ahead_s):
         """The next packet carries a time that cannot be."""
         self._tags = ahead_s

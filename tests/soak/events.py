@@ -88,16 +88,14 @@ class Events:
         loop = self._any_loop()
         world.play(rng.uniform(0.1, 2.0), loop)
         world.settle()
-        cut_s = rng.uniform(0.05, 4.5)
+        lost = round(rng.uniform(0.05, 4.5) * RATE_HZ)
+        cut_s = lost / RATE_HZ
         world.allow("reading", "lost")
-        before_s = world.clock.now_s
         world.wait(cut_s)
         if cut_s > 1.3:
             world.expect("lost", "no samples for")
         world.allow("reading", "lost", "acquiring")
-        lost = round((world.clock.now_s - before_s) * RATE_HZ)
-        world.clock.now_s = before_s  # which `lose` counts
-        world.lose(lost)
+        world.miss(lost)
         world.play_slot(loop)
         world.play_slot()
         world.play_slot()

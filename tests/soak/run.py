@@ -129,10 +129,11 @@ class Soak:
 
     def _happen(self, name, restart=True):
         self.happened[name] += 1
+        self.world.note(name)
         try:
             getattr(self.events, name)()
         except RunEnded:
-            self.world.report(f"the run has ended in {name}")
+            self.world.report(f"the run has ended in {name} with status {self.world.run.status}")
         if restart and self.world.ended.is_set():
             self._starting.set()
             self._start()

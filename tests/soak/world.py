@@ -6,6 +6,7 @@ import json
 import math
 import threading
 import time
+from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -18,6 +19,7 @@ STILL, OFF, LOST = 0, -1, -2  # loops that are none: no tag, no samples
 MOST_BEHIND_S = 2.0
 # Of this age are states that a heartbeat may still show.
 STATE_AGE_S = MOST_BEHIND_S + 1.0
+_LATEST = 12  # events and tags that a problem is reported with
 
 
 class RunEnded(Exception):
@@ -106,6 +108,7 @@ class World:
         self._allowed = [(clock.now_s, frozenset(["waiting"]))]
         self._context = zmq.Context()
         self.beats, self.checks = 0, 0
+        self._latest = deque(maxlen=_LATEST)
 
     # What the main thread calls
 
@@ -155,6 +158,11 @@ class World:
 
     def lose(self, samples, slips=False):
         """Lose samples on the way; the device says so, unless the frame timing just slips."""
+        self.clock.now_s += samples / RATE_HZ
+        self.miss(samples, slips)
+
+    def miss(self, samples, slips=False):
+        """Lose the samples of a time that has passed already."""
         if not slips:
             self.run.note(LOST, 0)
             self.run.gaps += 1
@@ -162,7 +170,6 @@ class World:
         else:
             self.run.slips.append(self.run.total)
         self.run.total += samples
-        self.clock.now_s += samples / RATE_HZ
         self.position = (self.position + samples) % self.loops.length
 
     def wait(self, seconds):
@@ -218,6 +225,8 @@ class World:
 
     def _send(self, codes, loop):
         self.run.note(loop, self.position)
+        if self.device.tags_next:
+            self.note(f"rx_time with sample {self.run.total}")
         if not self.device.send(codes):
             self._check_ended(must=True)
         self.run.total += len(codes)
@@ -317,6 +326,12 @@ class World:
         run = len(self.runs)
         self.problems.append(f"run {run} at {at_s:.3f} s: {text}")
         print("PROBLEM", self.problems[-1], flush=True)
+        print("  after", *self._latest, sep="\n    ", flush=True)
+
+    def note(self, text):
+        """Something happens; the latest few are printed with a problem."""
+        total = 0 if self.run is None else self.run.total
+        self._latest.append(f"{total / RATE_HZ:.6f} s, device {self.device.time_s:.6f} s: {text}")
 
     # Requests
 

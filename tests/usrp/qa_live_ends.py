@@ -28,7 +28,7 @@ from live_runs import (
     wait_until,
 )
 
-KILLS, LONG_KILLS = 3, 100
+KILLS, LONG_KILLS = 2, 100
 
 
 @pytest.mark.timeout(3000)
@@ -138,6 +138,6 @@ def test_live_device_stalled_or_late_loses_nothing(software_usrp, slow_scene, tm
 
 
 def test_live_starts_and_stops_leave_nothing_open(slow_scene, slow_device, long_run):
-    times = 5 if long_run else 3
+    times = 5 if long_run else 2
     held, _ = run_session("repeated", slow_scene, f"{slow_device.args},{FRAMES}", times)
     assert len(held) == times and held[1:] == held[:1] * (times - 1)

@@ -10,7 +10,6 @@ sigma_k^2: noise alone leaves sum_k |V_k|^2 / sigma_k^2 of it on every tone.
 from __future__ import annotations
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from .group_tones import power_of
 from .groups import Array
@@ -111,7 +110,10 @@ class CoherentResidual:
         """Median over the last groups up to each of these, and the number of them; (G, E)."""
         known = np.concatenate([self._latest[rows], ratios.T], axis=1)
         self._latest[rows] = known[:, len(ratios) :]
-        windows = np.sort(sliding_window_view(known, _MEDIAN_GROUPS, axis=1), axis=2)
+        # The windows of all groups: their ends, their groups and what is in them, (E, G, n).
+        windows = known[:, np.add.outer(np.arange(len(ratios)), np.arange(_MEDIAN_GROUPS))]
+        windows.sort(axis=2)
         count = np.isfinite(windows).sum(axis=2)
-        middle = np.stack([(count - 1) // 2, count // 2], axis=2)
-        return np.take_along_axis(windows, middle, 2).mean(axis=2).T, count.T
+        end, group = np.ogrid[: len(rows), : len(ratios)]
+        medians = (windows[end, group, (count - 1) // 2] + windows[end, group, count // 2]) / 2
+        return medians.T, count.T

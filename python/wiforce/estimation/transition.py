@@ -40,109 +40,112 @@ class TransitionFlags:
     """
 
     def __init__(self) -> None:
-        self._before: _Window | None = None  # the last group that was given
         self._waiting: Groups | None = None
+        # The last group that was given and the one that waits, as far as there are any.
+        self._window: _Window | None = None
 
     def process(self, groups: Groups) -> Groups:
         """Take a batch with ``touch`` and ``flags``; give the groups whose neighbours are known."""
         if not len(groups):
             return groups
+        window = _Window.of(groups)
+        if self._window is not None:
+            window = self._window.join(window)
         kept = [] if self._waiting is None else [self._waiting]
-        before = self._before if self._waiting is None else _Window.of(self._waiting)
-        last = _Window.of(groups[-1:])
-        if _begins(_Window.of(groups[-2:-1]) if len(groups) > 1 else before, last):
-            given, self._waiting = Groups.concatenate([*kept, groups]), None
-            flagged = self._flagged(given, _Window.of(given))
-            self._before = last
-            return flagged
         # One group at a time is given as it was kept, without copies of its arrays.
-        given = Groups.concatenate([*kept, groups[:-1]])
-        self._waiting = groups[-1:]
-        if not len(given):
-            return given
-        window = _Window.of(given).join(last)
-        flagged = self._flagged(given, window)
-        self._before = window.rows(slice(-2, -1))
-        return flagged
+        if window.begins():
+            given, self._waiting = Groups.concatenate([*kept, groups]), None
+            known = 1
+        else:
+            given, self._waiting = Groups.concatenate([*kept, groups[:-1]]), groups[-1:]
+            known = 2
+        first = len(window) - len(kept) - len(groups)
+        self._window = window.last(known)
+        return _flagged(given, window, first) if len(given) else given
 
     def flush(self) -> Groups:
         """Give the last group, which has no later neighbour."""
-        if self._waiting is None:
+        given, window = self._waiting, self._window
+        self._waiting = self._window = None
+        if given is None or window is None:
             return Groups(np.zeros(0, np.int64))
-        flagged = self._flagged(self._waiting, _Window.of(self._waiting))
-        self._before = self._waiting = None
-        return flagged
-
-    def _flagged(self, groups: Groups, window: _Window) -> Groups:
-        """Groups with the flag; the window holds them and what is known of the next one."""
-        first = 0 if self._before is None else 1
-        if self._before is not None:
-            window = self._before.join(window)
-        rows = _changes(window)[first : first + len(groups)]
-        return groups.having(flags=groups.flags | rows * Flag.TRANSITION.value)
+        return _flagged(given, window, len(window) - 1)
 
 
 class _Window(NamedTuple):
-    """What decides on the flag, of groups that follow each other: arrays of shape (G, ...)."""
+    """What decides on the flag, of G groups that follow each other.
+
+    Attributes
+    ----------
+    number : ndarray of int, shape (G,)
+        Indices of the groups.
+    values : ndarray, shape (G, 5S)
+        Magnitude of R and standard deviation of its phase of 2S ends, touch of S sensors.
+    """
 
     number: Array
-    level: Array
-    std_deg: Array
-    touch: Array
+    values: Array
 
     @staticmethod
     def of(groups: Groups) -> _Window:
-        return _Window(groups.index, np.abs(groups.ratios), groups.phase_std_deg, groups.touch)
+        ratios, std_deg, touch = groups.ratios, groups.phase_std_deg, groups.touch
+        return _Window(groups.index, np.concatenate([np.abs(ratios), std_deg, touch], axis=1))
+
+    def __len__(self) -> int:
+        return len(self.number)
 
     def join(self, after: _Window) -> _Window:
-        return _Window(*map(np.concatenate, zip(self, after, strict=True)))
+        return _Window(
+            np.concatenate([self.number, after.number]), np.concatenate([self.values, after.values])
+        )
 
-    def rows(self, rows: slice) -> _Window:
-        return _Window(*(values[rows] for values in self))
+    def last(self, count: int) -> _Window:
+        return _Window(self.number[-count:], self.values[-count:])
+
+    def begins(self) -> bool:
+        """Whether a touch begins in the last group on every sensor that is received."""
+        if len(self.number) < 2 or self.number[-1] - self.number[-2] != 1:
+            return False
+        touches = self.values[-2:, 4 * self.values.shape[1] // 5 :].tolist()
+        begins = [was == 0 and now == 1 for was, now in zip(*touches, strict=True)]
+        return any(begins) and all(b or now < 0 for b, now in zip(begins, touches[1], strict=True))
 
 
-def _begins(before: _Window | None, group: _Window) -> bool:
-    """Whether a touch begins in a group on every sensor that is received."""
-    if before is None or group.number[0] - before.number[0] != 1:
-        return False
-    begins = (before.touch == 0) & (group.touch == 1)
-    return bool(begins.any() and np.all(begins | (group.touch < 0)))
+def _flagged(groups: Groups, window: _Window, first: int) -> Groups:
+    """Groups with the flag; they are the rows of the window from the first one on."""
+    rows = _changes(window)[first : first + len(groups)]
+    return groups.having(flags=groups.flags | rows * Flag.TRANSITION.value)
 
 
 def _changes(groups: _Window) -> Array:
     """Groups in which a press changed, (G, S); the first and last know one neighbour only."""
-    count, sensors = groups.touch.shape
-    adjacent = np.diff(groups.number) == 1
-    # Row g: whether the previous and the next group are adjacent on the grid.
-    beside = np.array([np.append(False, adjacent), np.append(adjacent, False)])
-    level = groups.level
-    levels = _neighbours(level)
-    touches = _neighbours(groups.touch)
-    std = _neighbours(groups.std_deg)
-    known = beside[:, :, None] & (touches >= 0)  # (2, G, S)
-    touch = groups.touch
+    count, sensors = len(groups), groups.values.shape[1] // 5
+    ends = 2 * sensors
+    # Row g: the previous and the next group, and whether they are adjacent on the grid.
+    beside = np.zeros((2, count, 1), bool)
+    beside[0, 1:, 0] = beside[1, :-1, 0] = np.diff(groups.number) == 1
+    neighbours = np.zeros((2, *groups.values.shape))
+    neighbours[0, 1:], neighbours[1, :-1] = groups.values[:-1], groups.values[1:]
+    level, std, touch = np.split(groups.values, [ends, 2 * ends], axis=1)
+    levels, stds, touches = np.split(neighbours, [ends, 2 * ends], axis=2)
+    known = beside & (touches >= 0)  # (2, G, S)
     edge = (known & (touches != touch)).any(axis=0) & (touch == 1)
     of_ends = np.repeat(known, 2, axis=2)
-    lowest = np.min(np.where(of_ends, levels, np.inf), axis=0)
+    lowest = np.min(levels, axis=0, initial=np.inf, where=of_ends)
     with np.errstate(invalid="ignore"):
-        dip = (level < _DIP * lowest) & (
-            lowest - level > _DIP_STDS * np.radians(groups.std_deg) * lowest
-        )
+        dip = (level < _DIP * lowest) & (lowest - level > _DIP_STDS * np.radians(std) * lowest)
     dip &= of_ends.any(axis=0)
-    changed = edge | (dip.reshape(count, sensors, 2).any(axis=2) & (touch >= 0))
-    values = np.concatenate([touch[None], np.where(known, touches, -1)])
-    begins_or_ends = (values == 0).any(axis=0) & (values == 1).any(axis=0)
+    changed = edge | (_any_end(dip) & (touch >= 0))
+    untouched = (touch == 0) | (known & (touches == 0)).any(axis=0)
+    touched = (touch == 1) | (known & (touches == 1)).any(axis=0)
+    anything = (changed | (untouched & touched)).any(axis=1)[:, None]
     # A change on one sensor disturbs the others, whose standard deviation then rises.
-    disturbed = beside[:, :, None] & (groups.std_deg > _DISTURBED * std)
-    disturbed = disturbed.any(axis=0).reshape(count, sensors, 2).any(axis=2)
-    anything = (changed | begins_or_ends).any(axis=1)[:, None]
+    disturbed = _any_end((beside & (std > _DISTURBED * stds)).any(axis=0))
     transition: Array = (changed | (anything & disturbed)) & (touch >= 0)
     return transition
 
 
-def _neighbours(values: Array) -> Array:
-    """Values of the previous and of the next group; shape (2, G, ...)."""
-    shifted = np.empty((2, *values.shape), values.dtype)
-    shifted[0, 1:], shifted[0, 0] = values[:-1], values[-1]
-    shifted[1, :-1], shifted[1, -1] = values[1:], values[0]
-    return shifted
+def _any_end(of_ends: Array) -> Array:
+    """Whether it is so of an end of each sensor: (G, 2S) to (G, S)."""
+    any_end: Array = of_ends[:, ::2] | of_ends[:, 1::2]
+    return any_end

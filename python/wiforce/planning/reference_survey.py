@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..estimation.frame_slip import without_slip
 from ..estimation.survey import LONGEST_S, SHORTEST_S, Survey, survey_folded
 from .plan import Plan
 
@@ -38,7 +39,7 @@ def surveyed_snapshots(plan: Plan) -> int:
 
 
 def survey_reference(plan: Plan, snapshots: np.ndarray, folded: np.ndarray) -> Survey | None:
-    """Survey the room in the longest run of the reference's snapshots without a gap.
+    """Survey the room in the longest run of the reference's snapshots without a gap or slip.
 
     Parameters
     ----------
@@ -66,6 +67,7 @@ def survey_reference(plan: Plan, snapshots: np.ndarray, folded: np.ndarray) -> S
     snapshots, folded = snapshots[whole], folded[whole]
     if not len(snapshots):
         return None
-    folded = max(np.split(folded, np.flatnonzero(np.diff(snapshots) > 1) + 1), key=len)
+    runs = np.split(folded, np.flatnonzero(np.diff(snapshots) > 1) + 1)
+    folded = without_slip(max(runs, key=len))
     mains_hz = plan.require_scene().environment.possible_mains_hz
     return survey_folded(folded, plan.waveform, plan.clocks, mains_hz)

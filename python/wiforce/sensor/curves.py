@@ -220,8 +220,9 @@ class CurveModel(SensorModel):
 
     def _at_locations(self, force, carrier):
         """g at the calibrated locations; shape (..., 2, J)."""
-        curves = self.carriers[carrier].coefficients_deg
-        return np.einsum("pjk,...k->...pj", curves, self._basis(force))
+        curves, basis = self.carriers[carrier].coefficients_deg, self._basis(force)
+        values = basis @ curves.reshape(-1, curves.shape[-1]).T
+        return values.reshape(*basis.shape[:-1], *curves.shape[:-1])
 
     def short_deg(self, force, location, carrier):
         interpolation = self._interpolations[carrier]
@@ -239,8 +240,10 @@ class CurveModel(SensorModel):
 
     def _model_std_deg(self, force, location, carrier):
         curves, interpolation = self.carriers[carrier], self._interpolations[carrier]
-        basis = self._basis(force)
-        fit = np.einsum("...k,pjkm,...m->...pj", basis, curves.covariance_deg2, basis)
+        basis, covariance = self._basis(force), curves.covariance_deg2
+        along = basis @ np.moveaxis(covariance, 2, 0).reshape(len(covariance[0, 0]), -1)
+        along = along.reshape(*basis.shape[:-1], *covariance.shape[:2], -1)
+        fit = np.einsum("...pjm,...m->...pj", along, basis)
         fit = np.maximum(fit, 0.0)  # a file's digits end somewhere
         values = self._at_locations(force, carrier)
         variance = [

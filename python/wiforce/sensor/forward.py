@@ -49,12 +49,15 @@ class ForwardMap:
         stop = min(last + _MARGIN_MM, model.length_mm - _CLEAR_OF_END_MM)
         count = int(np.ceil((stop - start) / _LOCATION_STEP_MM)) + 1
         self.location_mm = np.linspace(start, stop, count)
-        force, location = np.meshgrid(self.force_n, self.location_mm, indexing="ij")
+        # Broadcast, so that the curves over force are evaluated once for all locations.
+        grid = self.force_n[:, None], self.location_mm[None]
+        shape = len(self.force_n), count, 2
         self.phase_deg = np.concatenate(
-            [model.short_deg(force, location, c) for c in carriers], axis=-1
+            [np.broadcast_to(model.short_deg(*grid, c), shape) for c in carriers], axis=-1
         )
         variance = np.concatenate(
-            [model.carrier_std_deg(force, location, c) ** 2 for c in carriers], axis=-1
+            [np.broadcast_to(model.carrier_std_deg(*grid, c), shape) ** 2 for c in carriers],
+            axis=-1,
         )
         _check_turns(self.phase_deg, f"sensor {model.name}: phases")
         self.size = self.phase_deg.shape[-1]

@@ -181,7 +181,8 @@ class LocationInterpolation:
         """
         _, spread, within = self._tables[port]
         inside = self._inside(location_mm)
-        between = np.einsum("...j,...ji,...i->...", values, spread(inside), values)
+        along = np.einsum("...ji,...i->...j", spread(inside), values)
+        between = np.sum(values * along, axis=-1)
         return np.maximum(between, 0.0) + np.maximum(within(inside), 0.0) * np.var(
             values, axis=-1, ddof=1
         )

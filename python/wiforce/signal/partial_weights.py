@@ -143,10 +143,10 @@ class PartialSolver:
         try:
             factor = np.linalg.cholesky(gram)
         except np.linalg.LinAlgError:
-            return _pseudo_inverse(present)[:tones]
+            return pseudo_inverse(present)[:tones]
         pivot = float(np.min(factor.diagonal())) ** 2
         if pivot < _LEAST_PIVOT:
-            return _pseudo_inverse(present)[:tones]
+            return pseudo_inverse(present)[:tones]
         inverse = np.linalg.inv(factor)
         solver = inverse.T @ inverse
         rows: np.ndarray = solver[:tones] @ present.T
@@ -205,16 +205,32 @@ def whitener_of(weights: np.ndarray, covariance: np.ndarray | None = None) -> np
     return np.linalg.inv(np.linalg.cholesky(colored @ weights.conj().T))
 
 
-def _pseudo_inverse(matrix: np.ndarray) -> np.ndarray:
-    """The pseudo-inverse; by the slower of LAPACK's algorithms where the usual one gives up.
+def pseudo_inverse(matrix: np.ndarray) -> np.ndarray:
+    """Pseudo-inverse; by the slower of LAPACK's algorithms where the usual one does not converge.
 
+    Parameters
+    ----------
+    matrix : ndarray, shape (m, n)
+        Real or complex.
+
+    Returns
+    -------
+    ndarray, shape (n, m)
+
+    Notes
+    -----
     The divide-and-conquer SVD (gesdd) of OpenBLAS 0.3.21 fails for some nearly singular bases,
     which NumPy reports as LinAlgError or, when LAPACK complains as well, as SystemError.
+
+    Examples
+    --------
+    >>> pseudo_inverse(np.array([[2.0, 0.0], [0.0, 4.0], [0.0, 0.0]])).tolist()
+    [[0.5, 0.0, 0.0], [0.0, 0.25, 0.0]]
     """
     try:
         return np.linalg.pinv(matrix, rcond=_SINGULAR)
     except (np.linalg.LinAlgError, SystemError):
         left, sizes, right = svd(matrix, full_matrices=False, lapack_driver="gesvd")
         kept = sizes > _SINGULAR * sizes[0]
-        inverse: np.ndarray = (right[kept].T / sizes[kept]) @ left[:, kept].T
+        inverse: np.ndarray = (right[kept].conj().T / sizes[kept]) @ left[:, kept].conj().T
         return inverse

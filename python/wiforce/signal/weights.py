@@ -15,7 +15,13 @@ import numpy as np
 from ..errors import InputError
 from .clutter import clutter_basis
 from .lines import CLUTTER_MARGIN, Tone, centered_times_s, tag_lines
-from .partial_weights import WORST_PARTIAL_GAIN, PartialSolver, PartialWeights, whitener_of
+from .partial_weights import (
+    WORST_PARTIAL_GAIN,
+    PartialSolver,
+    PartialWeights,
+    pseudo_inverse,
+    whitener_of,
+)
 from .room_noise import RoomNoise
 from .waveform import FFT_LENGTH
 
@@ -158,9 +164,9 @@ class ToneTable:
 def _tone_rows(basis: np.ndarray, tones: int, covariance: np.ndarray | None = None) -> np.ndarray:
     """Rows of the (generalised, with a covariance) least-squares solution that are tones."""
     if covariance is None:
-        return np.linalg.pinv(basis, rcond=1e-12)[:tones]
+        return pseudo_inverse(basis)[:tones]
     factor = np.linalg.cholesky(covariance)
-    rows = np.linalg.pinv(np.linalg.solve(factor, basis), rcond=1e-12)[:tones]
+    rows = pseudo_inverse(np.linalg.solve(factor, basis))[:tones]
     return np.linalg.solve(factor.T, rows.T).T
 
 
