@@ -12,7 +12,7 @@ import pytest
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
 
-SEQUENCES, LONG_SEQUENCES = 4, 1000
+SEQUENCES, LONG_SEQUENCES = 6, 1000
 
 # What the flags say of each fault; those left out cost nothing.
 SHOWN_AS = {

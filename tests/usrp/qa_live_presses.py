@@ -11,7 +11,7 @@ from gnuradio.wiforce.simulation.channel import AirChannel
 from live_runs import FRAMES, GAINS, SLOW, SLOW_GROUP_S, live_command, rows_of, scene_file
 from software_usrp import SoftwareUsrp
 
-SECONDS, LONG_SECONDS = 4, 180
+SECONDS, LONG_SECONDS = 5, 180
 FULL_RATE_GROUP_S = 0.036
 SPEED = 3  # the low rate takes a fifth of the time of the full one
 
