@@ -2,10 +2,13 @@
 """The server of the page: who may look, what each viewer is sent, and what it watches."""
 
 import json
+import os
+import socket
 import time
 import urllib.error
 import urllib.request
-from contextlib import closing
+from contextlib import ExitStack, closing
+from urllib.parse import urlsplit
 
 import pytest
 from command_runs import run_command
@@ -278,6 +281,23 @@ def test_viewers_beyond_the_limit_are_told_so(monkeypatch):
         ):
             assert first.message()["status"]["state"] == "waiting"
             assert third.message() is None and len(page.viewers) == 2
+
+
+def test_connections_beyond_the_descriptors_are_closed_and_others_served(monkeypatch):
+    """Whoever opened a thousand connections filled the journal with tracebacks, without a token."""
+    with serving(NoSource(), TOKEN) as (url, _):
+        used = max(int(name) for name in os.listdir("/proc/self/fd"))
+        most = 2 * (used + 20)
+        monkeypatch.setattr(server_module.resource, "getrlimit", lambda _: (most, most))
+        place = (urlsplit(url).hostname, urlsplit(url).port)
+        with ExitStack() as connections:
+            opened = [
+                connections.enter_context(socket.create_connection(place, 10)) for _ in range(40)
+            ]
+            assert opened[-1].recv(1) == b""
+            opened[0].sendall(b"GET / HTTP/1.0\r\n\r\n")
+            assert opened[0].recv(12) == b"HTTP/1.1 403"
+        assert fetch(url, f"?token={TOKEN}")[0] == 200
 
 
 def test_tares_of_two_viewers_are_one_request():
