@@ -11,6 +11,7 @@ from command_runs import run_command
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.mcap_file import McapWriter
 from gnuradio.wiforce.io.readings import Reading
+from gnuradio.wiforce.io.readings_files import ReadingsFile
 from gnuradio.wiforce.io.textfile import write_whole
 from gnuradio.wiforce.io.writers import open_writer
 from gnuradio.wiforce.sensor.gauge_file import read_gauge_file
@@ -89,6 +90,17 @@ def test_export_csv_that_may_be_misread_is_refused(tmp_path, text, message):
     done = run_command("export", tmp_path / "a.csv", "--to", "json")
     assert done.returncode == 2 and message in done.stderr, done.stderr
     assert done.stderr.count("\n") == 1 and len(list(tmp_path.iterdir())) == 1
+
+
+def test_parquet_with_a_damaged_name_of_a_column_is_refused(tmp_path):
+    """The names are not covered by any checksum; the command ended with an error of a codec."""
+    pytest.importorskip("pyarrow")
+    path = tmp_path / "a.parquet"
+    with open_writer(path) as writer:
+        writer.write(Reading(1.0, "arm"))
+    path.write_bytes(path.read_bytes().replace(b"force_n", b"\xfforce_n", 1))
+    with pytest.raises(InputError, match="is not a complete Parquet file"):
+        list(ReadingsFile(path).rows())
 
 
 def test_export_header_alone_gives_a_file_without_readings(tmp_path):

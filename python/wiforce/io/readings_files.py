@@ -190,7 +190,7 @@ class ReadingsFile:
                 yield file
         except OSError as error:
             raise InputError(self._path, f"cannot be read ({error.strerror or error})") from error
-        except arrow.ArrowException as error:
+        except (arrow.ArrowException, UnicodeDecodeError) as error:
             raise InputError(self._path, "is not a complete Parquet file") from error
 
     def _opened(self) -> IO[str]:
