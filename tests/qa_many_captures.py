@@ -359,3 +359,28 @@ def test_folder_that_cannot_be_searched_is_refused(captures, monkeypatch):
     monkeypatch.setattr(os, "walk", walk)
     with pytest.raises(InputError, match=r"day1: cannot be searched \(Permission denied\)"):
         find_captures([str(folder)])
+
+
+def test_pattern_in_folders_with_links_to_each_other_finds_each_capture(tmp_path, monkeypatch):
+    """Two links to a folder above them were followed along all ways, which takes forever."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("a", "b", "day/c", ".hidden/d"):
+        Path(name).parent.mkdir(exist_ok=True)
+        Path(f"{name}.sigmf-meta").write_text("{}")
+    for name in ("one", "two", "day/three"):
+        Path(name).symlink_to(tmp_path)
+    Path("self").symlink_to("self")
+    for pattern in ("**", "./**/*", f"{tmp_path}/**/*.sigmf-meta"):
+        assert [each.name for each in find_captures([pattern])] == ["a", "b", "c"]
+    assert [each.name for each in find_captures(["self", "a"])] == ["self", "a"]
+
+
+def test_journal_with_damaged_lines_keeps_all_others(tmp_path):
+    """A disk that was full or a power failure leaves such lines, and editors others."""
+    damaged = (b"\xff\xfe", b"[" * 100_000, b'{"capture": []}', b"[1]", b"5", b'{"capture": "c')
+    lines = [b'{"capture": "a", "mark": 1}', *damaged]
+    (tmp_path / "captures.jsonl").write_bytes(b"\n".join(lines))
+    with Journal(tmp_path) as record:
+        assert list(record.entries) == ["a"]
+        record.note("b", mark="2")
+    assert list(journal(tmp_path)) == ["a", "b"]

@@ -215,7 +215,7 @@ def test_mcap_cut_anywhere_gives_a_prefix_of_its_readings(tmp_path):
 def test_mcap_folder_gets_files_of_limited_size_with_all_readings(tmp_path):
     """What a reader that runs for weeks writes to: no run replaces the file of another."""
     for _ in range(2):
-        output = McapFile(partial(open_mcap, str(tmp_path), [], {}), most_bytes=30_000)
+        output = McapFile(partial(open_mcap, str(tmp_path), [], {}, ["arm"]), most_bytes=30_000)
         output.begin()
         for reading in readings(1000):
             output.take(reading, {})
@@ -285,7 +285,11 @@ def test_export_to_mcap_and_its_metadata(tmp_path):
         ("in.txt", "", "readings must be in a .csv, .jsonl, .parquet or .mcap file"),
         ("in.csv", "force_n\n1\n", "it has no column time_s"),
         ("in.csv", "time_s,sensor\n0.1,arm\nx,arm\n", "row 2: is no reading"),
-        ("in.csv", "time_s,sensor\n0.1\n", "as many fields as columns"),
+        (
+            "in.csv",
+            "time_s,sensor\n0.1\n",
+            "line 2: must have as many fields as there are columns, 2, got 1",
+        ),
         ("in.jsonl", '{"time_s": 0.1, "sensor": "arm"}\n{"time', "line 2: is not JSON"),
         ("in.parquet", "PAR1", "is not a complete Parquet file"),
         ("in.mcap", "MCAP", "is not an MCAP file"),

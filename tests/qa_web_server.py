@@ -3,10 +3,14 @@
 
 import contextlib
 import json
+import os
+import socket
+import subprocess
 import time
 import urllib.error
 import urllib.request
-from contextlib import closing
+from contextlib import ExitStack, closing
+from urllib.parse import urlsplit
 
 import pytest
 from command_runs import run_command
@@ -14,6 +18,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.readings import COLUMNS
 from gnuradio.wiforce.io.writers import open_writer
 from web_pages import RUN, RawViewer, free_port, publishing, serving, touched, untouched
+from wiforce_app.web import live_page
 from wiforce_app.web import server as server_module
 from wiforce_app.web.address import PageAddress
 from wiforce_app.web.board import ROW, Board, page_row
@@ -60,7 +65,13 @@ def fetch(url, path="", **headers):
         return error.code, error.read().decode()
 
 
-@pytest.mark.parametrize("text", ["", "0", "70000", "http", "host.example:80", "1.2.3:80", "::80"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("", "0", "70000", "http", "host.example:80", "1.2.3:80", "::80", "-1", " 80", "[]:80"),
+        *("224.0.0.1:80", "255.255.255.255:80", "[ff02::1]:80"),
+    ],
+)
 def test_page_address_refuses_what_is_no_address_and_port(text):
     with pytest.raises(InputError, match="--web: must be PORT or ADDRESS:PORT"):
         PageAddress.of(text)
@@ -78,6 +89,36 @@ def test_page_beyond_loopback_gets_a_random_token(text):
     assert len(first.token) == 32 and first.token != second.token
     assert first.accepts(first.token) and not first.accepts("") and not first.accepts(second.token)
     assert first.url.endswith(f"?token={first.token}") and "plain HTTP" in first.notice
+
+
+@pytest.mark.parametrize("host", ["203.0.113.1", "2001:db8::1"])
+def test_page_at_an_address_of_another_machine_is_refused(host):
+    named = f"[{host}]" if ":" in host else host
+    with pytest.raises(InputError, match="--web: cannot be opened") as error:
+        PageAddress(host, 18080).listen()
+    assert str(error.value).endswith(f", got '{named}:18080'")
+
+
+def test_page_whose_process_ends_at_once_does_not_end_the_run(monkeypatch):
+    """A run that had read for hours ended with a broken pipe when it was closed."""
+
+    def ended(_):
+        return subprocess.Popen(["false"], stdin=subprocess.PIPE)
+
+    monkeypatch.setattr(live_page, "_spawned", ended)
+    tell = live_page.LivePage._tell
+
+    def tell_late(self, settings):
+        self._process.wait()
+        tell(self, settings)
+
+    monkeypatch.setattr(live_page.LivePage, "_tell", tell_late)
+    said = []
+    page = live_page.LivePage(PageAddress("127.0.0.1", free_port()), said.append)
+    for _ in range(2):
+        page.send("heartbeat", {"state": "reading"})
+    page.close()
+    assert said == ["the page has ended with status 1; readings go on"]
 
 
 def test_page_refuses_a_token_that_is_easily_guessed():
@@ -319,6 +360,24 @@ def test_viewers_beyond_the_limit_are_refused_with_the_reason(monkeypatch):
         ):
             assert first.message()["status"]["state"] == "waiting"
             assert third.message() is None and len(page.viewers) == 2
+
+
+def test_connections_beyond_the_descriptors_are_closed_and_others_served(monkeypatch):
+    """Whoever opened a thousand connections filled the journal with tracebacks, without a token."""
+    with serving(NoSource(), TOKEN) as (url, _):
+        # Of each connection, this process has both ends. Free descriptors below are taken first.
+        most = max(int(name) for name in os.listdir("/proc/self/fd")) + 20
+        monkeypatch.setattr(server_module.resource, "getrlimit", lambda _: (2 * most, 2 * most))
+        place = (urlsplit(url).hostname, urlsplit(url).port)
+        with ExitStack() as connections:
+            opened = [
+                connections.enter_context(socket.create_connection(place, 10))
+                for _ in range(most // 2 + 20)
+            ]
+            assert opened[-1].recv(1) == b""
+            opened[0].sendall(b"GET / HTTP/1.0\r\n\r\n")
+            assert opened[0].recv(12) == b"HTTP/1.1 403"
+        assert fetch(url, f"?token={TOKEN}")[0] == 200
 
 
 def test_tares_of_two_viewers_are_one_request():

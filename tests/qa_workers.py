@@ -6,6 +6,7 @@ import pickle
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -32,6 +33,14 @@ def end_process_once(folder):
 def end_process(_):
     """A task that is killed whenever it is attempted."""
     os.kill(os.getpid(), signal.SIGKILL)
+
+
+def note_process(folder):
+    """A task that leaves a file named after its process, and takes long the second time."""
+    mark = Path(folder) / str(os.getpid())
+    if mark.exists():
+        time.sleep(60)
+    mark.touch()
 
 
 class _Unpicklable(Exception):
@@ -87,6 +96,31 @@ def test_task_process_keeps_what_a_task_prints_apart_from_its_outcome():
         timeout=60,
     )
     assert pickle.loads(done.stdout) == ("result", None) and done.stderr == b"noise\n"
+
+
+def test_workers_of_a_command_that_was_killed_end_silently(tmp_path):
+    """They kept their memory until the machine was started again."""
+    program = f"""
+import os, signal, sys
+sys.path.insert(0, {str(Path(__file__).parent)!r})
+from qa_workers import note_process
+from wiforce_app.workers import run_tasks
+if __name__ == "__main__":
+    outcomes = run_tasks(note_process, [{str(tmp_path)!r}] * 3, 2)
+    next(outcomes)
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+    (tmp_path / "program.py").write_text(program)
+    with open(tmp_path / "errors", "w") as errors:
+        done = subprocess.run([sys.executable, tmp_path / "program.py"], stderr=errors)
+    assert done.returncode == -signal.SIGKILL
+    workers = [Path("/proc") / file.name for file in tmp_path.glob("[0-9]*")]
+    assert workers
+    deadline = time.monotonic() + 20
+    while any(worker.exists() for worker in workers):
+        assert time.monotonic() < deadline, "a worker is left"
+        time.sleep(0.05)
+    assert "Traceback" not in (tmp_path / "errors").read_text()
 
 
 @pytest.mark.parametrize("address", ["nonsense", "tcp://", "host:port", "127.0.0.1:8786/x"])

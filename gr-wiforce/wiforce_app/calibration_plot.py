@@ -4,6 +4,8 @@
 import numpy as np
 from gnuradio.wiforce.signal.carrier import same_carrier, wrap_deg
 
+from .plots import save_picture
+
 _POINTS = 80
 # Forces whose phases are drawn against location.
 _FORCES_SHOWN = 4
@@ -35,7 +37,7 @@ def plot_calibration(table, model, path):
         own = table.take((table.port == port) & same_carrier(table.frequency_hz, frequency_hz))
         axes[0].set_title(f"{frequency_hz / 1e6:g} MHz, port {port}", fontsize=10)
         _plot_port(_Port(own, model, index, port), axes)
-    canvas.savefig(path, dpi=110)
+    save_picture(canvas, path)
 
 
 class _Port:

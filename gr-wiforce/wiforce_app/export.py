@@ -5,12 +5,14 @@ import struct
 from pathlib import Path
 
 import click
-from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.readings_files import ReadingsFile
 from gnuradio.wiforce.io.textfile import check_output, replacing
 from gnuradio.wiforce.io.writers import open_writer
 from gnuradio.wiforce.scene import load_scene
 
+from .live_outputs import STAMP_COLUMNS
+from .log import log
 from .progress import progress
 from .provenance import provenance
 
@@ -37,6 +39,7 @@ def export(readings, form, output, scene_path):
     metadata = {} if scene_path is None else provenance(load_scene(scene_path))
     source = ReadingsFile(readings)
     check_output(output, [readings])
+    _warn_of_columns(readings, source.also, output)
     number = 0
     try:
         with (
@@ -50,6 +53,9 @@ def export(readings, form, output, scene_path):
                 step(1)
     except InputError:
         raise
+    except OutputError as error:
+        # Nothing is kept of the hidden file that it names.
+        raise OutputError(output, f"cannot be written ({error.reason})") from None
     except (ValueError, TypeError, OverflowError, struct.error) as error:
         # Parquet and MCAP write several rows at a time.
         rule = f"cannot be converted to {output.suffix[1:]}, row {number} or before ({error})"
@@ -67,6 +73,15 @@ def _output_of(readings, form, output):
     if suffix not in expected:
         raise InputError("--output", f"must end in {' or '.join(expected)}", output)
     return Path(output)
+
+
+def _warn_of_columns(readings, also, output):
+    """Name the columns that the messages of an MCAP file have no fields for."""
+    dropped = [name or "one without name" for name in also if name not in STAMP_COLUMNS]
+    if dropped and output.suffix.lower() == ".mcap":
+        log.warning(
+            f"{readings}: columns without a field in MCAP are left out: {', '.join(dropped)}"
+        )
 
 
 def _writer(path, also, metadata):

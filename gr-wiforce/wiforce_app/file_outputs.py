@@ -11,7 +11,7 @@ from gnuradio.wiforce.io.writers import open_writer
 from .provenance import provenance
 
 
-def open_mcap(path, inputs, metadata):
+def open_mcap(path, inputs, metadata, sensors):
     """A writer of MCAP; see :class:`McapWriter`.
 
     Parameters
@@ -20,6 +20,7 @@ def open_mcap(path, inputs, metadata):
         A file, or a folder for a file named after the time.
     inputs : sequence of Path
     metadata : dict of str to str
+    sensors : sequence of str
 
     Returns
     -------
@@ -38,7 +39,7 @@ def open_mcap(path, inputs, metadata):
         path = Path(path) / f"{now}Z.mcap"
     elif Path(path).suffix.lower() != ".mcap":
         raise InputError("--mcap", "must be FILE.mcap or an existing folder", str(path))
-    return McapWriter(path, inputs, metadata)
+    return McapWriter(path, inputs, metadata, sensors)
 
 
 class FileOutputs:
@@ -64,7 +65,7 @@ class FileOutputs:
         metadata = provenance(scene) if described else {}
         self._writers = [open_writer(output, inputs, metadata=metadata)]
         if mcap is not None:
-            self._writers.append(open_mcap(mcap, inputs, metadata))
+            self._writers.append(open_mcap(mcap, inputs, metadata, scene.sensor_names))
         self._closing = ExitStack()
 
     def __enter__(self):

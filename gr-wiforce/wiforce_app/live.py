@@ -196,7 +196,8 @@ def _checked_keys(zmq_endpoint, control, folder):
 def _add_robotics_and_laboratory(outputs, scene, mcap, foxglove, lsl, metadata):
     if mcap is not None:
         most_bytes = MCAP_FILE_BYTES if Path(mcap).is_dir() else None
-        outputs.add(McapFile(partial(open_mcap, mcap, scene.files, metadata), most_bytes))
+        open_next = partial(open_mcap, mcap, scene.files, metadata, scene.sensor_names)
+        outputs.add(McapFile(open_next, most_bytes))
     if foxglove is not None:
         outputs.add(FoxgloveMessages(foxglove, scene.sensor_names))
         host, _ = host_and_port(foxglove, "--foxglove")

@@ -4,9 +4,9 @@
 from pathlib import Path
 
 import numpy as np
-from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.errors import InputError, unwritable
 from gnuradio.wiforce.io.optional import optional_module
-from gnuradio.wiforce.io.textfile import check_output
+from gnuradio.wiforce.io.textfile import check_output, replacing
 
 _SUFFIXES = (".png", ".pdf", ".svg")
 
@@ -46,6 +46,29 @@ def figure(rows, title, height_in=2.1):
     return canvas, axes
 
 
+def save_picture(canvas, path, dpi=110):
+    """Write a figure; the file appears when it is complete.
+
+    Parameters
+    ----------
+    canvas : matplotlib.figure.Figure
+    path : str or Path
+    dpi : int
+
+    Raises
+    ------
+    InputError, OutputError
+        When it cannot be written.
+    """
+    path = Path(path)
+    try:
+        with replacing(path) as part:
+            # A pipe or a device has any name.
+            canvas.savefig(part, dpi=dpi, format=path.suffix[1:].lower())
+    except OSError as error:
+        raise unwritable(path, error) from error
+
+
 def plot_readings(readings, path, title="", truth=None):
     """Plot force, location, phases and SNR over time, one colour per sensor.
 
@@ -74,7 +97,7 @@ def plot_readings(readings, path, title="", truth=None):
     for axis in (axes[0], axes[2]):
         if axis.get_legend_handles_labels()[0]:
             axis.legend(loc="upper right", fontsize=8)
-    canvas.savefig(path, dpi=110)
+    save_picture(canvas, path)
 
 
 def _flagged(reading):

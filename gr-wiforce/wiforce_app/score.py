@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 import numpy as np
-from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.errors import InputError, unwritable
 from gnuradio.wiforce.io.readings_files import ReadingsFile
 from gnuradio.wiforce.io.textfile import check_output, write_whole
 from gnuradio.wiforce.sensor.gauge_comparison import TimedForces, compare_with_gauge
@@ -109,8 +109,10 @@ def _forces(capture, scene_path, datatype, sensor):
         scene, _ = scene_of(recording, scene_path)
         read_capture(recording, scene, lambda reading: rows.append(reading.row()), None)
     names = sorted({row["sensor"] for row in rows})
+    if not names:
+        raise InputError(capture, "holds no readings")
     if sensor is None and len(names) != 1:
-        raise InputError("--sensor", f"must be one of {', '.join(names)}" if names else "no rows")
+        raise InputError("--sensor", f"must be one of {', '.join(names)}")
     if sensor is not None and sensor not in names:
         raise InputError("--sensor", f"must be one of {', '.join(names)}", sensor)
     own = [row for row in rows if sensor in (None, row["sensor"])]
@@ -187,4 +189,7 @@ def _write(path, found):
     columns = (getattr(found, name) for name in _COLUMNS)
     for time_s, *values in zip(*columns, strict=True):
         writer.writerow([round(float(time_s), 9), *(f"{value:.4f}" for value in values)])
-    write_whole(path, text.getvalue())
+    try:
+        write_whole(path, text.getvalue())
+    except OSError as error:
+        raise unwritable(path, error) from error

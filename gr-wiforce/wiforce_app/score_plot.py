@@ -3,6 +3,8 @@
 
 import numpy as np
 
+from .plots import save_picture
+
 _BINS = 40
 
 
@@ -59,7 +61,7 @@ def plot_comparison(readings, gauge, found, path, title):
     of_force.legend(loc="upper right", fontsize=8)
     for axis in (over_time, errors, of_force):
         axis.grid(alpha=0.3)
-    canvas.savefig(path, dpi=110)
+    save_picture(canvas, path)
 
 
 def _medians(force_n, error_n):

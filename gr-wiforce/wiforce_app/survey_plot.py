@@ -4,6 +4,8 @@
 import numpy as np
 from gnuradio.wiforce.signal.lines import aliased_hz
 
+from .plots import save_picture
+
 _MARKERS = "ovsDP*Xd"
 _OWN_MARKERS = "^v<>"
 _LOWEST_DB = -6.0
@@ -86,7 +88,7 @@ def plot_survey(survey, found, plan, path, title=""):
     axis.set_title(title, fontsize=11)
     axis.grid(alpha=0.3)
     axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.11), ncols=2, fontsize=9)
-    canvas.savefig(path, dpi=110)
+    save_picture(canvas, path)
 
 
 def _mark(axis, survey, lines_hz, label, **style):

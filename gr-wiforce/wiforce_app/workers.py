@@ -8,6 +8,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -19,13 +20,13 @@ from typing import Any
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.optional import optional_module
 
-from .interrupts import terminate_by_exception
 from .task_process import outcome_of
 
 # A worker that disappears may have been killed by another task's need for memory.
 _ATTEMPTS = 3
 _ANSWER_S = 10.0
 _END_S = 1.0
+_TERMINATED = 128 + signal.SIGTERM
 _ADDRESS = re.compile(r"((tcp|tls)://)?(\[[\da-fA-F:]+\]|[\w.-]+):\d{1,5}")
 
 
@@ -95,7 +96,7 @@ def _on_cores(function, tasks, jobs):
     while waiting:
         # A fork would copy the threads of libraries in a state that they do not expect.
         context = multiprocessing.get_context("spawn")
-        pool = ProcessPoolExecutor(min(jobs, len(waiting)), context, _ignore_interrupts)
+        pool = ProcessPoolExecutor(min(jobs, len(waiting)), context, _prepare_worker)
         running, lost = {}, []
         try:
             running = {pool.submit(outcome_of, function, tasks[index]): index for index in waiting}
@@ -139,13 +140,29 @@ def _outcome(index, kind, value):
     return Outcome(index, **{kind: value})
 
 
-def _ignore_interrupts():
+def _prepare_worker():
     """Leave Ctrl-C, which a terminal sends to all processes, to the command itself.
 
-    The command then ends its workers by SIGTERM, and they remove what is not complete.
+    The command then ends its workers by SIGTERM, and they remove what is not complete. They do so
+    themselves when the command was killed, and would otherwise wait for tasks forever.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    terminate_by_exception()
+    # Nothing is to be removed yet, and an exception here would be printed.
+    signal.signal(signal.SIGTERM, lambda *_: os._exit(_TERMINATED))
+    threading.Thread(target=_end_with_command, daemon=True).start()
+    signal.signal(signal.SIGTERM, _end)
+
+
+def _end(*_):
+    # Python prints a traceback of any other exception that ends a worker.
+    raise SystemExit(_TERMINATED)
+
+
+def _end_with_command():
+    multiprocessing.parent_process().join()
+    os.kill(os.getpid(), signal.SIGTERM)
+    time.sleep(_END_S)
+    os._exit(_TERMINATED)
 
 
 def _on_cluster(function, tasks, scheduler):

@@ -85,6 +85,11 @@ class OutputError(OSError):
         self._where, self._rule = str(where), rule
         super().__init__(f"{where}: {rule}")
 
+    @property
+    def reason(self) -> str:
+        """What the system reported, without the file and what is kept of it."""
+        return self._rule.partition("(")[2].partition(")")[0] or self._rule
+
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self._where, self._rule)
 

@@ -3,6 +3,7 @@
 
 import numpy as np
 
+from ..plots import save_picture
 from .cases import ESTIMATORS
 from .front import front
 
@@ -44,7 +45,7 @@ def plot_losses(rows, wanted, path):
     panels[0].set_ylabel("loss to the Cramer-Rao bound (dB)")
     lines, labels = panels[0].get_legend_handles_labels()
     _legend_below(canvas, lines, labels, ncols=len(ESTIMATORS))
-    canvas.savefig(path, dpi=110)
+    save_picture(canvas, path)
 
 
 def _legend_below(canvas, lines, labels, ncols):
@@ -84,7 +85,7 @@ def plot_tradeoffs(results, path):
     for axis in panels:
         known |= dict(zip(*reversed(axis.get_legend_handles_labels()), strict=True))
     _legend_below(canvas, list(known.values()), list(known), ncols=len(known))
-    canvas.savefig(path, dpi=80)
+    save_picture(canvas, path, dpi=80)
 
 
 def _plot_tradeoff(axis, points):

@@ -30,7 +30,8 @@ class Journal:
         self._path = Path(folder) / RECORD
         try:
             self._path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = open(self._path, "a+", encoding="utf-8")
+            # Damaged bytes spoil their own line only.
+            self._file = open(self._path, "a+", encoding="utf-8", errors="replace")
         except OSError as error:
             raise InputError(folder, f"cannot be used for readings ({error.strerror})") from error
         try:
@@ -50,13 +51,15 @@ class Journal:
 
     def _load(self):
         self._file.seek(0)
-        entries = {}
+        entries, line = {}, "\n"
         for line in self._file:
             try:
                 entry = json.loads(line)
                 entries[entry["capture"]] = entry
-            except (ValueError, TypeError, KeyError):
+            except (ValueError, TypeError, KeyError, RecursionError):
                 continue  # cut off by a power failure, or not ours
+        if not line.endswith("\n"):
+            self._write("\n")  # or the next entry would be lost with this one
         return entries
 
     def fingerprint(self, name, output):
@@ -97,9 +100,12 @@ class Journal:
             On a full disk.
         """
         entry = {"capture": name, **values}
+        self._write(json.dumps(entry) + "\n")
+        self.entries[name] = entry
+
+    def _write(self, text):
         try:
-            self._file.write(json.dumps(entry) + "\n")
+            self._file.write(text)
             self._file.flush()
         except OSError as error:
             raise OutputError(self._path, f"cannot be written ({error.strerror})") from error
-        self.entries[name] = entry

@@ -129,8 +129,7 @@ def _read(job):
         complete = True
     except OutputError as error:
         # The file that it names, and what it says of its rows, is about to go.
-        reason = f"({error.__cause__.strerror})" if error.__cause__ else f"({error})"
-        raise OutputError(output, f"cannot be written {reason}") from None
+        raise OutputError(output, f"cannot be written ({error.reason})") from None
     finally:
         if not complete:
             partial.unlink(missing_ok=True)

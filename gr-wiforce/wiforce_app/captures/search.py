@@ -55,7 +55,7 @@ def find_captures(given, datatype=None):
             raise InputError(argument, "is not the name of a capture")
         for capture in _meant_by(argument, datatype):
             other = found.setdefault(capture.name, capture)
-            if Path(other.path).resolve() != Path(capture.path).resolve():
+            if os.path.realpath(other.path) != os.path.realpath(capture.path):
                 rule = f"has the same name as {other.path}; give the folder that contains both"
                 raise InputError(capture.path, rule)
     return list(found.values())
@@ -68,7 +68,7 @@ def is_one(given):
 
 def _meant_by(argument, datatype):
     if _is_pattern(argument):
-        matches = sorted(glob.glob(argument, recursive=True))
+        matches = _matches(argument)
         found = list(
             dict.fromkeys(
                 capture
@@ -92,6 +92,23 @@ def _meant_by(argument, datatype):
     if not captures:
         raise InputError(argument, "contains no captures: no .sigmf-meta files")
     return captures
+
+
+def _matches(pattern):
+    """Paths that match, as :func:`glob.glob` finds them, but `**` does not follow links.
+
+    Two links that lead to a folder above them would otherwise be followed forever.
+    """
+    own = Path(pattern).parts
+    if "**" not in own:
+        return sorted(glob.glob(pattern))
+    root = Path(pattern).anchor
+    below = [*own[bool(root) :], *(["*"] if own[-1] == "**" else [])]
+    return sorted(
+        str(path)
+        for path in Path(root).glob("/".join(below))
+        if not any(part.startswith(".") and part not in own for part in path.parts)
+    )
 
 
 def _metadata_in(folder):

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..plots import save_picture
 from .causes import published_phase_std
 
 _STYLES = {"ours": "-", "paper": ":", "paper, clock offset removed": "--"}
@@ -48,7 +49,7 @@ def plot_distances(results, folder, figures):
     axis.set_ylabel("phase rms (deg)")
     axis.grid(alpha=0.3)
     axis.legend(fontsize=8)
-    canvas.savefig(folder / "distance.png", dpi=100)
+    save_picture(canvas, folder / "distance.png", dpi=100)
     return True
 
 
@@ -84,7 +85,7 @@ def plot_scene(result, path):
     spectrum.set_ylabel("power (dB)")
     for axis in (*axes.flat, spectrum):
         axis.grid(alpha=0.3)
-    canvas.savefig(path, dpi=100)
+    save_picture(canvas, path, dpi=100)
 
 
 def _distributions(axis, methods, key, color):

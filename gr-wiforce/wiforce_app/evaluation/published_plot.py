@@ -3,6 +3,8 @@
 
 import numpy as np
 
+from ..plots import save_picture
+
 
 def plot_error_distributions(scores, forms, path):
     """Plot cumulative distributions of force and location errors on the published trials.
@@ -26,7 +28,7 @@ def plot_error_distributions(scores, forms, path):
         row[0].set_ylabel(f"{frequency / 1e6:g} MHz, {form}\nshare of the readings")
     axes[0, 0].legend(fontsize=7, loc="lower right")
     canvas.suptitle("Published wireless trials (dashed: with one wireless press per location)")
-    canvas.savefig(path, dpi=110)
+    save_picture(canvas, path)
 
 
 def _plot_distribution(axis, scores, methods, what, label):

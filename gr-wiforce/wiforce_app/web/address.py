@@ -130,7 +130,7 @@ class PageAddress:
             listening.listen(_BACKLOG)
         except OSError as error:
             listening.close()
-            given = f"{self.host}:{self.port}"
+            given = f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
             raise InputError(OPTION, f"cannot be opened ({error.strerror})", given) from error
         listening.setblocking(False)
         return listening

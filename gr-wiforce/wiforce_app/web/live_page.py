@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The page of a live run: an output that a process of its own shows (:mod:`page_process`)."""
 
+import contextlib
 import json
 import os
 import shutil
@@ -76,7 +77,8 @@ class LivePage(Output):
     def close(self) -> None:
         """End the process, after viewers have received the end of the run."""
         assert self._process.stdin is not None
-        self._process.stdin.close()
+        with contextlib.suppress(BrokenPipeError):  # settings that it never took
+            self._process.stdin.close()
         try:
             self._process.wait(_CLOSE_S)
         except subprocess.TimeoutExpired:

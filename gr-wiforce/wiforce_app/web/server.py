@@ -7,6 +7,7 @@ import ipaddress
 import json
 import logging
 import math
+import resource
 import signal
 import socket
 import time
@@ -108,7 +109,7 @@ class PageServer:
         ended : callable
             Asked now and then; the page also ends when this is true, after everything was sent.
         """
-        server = tornado.httpserver.HTTPServer(
+        server = _LimitedServer(
             self._application(), idle_connection_timeout=_IDLE_S, max_body_size=_LONGEST_REQUEST
         )
         server.add_sockets([self._listening])
@@ -188,6 +189,22 @@ class PageServer:
     def cookie(self) -> str:
         """Name of the cookie with the token; browsers share cookies between ports."""
         return f"gr-wiforce-{self.address.port}"
+
+
+class _LimitedServer(tornado.httpserver.HTTPServer):
+    """A server that refuses connections before the process has no descriptor left.
+
+    Tornado would try to accept them again and again, and print a traceback each time, for
+    everybody who opens a thousand connections, with or without the token.
+    """
+
+    def handle_stream(self, stream: tornado.iostream.IOStream, address: Any) -> None:
+        # A new descriptor is the lowest that is free. The upper half is for files that are sent.
+        most, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+        if stream.socket.fileno() > most // 2:
+            stream.close()
+        else:
+            super().handle_stream(stream, address)
 
 
 class _Guarded(tornado.web.RequestHandler):

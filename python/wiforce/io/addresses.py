@@ -7,6 +7,7 @@ import re
 from ..errors import InputError
 
 _NAMES = {"": "127.0.0.1", "localhost": "127.0.0.1", "*": "0.0.0.0"}
+_BROADCAST = "255.255.255.255"
 
 
 def host_and_port(text: str, option: str) -> tuple[str, int]:
@@ -40,8 +41,10 @@ def host_and_port(text: str, option: str) -> tuple[str, int]:
     if host.startswith("[") and host.endswith("]"):
         host = host[1:-1]
     try:
-        ipaddress.ip_address(host)
-        if not (re.fullmatch("[0-9]{1,5}", port) and 0 < int(port) < 65536):
+        address = ipaddress.ip_address(host)
+        # The system binds these, but nobody can connect to them.
+        unreachable = address.is_multicast or host == _BROADCAST
+        if unreachable or not (re.fullmatch("[0-9]{1,5}", port) and 0 < int(port) < 65536):
             raise ValueError
     except ValueError:
         rule = "must be PORT or ADDRESS:PORT, with an IP address of this machine or *"

@@ -11,7 +11,7 @@ from .optional import optional_module
 from .output_file import OutputFile
 from .readings_output import ReadingsOutput
 from .ros_definitions import DIAGNOSTICS, READING, WRENCH, complete_definition
-from .ros_messages import RosMessage, health_message, reading_messages
+from .ros_messages import RosMessage, health_message, reading_messages, topics_of
 from .textfile import check_output
 
 # A chunk is written when it holds so much. At 28 readings/s a sensor fills one in a second: what a
@@ -39,6 +39,8 @@ class McapWriter(ReadingsOutput):
         Files that the readings are made from, none of which may be written to.
     metadata : mapping of str to str, optional
         Stored in the file under the name ``gr-wiforce``.
+    sensors : iterable of str, optional
+        Those that are known before the first reading.
 
     Attributes
     ----------
@@ -48,7 +50,8 @@ class McapWriter(ReadingsOutput):
     Raises
     ------
     InputError
-        When a package is missing, the path cannot be written to, or is an input.
+        When a package is missing, the path cannot be written to, or is an input; and when two
+        sensors would have the same topics.
 
     Examples
     --------
@@ -64,8 +67,11 @@ class McapWriter(ReadingsOutput):
         path: str | Path,
         inputs: Iterable[str | Path] = (),
         metadata: Mapping[str, str] | None = None,
+        sensors: Iterable[str] = (),
     ) -> None:
         check_output(path, inputs)
+        self._sensors = dict.fromkeys(sensors)
+        topics_of(self._sensors)
         if Path(path).exists() and not Path(path).is_file():
             raise InputError(path, "MCAP needs a regular file")
         self._library = optional_module("mcap_ros2.writer", path)
@@ -113,10 +119,15 @@ class McapWriter(ReadingsOutput):
 
         Raises
         ------
+        InputError
+            When its sensor would have the same topics as another.
         OutputError
             As :meth:`write`.
         """
         self.begin()
+        if row["sensor"] not in self._sensors:
+            topics_of([*self._sensors, row["sensor"]])
+            self._sensors[row["sensor"]] = None
         for message in reading_messages(row):
             self._put(message, round(row["time_s"] * 1e9))
         self.rows += 1

@@ -169,7 +169,8 @@ class ParquetWriter(ReadingsOutput):
         if self._file is None or self._file.closed:
             return
         try:
-            self._writer.close()
+            if self._writer is not None:  # the disk may have been full from the start
+                self._writer.close()
         except OutputError as error:
             self._failure = self._failure or error
         finally:

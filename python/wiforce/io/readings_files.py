@@ -4,7 +4,9 @@
 import csv
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import IO, Any
@@ -30,7 +32,7 @@ class ReadingsFile:
     Attributes
     ----------
     also : tuple of str
-        Columns besides those of a reading; of JSON lines, those of the first line.
+        Columns besides those of a reading; of JSON lines, those of any line.
     metadata : dict of str to str
         What a Parquet file says of its readings.
 
@@ -60,12 +62,42 @@ class ReadingsFile:
         if kind not in readers:
             raise InputError(path, "readings must be in a .csv, .jsonl, .parquet or .mcap file")
         self._read = readers[kind]
-        first = next(self._read(), None)
-        names = () if first is None else tuple(first)
+        names = self._columns(kind)
         for name in _NEEDED:
-            if first is not None and name not in names:
+            if names is not None and name not in names:
                 raise InputError(path, f"is no file of readings: it has no column {name}")
-        self.also = tuple(name for name in names if name not in COLUMNS)
+        self.also = tuple(name for name in names or () if name not in COLUMNS)
+
+    def _columns(self, kind: str) -> tuple[str, ...] | None:
+        """Names of the columns; None of a file that has no names, since it has no readings."""
+        if kind == ".csv":
+            with self._opened() as file:
+                return self._header(csv.reader(file, strict=True))
+        if kind == ".jsonl":
+            # A line may have a key that no line before it has.
+            names: dict[str, None] = {name: None for row in self._read() for name in row}
+            return tuple(names) or None
+        if kind == ".parquet":
+            with self._parquet_file() as file:
+                return self._distinct(file.schema_arrow.names)
+        first = next(self._read(), None)
+        return None if first is None else tuple(first)
+
+    def _header(self, lines: Iterator[list[str]]) -> tuple[str, ...]:
+        names: list[str] = []
+        try:
+            names = next(lines, names)
+        except (csv.Error, UnicodeDecodeError) as error:
+            raise InputError(self._path, f"is not a CSV file ({error})") from error
+        if not any(names):
+            raise InputError(self._path, "must have a first row with the names of its columns")
+        return self._distinct(names)
+
+    def _distinct(self, names: Sequence[str]) -> tuple[str, ...]:
+        repeated = [name for name, count in Counter(names).items() if count > 1]
+        if repeated:
+            raise InputError(self._path, "columns must have different names", repeated[0])
+        return tuple(names)
 
     def rows(self) -> Iterator[dict[str, Any]]:
         """All rows, with the columns of a reading followed by those of `also`.
@@ -92,7 +124,7 @@ class ReadingsFile:
         typed: dict[str, Any] = {name: row.get(name) for name in (*COLUMNS, *self.also)}
         for name, value in typed.items():
             if name not in COLUMNS:
-                typed[name] = "" if value is None else str(value)
+                typed[name] = _text(value)
             elif value == "" or value is None:
                 typed[name] = None
             elif name in NUMBERS:
@@ -112,11 +144,16 @@ class ReadingsFile:
 
     def _csv(self) -> Iterator[Mapping[str, Any]]:
         with self._opened() as file:
+            lines = csv.reader(file, strict=True)
+            names = self._header(lines)
             try:
-                for row in csv.DictReader(file):
-                    if None in row or None in row.values():
-                        raise InputError(self._path, "rows must have as many fields as columns")
-                    yield row
+                for fields in lines:
+                    if len(fields) == len(names):
+                        yield dict(zip(names, fields, strict=True))
+                    elif fields:
+                        where = f"{self._path}: line {lines.line_num}"
+                        rule = f"must have as many fields as there are columns, {len(names)}"
+                        raise InputError(where, rule, len(fields))
             except (csv.Error, UnicodeDecodeError) as error:
                 raise InputError(self._path, f"is not a CSV file ({error})") from error
 
@@ -132,6 +169,13 @@ class ReadingsFile:
                 yield row
 
     def _parquet(self) -> Iterator[Mapping[str, Any]]:
+        with self._parquet_file() as file:
+            # pyarrow's threads may abort a process that ends soon after.
+            for batch in file.iter_batches(_BATCH_ROWS, use_threads=False):
+                yield from batch.to_pylist()
+
+    @contextmanager
+    def _parquet_file(self) -> Iterator[Any]:
         arrow = optional_module("pyarrow", self._path)
         import pyarrow.parquet
 
@@ -143,12 +187,10 @@ class ReadingsFile:
                     for key, value in stored.items()
                 }
                 self.metadata = {k: v for k, v in known.items() if k.startswith("wiforce:")}
-                # pyarrow's threads may abort a process that ends soon after.
-                for batch in file.iter_batches(_BATCH_ROWS, use_threads=False):
-                    yield from batch.to_pylist()
+                yield file
         except OSError as error:
             raise InputError(self._path, f"cannot be read ({error.strerror or error})") from error
-        except arrow.ArrowException as error:
+        except (arrow.ArrowException, UnicodeDecodeError) as error:
             raise InputError(self._path, "is not a complete Parquet file") from error
 
     def _opened(self) -> IO[str]:
@@ -165,8 +207,17 @@ def _decoded(path: Path, file: IO[str]) -> Iterator[str]:
         raise InputError(path, f"is not UTF-8 ({error})") from error
 
 
+def _text(value: Any) -> str:
+    """A value of a column that is none of a reading's, as a text; of JSON lines, in JSON."""
+    if isinstance(value, dict | list | bool):
+        return json.dumps(value)
+    return "" if value is None else str(value)
+
+
 def _number(name: str, value: Any) -> float | None:
     """A finite number; None for NaN, as which other programs write what is unknown."""
+    if isinstance(value, bool) or "_" in str(value):  # Python reads 1_0 as ten
+        raise ValueError(f"{name} must be a number")
     number = float(value)
     if math.isinf(number):
         raise ValueError(f"{name} must be finite")
@@ -176,7 +227,8 @@ def _number(name: str, value: Any) -> float | None:
 def _integer(name: str, value: Any) -> int | None:
     """An integer, also one written as 1.0, as pandas does in a column that has empty fields."""
     try:
-        return int(value) if isinstance(value, str | int) else _whole(name, value)
+        plain = isinstance(value, str | int) and "_" not in str(value)
+        return int(value) if plain else _whole(name, value)
     except ValueError:
         return _whole(name, value)
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
+from ..errors import InputError
 from .readings import flag_bits
 from .ros_definitions import DIAGNOSTICS, READING, WRENCH, fields_of
 
@@ -73,10 +74,16 @@ def topics_of(sensors: Iterable[str]) -> dict[str, str]:
     Parameters
     ----------
     sensors : iterable of str
+        Their names, which differ.
 
     Returns
     -------
     dict of str to str
+
+    Raises
+    ------
+    InputError
+        When two sensors would have the same topics.
 
     Examples
     --------
@@ -84,8 +91,13 @@ def topics_of(sensors: Iterable[str]) -> dict[str, str]:
     ['/diagnostics', '/wiforce/arm/reading', '/wiforce/arm/wrench']
     """
     topics = {_HEALTH_TOPIC: DIAGNOSTICS}
+    named: dict[str, str] = {}
     for sensor in sensors:
-        topics[topic_of(sensor, "reading")] = READING
+        topic = topic_of(sensor, "reading")
+        if (other := named.setdefault(topic, sensor)) != sensor:
+            rule = f"has the same ROS topic as {other!r}, {topic}; rename one of them"
+            raise InputError(f"sensor {sensor!r}", rule)
+        topics[topic] = READING
         topics |= {topic_of(sensor, name): WRENCH for name in (_CLEAR, _FLAGGED)}
     return topics
 

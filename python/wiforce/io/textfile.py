@@ -168,11 +168,13 @@ def replacing(path: str | Path) -> Iterator[Path]:
     Parameters
     ----------
     path : str or Path
+        The target of a symbolic link is replaced, and not the link.
 
     Yields
     ------
     Path
-        With the same suffix; a file there is removed after an error.
+        With the same suffix; a file there is removed after an error. A device or a pipe cannot be
+        replaced, and is given itself.
 
     Raises
     ------
@@ -186,7 +188,10 @@ def replacing(path: str | Path) -> Iterator[Path]:
     >>> Path("note.txt").read_text()
     'hello'
     """
-    path = Path(path)
+    path = Path(os.path.realpath(path))
+    if path.exists() and not path.is_file():
+        yield path
+        return
     # Named after the process: no other file, least of all an input, has this name.
     part = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     try:

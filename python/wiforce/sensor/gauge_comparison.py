@@ -143,8 +143,8 @@ def compare_with_gauge(
     Raises
     ------
     InputError
-        When no reading is clear, the gauge recorded for days, no offset correlates, or no steady
-        press remains to be compared.
+        When there are fewer than two readings or none is clear, readings or gauge span days, the
+        gauge has too few values, no offset correlates, or no steady press remains to be compared.
 
     Notes
     -----
@@ -165,6 +165,7 @@ def compare_with_gauge(
     >>> round(found.offset_s, 1), found.sign, round(found.zero_n, 2)
     (100.0, -1, 0.2)
     """
+    _check_times(readings, gauge)
     if not np.any(readings.clear):
         raise InputError("readings", "must hold some without flags to be compared")
     average = _Average(gauge, readings.period_s)
@@ -208,6 +209,21 @@ def compare_with_gauge(
     )
 
 
+def _check_times(readings: TimedForces, gauge: GaugeRecord) -> None:
+    """Refuse what would take minutes and gigabytes, and gauges that cannot show a press."""
+    if len(readings.time_s) < 2:
+        raise InputError("readings", "must be two or more", len(readings.time_s))
+    span_s = readings.time_s[-1] - readings.time_s[0]
+    most_s = _MOST_STEPS * readings.period_s / 2
+    for name, time_s in (("readings", readings.time_s), ("gauge", gauge.time_s)):
+        if time_s[-1] - time_s[0] > most_s:
+            raise InputError(name, f"must span at most {most_s:.0f} s")
+    interval_s = float(np.median(np.diff(gauge.time_s)))
+    if interval_s > span_s:
+        rule = f"must hold several values while the readings last, {span_s:.3g} s"
+        raise InputError("gauge", f"{rule}; it has one in {interval_s:.3g} s")
+
+
 class _Average:
     """Means of the gauge's force over windows of one group."""
 
@@ -237,8 +253,6 @@ def _coarse_offset(
     ours, known = np.zeros(places[-1] + 1), np.zeros(places[-1] + 1)
     used = readings.clear & np.isfinite(readings.force_n)
     ours[places[used]], known[places[used]] = readings.force_n[used], 1.0
-    if (gauge.time_s[-1] - gauge.time_s[0]) / step_s > _MOST_STEPS:
-        raise InputError("gauge", f"must span at most {_MOST_STEPS * step_s:.0f} s")
     grid_s = np.arange(gauge.time_s[0], gauge.time_s[-1], step_s)
     theirs = average.at(grid_s)
     present = np.isfinite(theirs)

@@ -24,7 +24,12 @@ _TIME = re.compile(r"(?i)(?:time|timestamp|elapsed|date|t)(?:\b|_|$)")
 _FORCE = re.compile(r"(?i)(?:force|load|weight|fz?|cell)(?:\b|_|$|\d)")
 # A unit in brackets or after the last underscore: "Force (N)", "Load [kgf]", "force_n".
 _UNIT = re.compile(r"[(\[{]\s*([^)\]}]+?)\s*[)\]}]\s*$|_([A-Za-z]+)$")
-_SECONDS = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
+_SECONDS = {
+    **{"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    **{"min": 60.0, "minutes": 60.0, "h": 3600.0, "hours": 3600.0},
+}
+# The largest testing machines reach 1e8 N. Sums and squares of more could overflow.
+_MOST_N = 1e12
 # Values that are shown for a column that cannot be used.
 _SHOWN = 8
 
@@ -93,14 +98,17 @@ def read_gauge_file(
     force_name = _column(path, names, force_column, _FORCE, "force", (time_name,))
     times = _times(path, table[time_name], time_name)
     forces = _numbers(path, table[force_name], force_name) * _newtons(force_name, unit)
+    if np.nanmax(np.abs(forces), initial=0) > _MOST_N:
+        row = int(np.nanargmax(np.abs(forces))) + 2
+        raise InputError(f"{path}: row {row}", f"{force_name} must be below {_MOST_N:g} N")
     present = np.isfinite(forces)
-    times, forces = times[present], forces[present]
+    times, forces, rows = times[present], forces[present], np.flatnonzero(present) + 2
     if np.any(np.isnan(times)):
         raise InputError(path, f"{time_name} must be given where there is a force")
     if len(times) < 2:
         raise InputError(path, "must hold two forces or more", len(times))
     if not np.all(np.diff(times) >= 0):
-        row = int(np.argmax(np.diff(times) < 0)) + 3
+        row = rows[1 + int(np.argmax(np.diff(times) < 0))]
         raise InputError(f"{path}: row {row}", f"{time_name} must not decrease")
     # Some gauges stamp several values with one time: the last one counts.
     last = np.append(np.diff(times) > 0, True)
@@ -126,15 +134,25 @@ def _table(path: str | Path) -> pd.DataFrame:
             decimal="," if commas else ".",
             skipinitialspace=True,
             encoding="utf-8-sig",
+            index_col=False if _ends_in(data, text) else None,
         )
     except (ValueError, UnicodeDecodeError) as error:
         raise InputError(path, f"is not a CSV file ({str(error).splitlines()[0]})") from error
+    if len(table) and not isinstance(table.index, pd.RangeIndex):
+        raise InputError(path, "rows must not have more fields than there are columns")
     table.columns = [str(name).strip() for name in table.columns]
     if table.shape[1] < 2:
         raise InputError(path, "must have columns of times and forces, and a row with their names")
     if not len(table):
         raise InputError(path, "must hold two forces or more", 0)
     return table
+
+
+def _ends_in(data: bytes, separator: str) -> bool:
+    """Whether the first rows, but not the names of the columns, end in a separator."""
+    first, second = (data.split(b"\n", 2) + [b"", b""])[:2]
+    sign = separator.encode()
+    return second.rstrip(b"\r ").endswith(sign) and not first.rstrip(b"\r ").endswith(sign)
 
 
 def _column(
@@ -178,18 +196,27 @@ def _times(path: str | Path, column: pd.Series, name: str) -> np.ndarray:
     """Times in s: numbers, or dates from the first one on."""
     import pandas as pd
 
-    scale = _SECONDS.get(_unit_of(name).lower(), 1.0)
     if column.dtype.kind in "iuf":
-        return _numbers(path, column, name) * scale
+        return _numbers(path, column, name) * _scale_of_times(name)
     dates = pd.to_datetime(column, errors="coerce", utc=True)
     if dates.notna().all():
         return ((dates - dates.iloc[0]).dt.total_seconds()).to_numpy()
-    return _numbers(path, column, name) * scale
+    return _numbers(path, column, name) * _scale_of_times(name)
+
+
+def _scale_of_times(name: str) -> float:
+    """Seconds of the unit of a column."""
+    unit = _unit_of(name).lower()
+    if unit not in _SECONDS and name.endswith((")", "]", "}")):
+        raise InputError(name, f"names an unknown unit of time; known are {', '.join(_SECONDS)}")
+    return _SECONDS.get(unit, 1.0)
 
 
 def _numbers(path: str | Path, column: pd.Series, name: str) -> np.ndarray:
     import pandas as pd
 
+    if column.dtype.kind == "b":  # which pandas counts as 0 and 1
+        column = column.astype(str)
     numbers = pd.to_numeric(column, errors="coerce")
     wrong = (numbers.isna() & column.notna()) | np.isinf(numbers)
     if wrong.any():
