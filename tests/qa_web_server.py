@@ -106,13 +106,13 @@ def test_page_whose_process_ends_at_once_does_not_end_the_run(monkeypatch):
         return subprocess.Popen(["false"], stdin=subprocess.PIPE)
 
     monkeypatch.setattr(live_page, "_spawned", ended)
-    tell = live_page.LivePage._tell
+    send = live_page.LivePage._send_settings
 
-    def tell_late(self, settings):
+    def send_late(self, settings):
         self._process.wait()
-        tell(self, settings)
+        send(self, settings)
 
-    monkeypatch.setattr(live_page.LivePage, "_tell", tell_late)
+    monkeypatch.setattr(live_page.LivePage, "_send_settings", send_late)
     said = []
     page = live_page.LivePage(PageAddress("127.0.0.1", free_port()), said.append)
     for _ in range(2):
@@ -370,10 +370,11 @@ def test_connections_beyond_the_descriptors_are_closed_and_others_served(monkeyp
         monkeypatch.setattr(server_module.resource, "getrlimit", lambda _: (2 * most, 2 * most))
         place = (urlsplit(url).hostname, urlsplit(url).port)
         with ExitStack() as connections:
-            opened = [
-                connections.enter_context(socket.create_connection(place, 10))
-                for _ in range(most // 2 + 20)
-            ]
+            opened = []
+            for _ in range(most // 2 + 20):
+                opened.append(connections.enter_context(socket.create_connection(place, 10)))
+                if len(opened) == 1:
+                    fetch(url)  # accepted behind the first, which has a low descriptor then
             assert opened[-1].recv(1) == b""
             opened[0].sendall(b"GET / HTTP/1.0\r\n\r\n")
             assert opened[0].recv(12) == b"HTTP/1.1 403"

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from gnuradio.wiforce.errors import InputError, OutputError
+from wiforce_app.task_process import run_in_child
 from wiforce_app.workers import WorkerLost, run_tasks
 
 
@@ -41,6 +42,12 @@ def note_process(folder):
     if mark.exists():
         time.sleep(60)
     mark.touch()
+
+
+def note_process_and_stay(folder):
+    """A task that leaves a file named after its process, and takes long."""
+    (Path(folder) / str(os.getpid())).touch()
+    time.sleep(60)
 
 
 class _Unpicklable(Exception):
@@ -87,15 +94,27 @@ def test_output_error_survives_the_way_between_processes():
 
 def test_task_process_keeps_what_a_task_prints_apart_from_its_outcome():
     """A library that prints would cost the readings of its capture."""
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    done = subprocess.run(
-        [sys.executable, "-m", "wiforce_app.task_process"],
-        input=pickle.dumps((print, "noise")),
-        capture_output=True,
-        env=environment,
-        timeout=60,
-    )
-    assert pickle.loads(done.stdout) == ("result", None) and done.stderr == b"noise\n"
+    status, answer, errors = run_in_child(pickle.dumps((print, "noise")))
+    assert status == 0 and pickle.loads(answer) == ("result", None) and errors == b"noise\n"
+
+
+def test_task_process_ends_with_the_worker_of_a_cluster(tmp_path):
+    """It read on, and left its file when the command had removed all others."""
+    program = f"""
+import pickle, sys
+sys.path.insert(0, {str(Path(__file__).parent)!r})
+from qa_workers import note_process_and_stay
+from wiforce_app.task_process import run_in_child
+run_in_child(pickle.dumps((note_process_and_stay, {str(tmp_path)!r})))
+"""
+    with subprocess.Popen([sys.executable, "-c", program]) as worker:
+        while not (found := list(tmp_path.glob("[0-9]*"))):
+            time.sleep(0.01)
+        worker.kill()
+    deadline = time.monotonic() + 20
+    while (Path("/proc") / found[0].name).exists():
+        assert time.monotonic() < deadline, "the process is left"
+        time.sleep(0.05)
 
 
 def test_workers_of_a_command_that_was_killed_end_silently(tmp_path):

@@ -6,9 +6,6 @@ import os
 import pickle
 import re
 import signal
-import subprocess
-import sys
-import threading
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -20,13 +17,12 @@ from typing import Any
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.optional import optional_module
 
-from .task_process import outcome_of
+from .task_process import end_with, outcome_of, run_in_child
 
 # A worker that disappears may have been killed by another task's need for memory.
 _ATTEMPTS = 3
 _ANSWER_S = 10.0
 _END_S = 1.0
-_TERMINATED = 128 + signal.SIGTERM
 _ADDRESS = re.compile(r"((tcp|tls)://)?(\[[\da-fA-F:]+\]|[\w.-]+):\d{1,5}")
 
 
@@ -147,22 +143,7 @@ def _prepare_worker():
     themselves when the command was killed, and would otherwise wait for tasks forever.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # Nothing is to be removed yet, and an exception here would be printed.
-    signal.signal(signal.SIGTERM, lambda *_: os._exit(_TERMINATED))
-    threading.Thread(target=_end_with_command, daemon=True).start()
-    signal.signal(signal.SIGTERM, _end)
-
-
-def _end(*_):
-    # Python prints a traceback of any other exception that ends a worker.
-    raise SystemExit(_TERMINATED)
-
-
-def _end_with_command():
-    multiprocessing.parent_process().join()
-    os.kill(os.getpid(), signal.SIGTERM)
-    time.sleep(_END_S)
-    os._exit(_TERMINATED)
+    end_with(multiprocessing.parent_process().join)
 
 
 def _on_cluster(function, tasks, scheduler):
@@ -233,16 +214,10 @@ def _in_child(payload):
     """
     from distributed import get_worker
 
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    child = subprocess.run(
-        [sys.executable, "-m", f"{__package__}.task_process"],
-        input=payload,
-        capture_output=True,
-        env=environment,
-    )
+    status, answer, errors = run_in_child(payload)
     address = get_worker().address
-    if child.returncode:
-        last = child.stderr.decode(errors="replace").strip().rpartition("\n")[2]
-        text = last or f"its process ended with status {child.returncode}"
+    if status:
+        last = errors.decode(errors="replace").strip().rpartition("\n")[2]
+        text = last or f"its process ended with status {status}"
         return "error", WorkerLost(f"{text} (worker {address})"), address
-    return (*pickle.loads(child.stdout), address)
+    return (*pickle.loads(answer), address)
