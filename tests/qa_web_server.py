@@ -21,8 +21,8 @@ from web_pages import RUN, RawViewer, free_port, publishing, serving, touched, u
 from wiforce_app.web import live_page
 from wiforce_app.web import server as server_module
 from wiforce_app.web.address import PageAddress
-from wiforce_app.web.board import ROW, Board, page_row
 from wiforce_app.web.file_source import FileSource
+from wiforce_app.web.page_state import ROW, PageState, page_row
 from wiforce_app.web.zmq_source import ZmqSource, _loaded
 
 TOKEN = "a-token-of-a-test"
@@ -36,8 +36,8 @@ class NoSource:
     def fileno(self):
         return None
 
-    def poll(self, board):
-        board.show({"state": "waiting"})
+    def poll(self, page_state):
+        page_state.show({"state": "waiting"})
 
     def close(self):
         pass
@@ -48,11 +48,11 @@ class Flood(NoSource):
 
     time_s = 0.0
 
-    def poll(self, board):
+    def poll(self, page_state):
         for _ in range(400):
             self.time_s = round(self.time_s + 0.01, 2)
-            board.add({"sensor": "arm", "time_s": self.time_s, "flags": "gap " * 20})
-        board.show({"state": "reading"})
+            page_state.add({"sensor": "arm", "time_s": self.time_s, "flags": "gap " * 20})
+        page_state.show({"state": "reading"})
 
 
 def fetch(url, path="", **headers):
@@ -186,32 +186,32 @@ def test_page_on_loopback_is_not_for_other_pages():
                 assert viewer.status == status
 
 
-def test_board_keeps_the_history_and_sends_what_a_viewer_lacks():
-    board = Board(history_s=10.0)
+def test_page_state_keeps_the_history_and_sends_what_a_viewer_lacks():
+    page_state = PageState(history_s=10.0)
     for step in range(20):
-        board.add(untouched(float(step)).row() | {"run": RUN})
-    everything = json.loads(board.message((-1, 0), status=True))
+        page_state.add(untouched(float(step)).row() | {"run": RUN})
+    everything = json.loads(page_state.message((-1, 0), status=True))
     assert [row[1] for row in everything["rows"]] == [float(step) for step in range(9, 20)]
     assert everything["restart"] and everything["status"]["run"] == RUN
-    place = board.place
-    assert json.loads(board.message(place, status=False))["rows"] == []
-    board.add(touched(20.0).row())
-    more = json.loads(board.message(place, status=False))
+    position = page_state.position
+    assert json.loads(page_state.message(position, status=False))["rows"] == []
+    page_state.add(touched(20.0).row())
+    more = json.loads(page_state.message(position, status=False))
     assert not more["restart"] and [row[1] for row in more["rows"]] == [20.0]
     # A viewer that fell behind by more than the history begins anew.
-    behind = json.loads(board.message((place[0], 2), status=False))
+    behind = json.loads(page_state.message((position[0], 2), status=False))
     assert behind["restart"] and len(behind["rows"]) == 11
 
 
 @pytest.mark.parametrize("row", [{"run": "another"}, {"time_s": 0.5}])
-def test_board_begins_anew_with_another_run(row):
+def test_page_state_begins_anew_with_another_run(row):
     """Readings of two runs would be drawn over each other."""
-    board = Board(history_s=10.0)
+    page_state = PageState(history_s=10.0)
     for time_s in (1.0, 2.0):
-        board.add({"sensor": "arm", "time_s": time_s, "run": RUN})
-    place = board.place
-    board.add({"sensor": "arm", "time_s": 3.0, "run": RUN} | row)
-    message = json.loads(board.message(place, status=False))
+        page_state.add({"sensor": "arm", "time_s": time_s, "run": RUN})
+    position = page_state.position
+    page_state.add({"sensor": "arm", "time_s": 3.0, "run": RUN} | row)
+    message = json.loads(page_state.message(position, status=False))
     assert message["restart"] and len(message["rows"]) == 1
 
 
@@ -228,12 +228,12 @@ def test_page_row_takes_numbers_as_text_and_unknown_ones_as_none():
 @pytest.mark.parametrize("suffix", ["csv", "jsonl"])
 def test_file_source_follows_a_file_that_grows_and_is_replaced(suffix, tmp_path):
     path = tmp_path / f"readings.{suffix}"
-    now, board = [0.0], Board(30.0)
+    now, page_state = [0.0], PageState(30.0)
     source = FileSource(path, now=lambda: now[0])
 
     def shown():
-        source.poll(board)
-        return json.loads(board.message((-1, 0), status=True))
+        source.poll(page_state)
+        return json.loads(page_state.message((-1, 0), status=True))
 
     assert shown()["status"]["state"] == "waiting"
     with open_writer(path) as writer:
@@ -264,15 +264,15 @@ def test_file_source_follows_a_file_that_grows_and_is_replaced(suffix, tmp_path)
 
 def test_file_source_reads_a_file_that_became_shorter_from_its_start(tmp_path):
     """A second run that writes to the same file would not be shown."""
-    path, board = tmp_path / "readings.jsonl", Board(30.0)
+    path, page_state = tmp_path / "readings.jsonl", PageState(30.0)
     lines = [json.dumps({"time_s": time_s, "sensor": "arm"}) + "\n" for time_s in (5.0, 6.0, 1.0)]
     path.write_text("".join(lines[:2]))
     source = FileSource(path)
-    source.poll(board)
+    source.poll(page_state)
     path.write_text(lines[2])
     for _ in range(2):  # it is noticed by one call, and read by the next
-        source.poll(board)
-    rows = json.loads(board.message((-1, 0), status=False))["rows"]
+        source.poll(page_state)
+    rows = json.loads(page_state.message((-1, 0), status=False))["rows"]
     assert [row[1] for row in rows] == [1.0]
     source.close()
 
@@ -280,13 +280,13 @@ def test_file_source_reads_a_file_that_became_shorter_from_its_start(tmp_path):
 def test_file_source_reads_only_the_end_of_a_long_file(tmp_path, monkeypatch):
     """A file of a month would keep the page busy for minutes."""
     monkeypatch.setattr("wiforce_app.web.file_source._TAIL_BYTES", 2000)
-    path, board = tmp_path / "readings.csv", Board(1e9)
+    path, page_state = tmp_path / "readings.csv", PageState(1e9)
     with open_writer(path) as writer:
         for step in range(1000):
             writer.write(untouched(float(step)))
     source = FileSource(path)
-    source.poll(board)
-    times = [row[1] for row in json.loads(board.message((-1, 0), status=False))["rows"]]
+    source.poll(page_state)
+    times = [row[1] for row in json.loads(page_state.message((-1, 0), status=False))["rows"]]
     assert 20 < len(times) < 100 and times == [float(step) for step in range(1000)][-len(times) :]
     source.close()
 
@@ -294,15 +294,15 @@ def test_file_source_reads_only_the_end_of_a_long_file(tmp_path, monkeypatch):
 @pytest.mark.parametrize("suffix", ["csv", "jsonl"])
 def test_file_source_skips_damaged_lines(suffix, tmp_path):
     """A power failure leaves such lines in the middle of a file."""
-    path, board = tmp_path / f"readings.{suffix}", Board(30.0)
+    path, page_state = tmp_path / f"readings.{suffix}", PageState(30.0)
     with open_writer(path) as writer:
         writer.write(untouched(1.0))
         with path.open("ab") as file:
             file.write(b'\0\xff"' + b"[" * 200_000 + b"\n\n{}\nnull\n" + b"x," * 90_000 + b"\n")
         writer.write(untouched(2.0))
     source = FileSource(path)
-    source.poll(board)
-    rows = json.loads(board.message((-1, 0), status=False))["rows"]
+    source.poll(page_state)
+    rows = json.loads(page_state.message((-1, 0), status=False))["rows"]
     assert [row[1] for row in rows] == [1.0, 2.0]
     source.close()
 
@@ -399,18 +399,18 @@ def test_tares_of_two_viewers_are_one_request():
 
 def test_zmq_source_keeps_the_end_of_a_run_after_the_reader_is_silent():
     """A run that ended in order would be shown as lost."""
-    now, board = [0.0], Board(30.0)
+    now, page_state = [0.0], PageState(30.0)
 
     def status(seconds):
         now[0] = seconds
-        source.poll(board)
-        return json.loads(board.message((-1, 0), status=True))["status"]
+        source.poll(page_state)
+        return json.loads(page_state.message((-1, 0), status=True))["status"]
 
     with closing(ZmqSource("5999", now=lambda: now[0])) as source:
-        source._take({"message": "heartbeat", "state": "reading"}, board)
+        source._take({"message": "heartbeat", "state": "reading"}, page_state)
         assert (status(1.0)["state"], status(3.0)["state"]) == ("reading", "lost")
         assert status(5.4)["reason"].startswith("no messages for 5 s")
-        source._take({"message": "end", "state": "ended"}, board)
+        source._take({"message": "end", "state": "ended"}, page_state)
         assert status(60.0)["state"] == "ended"
 
 
@@ -425,8 +425,8 @@ def test_zmq_source_keeps_the_end_of_a_run_after_the_reader_is_silent():
     ],
 )
 def test_zmq_source_ignores_messages_of_another_kind(data):
-    board = Board(30.0)
+    page_state = PageState(30.0)
     with publishing() as reader, closing(ZmqSource(reader.readings)) as source:
-        source._take(_loaded(data), board)
-        source.poll(board)
-        assert json.loads(board.message((-1, 0), status=True))["rows"] == []
+        source._take(_loaded(data), page_state)
+        source.poll(page_state)
+        assert json.loads(page_state.message((-1, 0), status=True))["rows"] == []

@@ -82,7 +82,7 @@ def read(
         _refuse(one, "needs several captures or a folder")
         return _read_one(captures[0], scene_path, output, mcap, plot_path, follow, **settings)
     _refuse({"--mcap": mcap, "--plot": plot_path, "--follow": follow}, "takes one capture")
-    from .captures.run import read_many
+    from .captures.read_many import read_many
 
     return read_many(captures, scene_path, output, form, again, jobs, scheduler, settings)
 

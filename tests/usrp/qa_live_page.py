@@ -15,7 +15,7 @@ from live_runs import command, free_ports, live, rows_of, wait_until
 from web_pages import RawViewer, touched
 from wiforce_app.web import live_page
 from wiforce_app.web.address import PageAddress
-from wiforce_app.web.board import page_row
+from wiforce_app.web.page_state import page_row
 
 GONE = "the reader's process has ended without a word"
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from gnuradio.wiforce.errors import InputError
 
-from .board import Board, page_row
+from .page_state import PageState, page_row
 
 # Of a long file only the end is read: half a minute of eight sensors takes 1 MB.
 _TAIL_BYTES = 4 << 20
@@ -59,12 +59,12 @@ class FileSource:
     def fileno(self) -> None:
         """None: files do not tell that they have grown."""
 
-    def poll(self, board: Board) -> None:
-        """Give the board what the file holds by now.
+    def poll(self, page_state: PageState) -> None:
+        """Give the state what the file holds by now.
 
         Parameters
         ----------
-        board : Board
+        page_state : PageState
         """
         if self._file is None or not (data := self._file.read(_CHUNK_BYTES)):
             data = b""
@@ -76,8 +76,8 @@ class FileSource:
             if len(self._rest) > _LONGEST_ROW:  # no file of readings
                 self._rest = b""
             for line in lines:
-                self._take(line.decode("utf-8", "replace"), board)
-        board.show(self._status())
+                self._take(line.decode("utf-8", "replace"), page_state)
+        page_state.show(self._status())
 
     def close(self) -> None:
         """Close the file."""
@@ -112,13 +112,13 @@ class FileSource:
         if missing := [name for name in _NEEDED if name not in self._columns]:
             raise InputError(self._path, f"must hold readings, but has no column {missing[0]}")
 
-    def _take(self, line: str, board: Board) -> None:
+    def _take(self, line: str, page_state: PageState) -> None:
         if not self._lines and not self._columns:
             self._columns = _fields(line.strip())
             return
         values = self._values(line)
         if (row := page_row(values)) is not None:
-            board.add(values)
+            page_state.add(values)
             self._sensors.setdefault(row[0], {})
 
     def _values(self, line: str) -> dict[str, Any]:

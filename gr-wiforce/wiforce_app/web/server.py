@@ -21,8 +21,8 @@ import tornado.web
 import tornado.websocket
 
 from .address import PageAddress
-from .board import Board
 from .page import bokeh_scripts, figures
+from .page_state import PageState
 
 _ASSETS = Path(__file__).with_name("assets")
 # Most often and least often that viewers are sent something. A reading that comes in wakes the
@@ -58,8 +58,8 @@ class Source(Protocol):
     def fileno(self) -> int | None:
         """Descriptor that becomes readable when something may be new, if there is one."""
 
-    def poll(self, board: Board) -> None:
-        """Give the board what is new; never waits."""
+    def poll(self, page_state: PageState) -> None:
+        """Give the state what is new; never waits."""
 
     def close(self) -> None:
         """Give back what is open."""
@@ -94,7 +94,7 @@ class PageServer:
         length_mm: float | None = None,
     ):
         self.source, self.address = source, address
-        self.board = Board(history_s)
+        self.page_state = PageState(history_s)
         self.viewers: set[_Viewer] = set()
         self._listening = listening
         self._status_s = -math.inf
@@ -134,7 +134,7 @@ class PageServer:
         self._ending.set()
 
     def _tick(self, final: bool = False) -> None:
-        self.source.poll(self.board)
+        self.source.poll(self.page_state)
         now = time.monotonic()
         if status := final or now - self._status_s >= _STATUS_S:
             self._status_s = now
@@ -274,7 +274,7 @@ class _Viewer(_Guarded, tornado.websocket.WebSocketHandler):
     """One browser.
 
     At most one message waits to leave. Until it has left, the browser is sent nothing, and then
-    everything that it lacks, from what the board keeps for all.
+    everything that it lacks, from what the state keeps for all.
     """
 
     sent: "asyncio.Future[None] | None" = None
@@ -282,7 +282,7 @@ class _Viewer(_Guarded, tornado.websocket.WebSocketHandler):
     _answer: str | None = None
 
     def open(self, *_: str) -> None:
-        self._place, self._sent_s = _NEW, 0.0
+        self._position, self._sent_s = _NEW, 0.0
         if len(self.page.viewers) >= _MOST_VIEWERS:
             self.close(_TOO_MANY, f"{_MOST_VIEWERS} viewers are connected already")
             return
@@ -307,16 +307,16 @@ class _Viewer(_Guarded, tornado.websocket.WebSocketHandler):
 
     def update(self, status: bool) -> None:
         """Send what the browser lacks, unless it has not taken the last message yet."""
-        board = self.page.board
+        page_state = self.page.page_state
         if self._waits:
             if time.monotonic() - self._sent_s > _STALLED_S:
                 self.drop()
         elif self._answer is not None:
             self._send(self._answer)
             self._answer = None
-        elif self._place != board.place or status:
-            text = board.message(self._place, status or self._place == _NEW)
-            self._place = board.place
+        elif self._position != page_state.position or status:
+            text = page_state.message(self._position, status or self._position == _NEW)
+            self._position = page_state.position
             self._send(text)
 
     @property

@@ -12,7 +12,7 @@ from gnuradio.wiforce.io.optional import optional_module
 from gnuradio.wiforce.io.zmq_keys import ClientKeys
 from gnuradio.wiforce.io.zmq_sockets import endpoint_of
 
-from .board import Board
+from .page_state import PageState
 
 # Heartbeats come every 0.5 s; after four that are missing, the reader counts as lost.
 _SILENT_S = 2.0
@@ -80,19 +80,19 @@ class ZmqSource:
         """Descriptor that becomes readable when messages may have come in."""
         return self._subscriber.fileno()
 
-    def poll(self, board: Board) -> None:
-        """Give the board what has come in.
+    def poll(self, page_state: PageState) -> None:
+        """Give the state what has come in.
 
         Parameters
         ----------
-        board : Board
+        page_state : PageState
         """
         for _ in range(_MOST_MESSAGES):
             if not self._subscriber.poll(0):
                 break
-            self._take(_loaded(self._subscriber.recv()), board)
+            self._take(_loaded(self._subscriber.recv()), page_state)
         self._take_answer()
-        board.show(self._status())
+        page_state.show(self._status())
 
     def tare(self, answer: Callable[[dict[str, Any]], None]) -> None:
         """Request a tare; a request during another one shares its answer.
@@ -146,16 +146,16 @@ class ZmqSource:
             raise InputError(option, f"cannot be connected to ({error})", endpoint) from error
         return socket
 
-    def _take(self, message: dict[str, Any], board: Board) -> None:
+    def _take(self, message: dict[str, Any], page_state: PageState) -> None:
         kind = message.get("message")
         if kind not in ("reading", "heartbeat", "end"):
             return
         self._heard_s = self._now()
         self.ended = kind == "end"
         if kind == "reading":
-            board.add(message)
+            page_state.add(message)
             return
-        board.follow(message.get("run"))
+        page_state.follow(message.get("run"))
         self._shown = {name: message.get(name) for name in _SHOWN}
 
     def _take_answer(self) -> None:

@@ -59,7 +59,7 @@ def _number(value: Any) -> float | None:
     return number if math.isfinite(number) else None
 
 
-class Board:
+class PageState:
     """The readings of the last seconds and the latest status.
 
     Each viewer remembers how far it has read. A viewer that falls behind catches up from the rows
@@ -74,14 +74,14 @@ class Board:
 
     Attributes
     ----------
-    place : tuple of (int, int)
+    position : tuple of (int, int)
         How far a viewer is that has everything: number of the run, and of the next row.
 
     Examples
     --------
-    >>> board = Board(30.0)
-    >>> board.add({"sensor": "arm", "time_s": 0.5, "touch": 0})
-    >>> json.loads(board.message((0, 0), status=False))["rows"][0][:3]
+    >>> page_state = PageState(30.0)
+    >>> page_state.add({"sensor": "arm", "time_s": 0.5, "touch": 0})
+    >>> json.loads(page_state.message((0, 0), status=False))["rows"][0][:3]
     ['arm', 0.5, 0.0]
     """
 
@@ -96,7 +96,7 @@ class Board:
         self._texts: dict[tuple[tuple[int, int], bool], str] = {}
 
     @property
-    def place(self) -> tuple[int, int]:
+    def position(self) -> tuple[int, int]:
         return self._runs, self._count
 
     def add(self, values: Mapping[str, Any]) -> None:
@@ -156,12 +156,12 @@ class Board:
         self._status = dict(status)
         self._texts.clear()
 
-    def message(self, place: tuple[int, int], status: bool) -> str:
+    def message(self, position: tuple[int, int], status: bool) -> str:
         """What a viewer lacks; made once for all viewers that are equally far.
 
         Parameters
         ----------
-        place : tuple of (int, int)
+        position : tuple of (int, int)
             How far the viewer is; ``(-1, 0)`` for a new one.
         status : bool
             With the status.
@@ -171,9 +171,9 @@ class Board:
         str
             A JSON object; ``restart`` is true where former rows are to be forgotten.
         """
-        key = (place, status)
+        key = (position, status)
         if key not in self._texts:
-            runs, count = place
+            runs, count = position
             kept = self._count - len(self._rows)
             restart = runs != self._runs or count < kept
             first = 0 if restart else count - kept
