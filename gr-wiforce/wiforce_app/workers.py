@@ -174,6 +174,8 @@ def _on_cluster(function, tasks, scheduler):
             else:
                 error, worker = done.exception(), None
                 outcome = Outcome(index, error=WorkerLost(str(error) or type(error).__name__))
+            # A cluster computes results that are still wanted again when their worker is lost.
+            done.release()
             if outcome.error is None or attempts[index] == _ATTEMPTS:
                 yield outcome
                 continue
