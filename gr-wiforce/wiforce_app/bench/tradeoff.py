@@ -68,7 +68,8 @@ def tradeoff(scenes, as_json, quick, folder, fresh, plot_path, page_path):
 
         plot_tradeoffs(results, plot_path)
     if page_path is not None:
-        Path(page_path).write_text(_page(results, scenes, plot_path, page_path), encoding="utf-8")
+        page = _page(results, scenes, quick, plot_path, page_path)
+        Path(page_path).write_text(page, encoding="utf-8")
     if as_json:
         click.echo(json.dumps({"scenes": results}, indent=1))
     else:
@@ -173,8 +174,8 @@ def _row(result, point, on_front):
     ]
 
 
-def _page(results, scenes, plot_path, page_path):
-    command = " ".join(["gr-wiforce bench tradeoff", *scenes])
+def _page(results, scenes, quick, plot_path, page_path):
+    command = " ".join(["gr-wiforce bench tradeoff", *scenes, *(["--quick"] if quick else [])])
     command += f" --plot {plot_path}" if plot_path else ""
     picture = "" if plot_path is None else f"![Run time against error]({_beside(plot_path)})\n\n"
     return filled_page(
