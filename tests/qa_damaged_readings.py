@@ -123,7 +123,7 @@ def test_export_keeps_keys_that_only_later_lines_have(tmp_path):
 
 
 def test_mcap_sensors_that_would_share_topics_are_refused(tmp_path):
-    """Their wrenches could not be told apart."""
+    """Their wrenches would be published on one topic."""
     pytest.importorskip("mcap_ros2")
     rows = [{"time_s": 1, "sensor": name} for name in ("a/b c", "a b/c")]
     (tmp_path / "a.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))

@@ -12,7 +12,8 @@ import threading
 import time
 from collections.abc import Callable
 
-_END_S = 1.0
+# For a process that was asked to end: what it removes are files.
+END_S = 1.0
 _TERMINATED = 128 + signal.SIGTERM
 
 
@@ -57,7 +58,7 @@ def end_with(gone: Callable[[], object]) -> None:
     def watch():
         gone()
         os.kill(os.getpid(), signal.SIGTERM)
-        time.sleep(_END_S)
+        time.sleep(END_S)
         os._exit(_TERMINATED)
 
     # Nothing is to be removed yet, and an exception here would be printed.

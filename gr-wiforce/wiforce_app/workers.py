@@ -17,12 +17,11 @@ from typing import Any
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.optional import optional_module
 
-from .task_process import end_with, outcome_of, run_in_child
+from .task_process import END_S, end_with, outcome_of, run_in_child
 
 # A worker that disappears may have been killed by another task's need for memory.
 _ATTEMPTS = 3
 _ANSWER_S = 10.0
-_END_S = 1.0
 _ADDRESS = re.compile(r"((tcp|tls)://)?(\[[\da-fA-F:]+\]|[\w.-]+):\d{1,5}")
 
 
@@ -124,7 +123,7 @@ def _end_children():
     children = multiprocessing.active_children()
     for process in children:
         process.terminate()
-    deadline = time.monotonic() + _END_S
+    deadline = time.monotonic() + END_S
     for process in children:
         process.join(max(0.0, deadline - time.monotonic()))
         if process.is_alive():

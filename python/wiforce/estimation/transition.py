@@ -94,6 +94,11 @@ class _Window(NamedTuple):
     def __len__(self) -> int:
         return len(self.number)
 
+    @property
+    def sensors(self) -> int:
+        """S."""
+        return self.values.shape[1] // 5
+
     def join(self, after: _Window) -> _Window:
         return _Window(
             np.concatenate([self.number, after.number]), np.concatenate([self.values, after.values])
@@ -106,7 +111,7 @@ class _Window(NamedTuple):
         """Whether a touch begins in the last group on every sensor that is received."""
         if len(self.number) < 2 or self.number[-1] - self.number[-2] != 1:
             return False
-        touches = self.values[-2:, 4 * self.values.shape[1] // 5 :].tolist()
+        touches = self.values[-2:, 4 * self.sensors :].tolist()
         begins = [was == 0 and now == 1 for was, now in zip(*touches, strict=True)]
         return any(begins) and all(b or now < 0 for b, now in zip(begins, touches[1], strict=True))
 
@@ -119,8 +124,7 @@ def _flagged(groups: Groups, window: _Window, first: int) -> Groups:
 
 def _changes(groups: _Window) -> Array:
     """Groups in which a press changed, (G, S); the first and last know one neighbour only."""
-    count, sensors = len(groups), groups.values.shape[1] // 5
-    ends = 2 * sensors
+    count, ends = len(groups), 2 * groups.sensors
     # Row g: the previous and the next group, and whether they are adjacent on the grid.
     beside = np.zeros((2, count, 1), bool)
     beside[0, 1:, 0] = beside[1, :-1, 0] = np.diff(groups.number) == 1
