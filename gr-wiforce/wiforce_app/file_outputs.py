@@ -8,6 +8,7 @@ from pathlib import Path
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.writers import open_writer
 
+from .interrupts import uninterrupted
 from .provenance import provenance
 
 
@@ -74,7 +75,8 @@ class FileOutputs:
         return self
 
     def __exit__(self, *error):
-        return self._closing.__exit__(*error)
+        with uninterrupted():
+            return self._closing.__exit__(*error)
 
     @property
     def rows(self):
@@ -83,6 +85,8 @@ class FileOutputs:
 
     def write(self, reading):
         """Write one reading to all files, also to those behind one that fails.
+
+        An interruption waits until it is in all of them.
 
         Parameters
         ----------
@@ -94,10 +98,11 @@ class FileOutputs:
             That of the first file that failed.
         """
         failure = None
-        for writer in self._writers:
-            try:
-                writer.write(reading)
-            except OutputError as error:
-                failure = failure or error
-        if failure is not None:
-            raise failure
+        with uninterrupted():
+            for writer in self._writers:
+                try:
+                    writer.write(reading)
+                except OutputError as error:
+                    failure = failure or error
+            if failure is not None:
+                raise failure

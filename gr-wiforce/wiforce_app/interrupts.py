@@ -2,6 +2,7 @@
 """Interruptions: Ctrl-C and SIGTERM end a command by an exception, so that it can clean up."""
 
 import signal
+from contextlib import contextmanager
 
 
 class Terminated(KeyboardInterrupt):
@@ -18,14 +19,57 @@ class Interrupted(Exception):
     """
 
 
-def terminate_by_exception():
-    """Let SIGTERM raise :class:`Terminated` in the main thread, instead of ending the process.
+class _Signals:
+    """Signal handlers that raise, or wait until files are whole."""
 
-    A second SIGTERM ends the process at once.
+    def __init__(self):
+        self._holds = 0
+        self._waiting = None
+
+    def receive(self, number, _):
+        """Handle a signal; a second SIGTERM ends the process at once."""
+        if number == signal.SIGTERM:
+            signal.signal(number, signal.SIG_DFL)
+        error = Terminated if number == signal.SIGTERM else KeyboardInterrupt
+        if not self._holds:
+            raise error
+        self._waiting = error
+
+    @contextmanager
+    def hold(self):
+        """Let a signal wait until the end of the block."""
+        self._holds += 1
+        try:
+            yield
+        except BaseException:
+            self._waiting = None
+            raise
+        finally:
+            self._holds -= 1
+        if not self._holds and self._waiting is not None:
+            error, self._waiting = self._waiting, None
+            raise error
+
+
+_signals = _Signals()
+
+
+def interrupt_by_exception():
+    """Let Ctrl-C and SIGTERM raise an exception in the main thread.
+
+    It is KeyboardInterrupt or :class:`Terminated`. A second SIGTERM ends the process at once. A
+    shell's background command ignores Ctrl-C, and goes on doing so.
     """
+    signal.signal(signal.SIGTERM, _signals.receive)
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _signals.receive)
 
-    def terminate(*_):
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
-        raise Terminated
 
-    signal.signal(signal.SIGTERM, terminate)
+def uninterrupted():
+    """A block that Ctrl-C and SIGTERM do not interrupt, as a context manager.
+
+    Formats that collect rows would lose them: their libraries do not expect an exception between
+    any two instructions. The exception is raised at the end of the outermost block, unless another
+    is on its way. For the main thread, after :func:`interrupt_by_exception`.
+    """
+    return _signals.hold()

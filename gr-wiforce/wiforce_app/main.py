@@ -15,7 +15,7 @@ import warnings
 import click
 from gnuradio.wiforce.errors import InputError, OutputError
 
-from .interrupts import Interrupted, Terminated, terminate_by_exception
+from .interrupts import Interrupted, Terminated, interrupt_by_exception
 from .lazy import LazyGroup
 from .log import PROGRAM, log, printable
 
@@ -156,7 +156,7 @@ def run():
     _open_standard_streams()
     _find_home()
     _silence_libraries()
-    terminate_by_exception()
+    interrupt_by_exception()
     log.set_up()
     return main()
 
