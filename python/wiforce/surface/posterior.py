@@ -39,6 +39,13 @@ class SurfaceEvidence:
         no meaning.
     touched, untouched : ndarray of bool, shape (n, S)
         Neither for strips that are left out.
+
+    Examples
+    --------
+    >>> profiles = StripProfile(*(np.ones((5, 4, 25)) for _ in range(4)))
+    >>> none = np.zeros((5, 4), bool)
+    >>> len(SurfaceEvidence(profiles, ~none, none)[2:])
+    3
     """
 
     profiles: StripProfile
@@ -55,9 +62,9 @@ class SurfaceEvidence:
     def __len__(self) -> int:
         return len(self.touched)
 
-    def of_strips(self, strips: NDArray[np.bool_]) -> SurfaceEvidence:
-        """The same with all other strips left out; (S,) or (n, S)."""
-        return SurfaceEvidence(self.profiles, self.touched & strips, self.untouched & strips)
+    def of_touched(self, strips: NDArray[np.bool_]) -> SurfaceEvidence:
+        """The same with all other touched strips left out; (S,) or (n, S)."""
+        return SurfaceEvidence(self.profiles, self.touched & strips, self.untouched)
 
 
 @dataclass(frozen=True)
@@ -73,6 +80,12 @@ class SurfacePress:
         Squared residual of the strips at the best press, in standard deviations.
     freedom : ndarray, shape (n,)
         Of which so much is expected.
+
+    Examples
+    --------
+    >>> press = SurfacePress(np.ones((5, 3)), np.ones((5, 3, 3)), np.ones(5), np.ones(5))
+    >>> press[:2].mean.shape
+    (2, 3)
     """
 
     mean: Array
@@ -102,6 +115,18 @@ class SurfacePosterior:
     untouched one the probability that its force is below the onset. The posterior is summed over y,
     and integrated over force and x by Gauss and Hermite's rule about the least-squares solution at
     each y, so that its mean and covariance need not be those of a normal distribution.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.scene import load_scene
+    >>> from gnuradio.wiforce.scene.surface import skin_of
+    >>> posterior = SurfacePosterior(skin_of(load_scene("surface_four_strips")))
+    >>> force = np.broadcast_to(np.linspace(3.2, 3.4, 25), (1, 4, 25))
+    >>> exactly = StripProfile(force, 0.0 * force, 40.0 + 0.0 * force, 0.01 + 0.0 * force)
+    >>> touched = np.array([[False, True, True, False]])
+    >>> press = posterior(SurfaceEvidence(exactly, touched, ~touched))
+    >>> press.mean[0, 1:].round(1).tolist()
+    [40.0, 18.0]
     """
 
     def __init__(self, skin: Skin) -> None:
@@ -175,7 +200,10 @@ class SurfacePosterior:
     def _conditional(
         self, summary: _Summary, evidence: SurfaceEvidence, y: Array
     ) -> tuple[Array, Array, Array]:
-        """Least squares of (force, x) at each y: mean (n, Y, 2), covariance, log of the evidence."""
+        """Least squares of (force, x) at each y: mean, covariance and logarithm of the evidence.
+
+        Shapes (n, Y, 2), (n, Y, 2, 2) and (n, Y).
+        """
         shares = self._skin.shares(y)  # (n, Y, S)
         touched = evidence.touched[:, None].astype(float)
         squares = (touched * shares**2).sum(axis=-1)
@@ -196,9 +224,10 @@ class SurfacePosterior:
             force = np.clip((nxx * rf - nfx * rx) / determinant, _LOWEST_N, self._top_n)
         along = (nff * rx - nfx * rf) / determinant
         mean = np.stack([force, along], axis=-1)
-        covariance = np.stack(
-            [np.stack([nxx, -nfx], axis=-1), np.stack([-nfx, nff], axis=-1)], axis=-2
-        ) / determinant[..., None, None]
+        covariance = (
+            np.stack([np.stack([nxx, -nfx], axis=-1), np.stack([-nfx, nff], axis=-1)], axis=-2)
+            / determinant[..., None, None]
+        )
         misfit = self._squares(summary, evidence, inverse, shares, force, along)[0]
         size = touched * np.log(np.maximum(a * c - b**2, 1e-300))
         log = -0.5 * misfit + 0.5 * size.sum(axis=-1) - 0.5 * np.log(determinant)
@@ -223,14 +252,12 @@ class SurfacePosterior:
         above = np.maximum(above, 0) * evidence.untouched[:, None]
         return squares + (above**2).sum(axis=-1), (above > 0).sum(axis=-1)
 
-    def _log_likelihood(
-        self, evidence: SurfaceEvidence, force: Array, x: Array, y: Array
-    ) -> Array:
+    def _log_likelihood(self, evidence: SurfaceEvidence, force: Array, x: Array, y: Array) -> Array:
         """Of the strips' phases and touches at points (n, Y, q)."""
         total = np.where((force > _LOWEST_N) & (force < self._top_n), 0.0, -np.inf)
         safe = np.maximum(force, _LOWEST_N)
         std = self._strip_std(safe)
-        spread = self._skin.spreading.location_std_mm ** 2
+        spread = self._skin.spreading.location_std_mm**2
         for i, strip_y in enumerate(self._skin.y_mm):
             borne = self._skin.spreading.share(y - strip_y) * safe
             onset = self._skin.onset_force_n[i]
@@ -260,9 +287,7 @@ class SurfacePosterior:
         inverse = summary.inverse(
             self._strip_std(force), self._skin.spreading.location_std_mm, touched
         )
-        squares, above = self._squares(
-            summary, evidence, inverse, self._skin.shares(y), force, x
-        )
+        squares, above = self._squares(summary, evidence, inverse, self._skin.shares(y), force, x)
         best = squares.argmin(axis=1)[:, None]
         misfit = np.take_along_axis(squares, best, axis=1)[:, 0]
         contradicting = np.take_along_axis(above, best, axis=1)[:, 0]
@@ -293,9 +318,7 @@ class _Summary:
         xx = (weight * (dx**2 + p.variance_mm2)).sum(axis=-1)
         return _Summary(force, x, ff, fx, xx)
 
-    def inverse(
-        self, force_std: Array, x_std: float, touched: Array
-    ) -> tuple[Array, Array, Array]:
+    def inverse(self, force_std: Array, x_std: float, touched: Array) -> tuple[Array, Array, Array]:
         """Inverse covariances (n, Y, S) with the errors of the law; 0 where not touched."""
         a = self.ff[:, None] + force_std[..., None] ** 2 + 1e-9
         c = self.xx[:, None] + x_std**2 + 1e-9

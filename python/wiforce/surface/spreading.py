@@ -3,10 +3,13 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import PchipInterpolator
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PchipInterpolator
 
 Array = NDArray[np.float64]
 
@@ -43,7 +46,9 @@ class Spreading:
     location_std_mm: float
 
     @cached_property
-    def _curve(self) -> PchipInterpolator:
+    def _curve(self) -> "PchipInterpolator":
+        from scipy.interpolate import PchipInterpolator
+
         # Mirrored, so that the curve is level beneath the press.
         across, share = np.array(self.distance_mm), np.array(self.shares)
         return PchipInterpolator(

@@ -35,6 +35,11 @@ class StripProfile:
         Logarithm of the likelihood integrated over the location and to the next force.
     location_mm, variance_mm2 : ndarray, shape (n, k)
         The location that explains the phases best at each force, and its variance.
+
+    Examples
+    --------
+    >>> StripProfile(*(np.ones((5, 25)) for _ in range(4))).force_n.shape
+    (5, 25)
     """
 
     force_n: Array
