@@ -2,6 +2,7 @@
 """The section ``surface`` of a scene: strips side by side under one skin."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,7 @@ from ..io.schema import ListOf, Mapping, declared, key
 from ..io.values import Choice, Integer, Number, Text
 from ..surface.file import SpreadingKeys, read_spreading
 from ..surface.skin import Skin, Strip
+from ..surface.spreading import Spreading
 from .simulated_tags import MAX_SENSORS, MODEL_NAME_LENGTH, sensor_name
 
 if TYPE_CHECKING:
@@ -47,7 +49,7 @@ class Surface:
     Examples
     --------
     >>> strips = (SurfaceStrip(sensor="a", y_mm=0.0), SurfaceStrip(sensor="b", y_mm=12.0))
-    >>> Surface(strips=strips).names
+    >>> Surface(strips=strips, spreading_file="skin.yaml").names
     ('skin',)
     """
 
@@ -67,7 +69,8 @@ class Surface:
     spreading: SpreadingKeys | None = key(
         Mapping(of=SpreadingKeys, optional=True),
         default=None,
-        doc="How the skin spreads a press; or `spreading_file`.",
+        doc="How the skin spreads a press; or `spreading_file`. Without either, the strips are "
+        "read, but not the surface.",
     )
     spreading_file: str | None = key(
         Text(limit=MODEL_NAME_LENGTH, optional=True),
@@ -76,9 +79,14 @@ class Surface:
     )
 
     @property
+    def known(self) -> bool:
+        """Whether the spreading law is known, so that the surface is read."""
+        return self.spreading is not None or self.spreading_file is not None
+
+    @property
     def names(self) -> tuple[str, ...]:
-        """Names of its rows in the readings."""
-        return (self.name, f"{self.name}-2")[: self.presses]
+        """Names of its rows in the readings; none without a spreading law."""
+        return (self.name, f"{self.name}-2")[: self.presses if self.known else 0]
 
     def law(self, folder: Path) -> SpreadingKeys:
         """The spreading law, as stated or from its file.
@@ -112,13 +120,38 @@ def skin_of(scene: "Scene") -> Skin | None:
     Returns
     -------
     Skin or None
-        None for a scene without a surface.
+        None for a scene without a surface, or without its spreading law.
 
     Examples
     --------
     >>> from gnuradio.wiforce.scene import load_scene
     >>> skin_of(load_scene("demo")) is None
     True
+    """
+    bare = bare_skin(scene)
+    if bare is None or scene.surface is None or not scene.surface.known:
+        return None
+    law = scene.surface.law(scene.path.parent if scene.path else Path())
+    return replace(bare, spreading=law.spreading())
+
+
+def bare_skin(scene: "Scene") -> Skin | None:
+    """The surface of a scene with a spreading law that means nothing.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    Skin or None
+        None for a scene without a surface.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.scene import load_scene
+    >>> bare_skin(load_scene("surface_four_strips")).y_mm.tolist()
+    [0.0, 12.0, 24.0, 36.0]
     """
     surface = scene.surface
     if surface is None:
@@ -135,8 +168,8 @@ def skin_of(scene: "Scene") -> Skin | None:
         for each in sorted(surface.strips, key=lambda strip: strip.y_mm)
     )
     indices = tuple(scene.sensor_names.index(strip.sensor) for strip in strips)
-    law = surface.law(scene.path.parent if scene.path else Path()).spreading()
-    return Skin(surface.name, strips, indices, law, scene.radio.center_frequency_hz)
+    nothing = Spreading((0.0, 1.0), (1.0, 0.0), 1.0, 1.0)
+    return Skin(surface.name, strips, indices, nothing, scene.radio.center_frequency_hz)
 
 
 def surface_violations(scene: "Scene") -> Iterator[tuple[str, str, Any] | tuple[str, str]]:
@@ -173,13 +206,14 @@ def surface_violations(scene: "Scene") -> Iterator[tuple[str, str, Any] | tuple[
         if abs(first.y_mm - second.y_mm) < _LEAST_DISTANCE_MM:
             rule = f"must lie {_LEAST_DISTANCE_MM:g} mm or more from that of surface.strips[{i}]"
             yield f"surface.strips[{j}].y_mm", rule, second.y_mm
-    if (surface.spreading is None) == (surface.spreading_file is None):
-        yield "surface.spreading", "must be given, or else surface.spreading_file, but not both"
+    if surface.spreading is not None and surface.spreading_file is not None:
+        yield "surface.spreading_file", "must be left out where surface.spreading is given"
     try:
-        skin = skin_of(scene)
+        skin_of(scene)
     except InputError as error:
         yield "surface.spreading_file", str(error)
         return
+    skin = bare_skin(scene)
     assert skin is not None
     if skin.x_span_mm[0] >= skin.x_span_mm[1]:
         yield "surface.strips", "must overlap along x; see x_mm and direction"

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..scene.simulated import Press
-from ..scene.surface import skin_of
+from ..scene.surface import bare_skin
 from .press_force import press_force
 from .presses import PressedSensor, TouchState
 
@@ -79,7 +79,7 @@ def strip_presses(scene: "Scene", skin: "Skin", strip: int) -> list[Press]:
     --------
     >>> from gnuradio.wiforce.scene import load_scene
     >>> scene = load_scene("surface_four_strips")
-    >>> presses = strip_presses(scene, skin_of(scene), 1)
+    >>> presses = strip_presses(scene, bare_skin(scene), 1)
     >>> presses[0].sensor, bool(presses[0].force_n < scene.simulation.surface_presses[0].force_n)
     ('strip2', True)
     """
@@ -139,7 +139,7 @@ def pressed_sensor(scene: "Scene", index: int, elastic: bool = False) -> Pressed
     def pressed(by: Sequence[Press]) -> PressedSensor:
         return PressedSensor(model, by, moves, carrier_hz, beam)
 
-    skin = skin_of(scene)
+    skin = bare_skin(scene)
     if skin is None or index not in skin.indices:
         return pressed(presses)
     presses += strip_presses(scene, skin, skin.indices.index(index))
