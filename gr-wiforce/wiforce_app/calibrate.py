@@ -91,8 +91,8 @@ _STEPS = ("nearest", "given", "line")
 )
 @click.option(
     "--law",
-    type=click.Choice(["table", "gaussian"]),
-    help="With --surface: form of the spreading law. Default: table.",
+    type=click.Choice(["strips", "table", "gaussian"]),
+    help="With --surface: form of the spreading law; strips: a table for each. Default: strips.",
 )
 @guided_options
 def calibrate(
@@ -136,7 +136,7 @@ def calibrate(
         for option, value in others.items():
             if value is not None:
                 raise InputError(option, "cannot be given with --surface")
-        return calibrate_surface(table, surface, readings, law or "table", output)
+        return calibrate_surface(table, surface, readings, law or "strips", output)
     table = table_of(table, output, guided)
     settings = complete_settings(settings, guided)
     inputs = [table, *([refined] if refined else [])]

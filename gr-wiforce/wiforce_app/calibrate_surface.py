@@ -31,7 +31,7 @@ def calibrate_surface(table, scene, readings, law, output):
     readings : str or None
         Readings of a recording of these presses.
     law : str
-        ``table`` or ``gaussian``.
+        ``strips``, ``table`` or ``gaussian``.
     output : str
         File to write.
 

@@ -209,10 +209,14 @@ def surface_violations(scene: "Scene") -> Iterator[tuple[str, str, Any] | tuple[
     if surface.spreading is not None and surface.spreading_file is not None:
         yield "surface.spreading_file", "must be left out where surface.spreading is given"
     try:
-        skin_of(scene)
+        law = surface.law(scene.path.parent if scene.path else Path()) if surface.known else None
     except InputError as error:
         yield "surface.spreading_file", str(error)
         return
+    if law is not None and law.strip_shares and len(law.strip_shares) != len(surface.strips):
+        rule = f"must be a law of as many strips as the surface has, {len(surface.strips)}"
+        where = "surface.spreading_file" if surface.spreading is None else "surface.spreading"
+        yield where, rule, len(law.strip_shares)
     skin = bare_skin(scene)
     assert skin is not None
     if skin.x_span_mm[0] >= skin.x_span_mm[1]:

@@ -13,9 +13,10 @@ from ..io.schema import DRAFT_7, declared, json_schema, key, plain, read
 from ..io.textfile import write_whole
 from ..io.values import Choice, KeyPath, Number, Scope, Text, ValueType, as_number
 from ..io.yamlfile import read_yaml
-from .spreading import Spreading, gaussian_spreading
+from .spreading import Spreading, StripSpreading, gaussian_spreading
 
-_MOST_POINTS = 100
+_MOST_POINTS = 200
+_MOST_STRIPS = 16
 LEAST_STEP_MM = 0.01
 # What is assumed of a law that was not calibrated: two laws with the same share beneath the press
 # and the same width differ by so much (docs/surfaces.md).
@@ -61,6 +62,40 @@ class Numbers(ValueType):
         return {"type": "array", "minItems": 2, "maxItems": _MOST_POINTS, "items": items}
 
 
+@dataclass(frozen=True, kw_only=True)
+class Curves(ValueType):
+    """A list of lists of shares, one per strip, read as a tuple of tuples.
+
+    Parameters
+    ----------
+    optional : bool
+        Whether null is allowed.
+
+    Examples
+    --------
+    >>> Curves().read([[0.5, 0], [0.4, 0]], KeyPath("scene.yaml"), Scope())
+    ((0.5, 0.0), (0.4, 0.0))
+    """
+
+    _row = Numbers(low=0, high=1)
+
+    @property
+    def allowed(self) -> str:
+        return f"a list of 2 to {_MOST_STRIPS} lists, each {self._row.allowed}"
+
+    def _read(self, value: Any, where: KeyPath, scope: Scope) -> tuple[tuple[float, ...], ...]:
+        if not isinstance(value, list | tuple) or not 2 <= len(value) <= _MOST_STRIPS:
+            raise where.error(self.rule, value)
+        return tuple(self._row.read(row, where.item(i), scope) for i, row in enumerate(value))
+
+    def plain(self, value: tuple[tuple[float, ...], ...] | None) -> list[list[float]] | None:
+        return None if value is None else [list(row) for row in value]
+
+    def _json_schema(self) -> dict[str, Any]:
+        rows = {"minItems": 2, "maxItems": _MOST_STRIPS, "items": self._row.json_schema()}
+        return {"type": "array", **rows}
+
+
 def _check_gaussian(value: float | None, scope: Scope) -> str | None:
     if scope["law"] == "gaussian" and value is None:
         return "is missing, a gaussian law needs share and width_mm"
@@ -68,10 +103,13 @@ def _check_gaussian(value: float | None, scope: Scope) -> str | None:
 
 
 def _check_distances(value: tuple[float, ...] | None, scope: Scope) -> str | None:
-    if scope["law"] != "table":
+    if scope["law"] == "gaussian":
         return None
     if value is None:
-        return "is missing, a table needs distance_mm and shares"
+        return "is missing, a table needs distance_mm and shares or strip_shares"
+    if scope["law"] == "strips":
+        rising = all(b - a >= LEAST_STEP_MM for a, b in pairwise(value))
+        return None if rising else f"must rise, by {LEAST_STEP_MM:g} mm or more"
     if value[0] != 0 or any(b - a < LEAST_STEP_MM for a, b in pairwise(value)):
         return f"must begin with 0 and rise, by {LEAST_STEP_MM:g} mm or more"
     return None
@@ -87,6 +125,17 @@ def _check_shares(value: tuple[float, ...] | None, scope: Scope) -> str | None:
     return None if value[0] > 0 else "must begin with a share above 0"
 
 
+def _check_curves(value: tuple[tuple[float, ...], ...] | None, scope: Scope) -> str | None:
+    if scope["law"] != "strips":
+        return None
+    if value is None:
+        return "is missing, the law of single strips needs distance_mm and strip_shares"
+    points = len(scope["distance_mm"])
+    if any(len(row) != points or not max(row) > 0 for row in value):
+        return f"must have as many numbers as distance_mm for each strip, {points}, not all 0"
+    return None
+
+
 @declared
 class SpreadingKeys:
     """How the skin spreads a press over the strips.
@@ -99,10 +148,11 @@ class SpreadingKeys:
     """
 
     law: str = key(
-        Choice(words=("gaussian", "table")),
+        Choice(words=("gaussian", "table", "strips")),
         default="gaussian",
         doc="`gaussian`: the share falls with the distance across as a Gaussian. `table`: by the "
-        "points in `distance_mm` and `shares`, as `calibrate --surface` writes it.",
+        "points in `distance_mm` and `shares`. `strips`: likewise, each strip by its own "
+        "`strip_shares`. `calibrate --surface` writes all three.",
     )
     share: float | None = key(
         Number(low=0, above=True, high=1, optional=True),
@@ -117,17 +167,23 @@ class SpreadingKeys:
         doc="Gaussian: distance at which the share has fallen to 61 %.",
     )
     distance_mm: tuple[float, ...] | None = key(
-        Numbers(low=0, high=1000, optional=True),
+        Numbers(low=-1000, high=1000, optional=True),
         default=None,
         check=_check_distances,
-        doc="Table: distances across from the press, rising from 0. Behind the last one a strip "
-        "bears nothing.",
+        doc="Table: distances across from the press, rising from 0; behind the last one a strip "
+        "bears nothing. Strips: y of a press less that of the strip, rising.",
     )
     shares: tuple[float, ...] | None = key(
         Numbers(low=0, high=1, optional=True),
         default=None,
         check=_check_shares,
         doc="Table: share of the press at each distance.",
+    )
+    strip_shares: tuple[tuple[float, ...], ...] | None = key(
+        Curves(optional=True),
+        default=None,
+        check=_check_curves,
+        doc="Strips: for each, in the order of y, its share at each distance.",
     )
     share_std: float = key(
         Number(low=0.001, high=1),
@@ -150,7 +206,13 @@ class SpreadingKeys:
         if self.law == "gaussian":
             assert self.share is not None and self.width_mm is not None
             return gaussian_spreading(self.share, self.width_mm, *errors)
-        assert self.distance_mm is not None and self.shares is not None
+        assert self.distance_mm is not None
+        if self.law == "strips":
+            assert self.strip_shares is not None
+            columns = zip(*self.strip_shares, strict=True)
+            mean = tuple(sum(column) / len(column) for column in columns)
+            return StripSpreading(self.distance_mm, mean, *errors, self.strip_shares)
+        assert self.shares is not None
         return Spreading(self.distance_mm, self.shares, *errors)
 
 

@@ -259,7 +259,7 @@ class SurfacePosterior:
         std = self._strip_std(safe)
         spread = self._skin.spreading.location_std_mm**2
         for i, strip_y in enumerate(self._skin.y_mm):
-            borne = self._skin.spreading.share(y - strip_y) * safe
+            borne = self._skin.spreading.share_of(i, y - strip_y) * safe
             onset = self._skin.onset_force_n[i]
             if (rows := np.flatnonzero(evidence.untouched[:, i])).size:
                 below = (onset - borne[rows]) / np.hypot(std[rows], _ONSET_STD_N)

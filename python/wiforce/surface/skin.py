@@ -127,4 +127,6 @@ class Skin:
 
     def shares(self, y_mm: Array | list[float]) -> Array:
         """Share of each strip of presses at some y; shape (..., S)."""
-        return self.spreading.share(np.asarray(y_mm, float)[..., None] - self.y_mm)
+        y = np.asarray(y_mm, float)
+        each = [self.spreading.share_of(i, y - own) for i, own in enumerate(self.y_mm)]
+        return np.stack(each, axis=-1)

@@ -72,6 +72,64 @@ class Spreading:
         found: Array = np.where(distance <= last, self._curve(np.minimum(distance, last)), 0.0)
         return found
 
+    def share_of(self, strip: int, distance_mm: ArrayLike) -> Array:
+        """Share of one strip; here that of any.
+
+        Parameters
+        ----------
+        strip : int
+            Index in the order of y.
+        distance_mm : array_like
+            y of the press less that of the strip.
+
+        Returns
+        -------
+        ndarray
+        """
+        return self.share(distance_mm)
+
+
+@dataclass(frozen=True)
+class StripSpreading(Spreading):
+    """A law in which every strip has a curve of its own, since strips near an edge bear more.
+
+    Parameters
+    ----------
+    distance_mm : tuple of float
+        y of a press less that of the strip, rising.
+    shares : tuple of float
+        Mean of the strips' curves.
+    share_std, location_std_mm : float
+        As for :class:`Spreading`.
+    of_strips : tuple of tuple of float
+        Share of each strip at each distance.
+
+    Examples
+    --------
+    >>> law = StripSpreading(
+    ...     (-12.0, 0.0, 12.0), (0.2, 0.6, 0.2), 0.02, 0.3, ((0.3, 0.7, 0.2), (0.1, 0.5, 0.2)))
+    >>> law.share_of(0, [0.0, -12.0]).tolist(), law.share(0.0).tolist()
+    ([0.7, 0.3], 0.6)
+    """
+
+    of_strips: tuple[tuple[float, ...], ...] = ()
+
+    @cached_property
+    def _curves(self) -> "list[PchipInterpolator]":
+        from scipy.interpolate import PchipInterpolator
+
+        return [PchipInterpolator(self.distance_mm, row) for row in (*self.of_strips, self.shares)]
+
+    def share(self, distance_mm: ArrayLike) -> Array:
+        """Mean of the strips' shares."""
+        return self.share_of(-1, distance_mm)
+
+    def share_of(self, strip: int, distance_mm: ArrayLike) -> Array:
+        """Share of one strip; beyond the curve's ends that at the end."""
+        distance = np.clip(distance_mm, self.distance_mm[0], self.distance_mm[-1])
+        found: Array = np.asarray(self._curves[strip](distance))
+        return found
+
 
 # Points of a Gaussian, and its reach in widths: beyond, 1.1 % of the largest share are left.
 _POINTS, _REACH = 25, 3.0
