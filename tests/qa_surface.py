@@ -37,28 +37,26 @@ def settings(folder):
 
 
 @pytest.fixture(scope="module")
-def presses():
-    """300 presses anywhere on the surface: none was calibrated."""
-    rng = np.random.default_rng(8)
-    return np.column_stack(
-        [rng.uniform(4, 10, 300), rng.uniform(25, 55, 300), rng.uniform(-2, 38, 300)]
-    )
+def presses(long_run):
+    """Presses anywhere on and between the strips: none was calibrated."""
+    rng, count = np.random.default_rng(8), 1000 if long_run else 120
+    return rng.uniform([4, 25, 0], [9, 55, 36], (count, 3))
 
 
 def test_presses_anywhere_are_read_within_five_percent_and_a_millimetre(settings, presses):
     readings = made.readings_of(settings, presses[:, None].tolist(), np.random.default_rng(9))
     error, std, true = made.errors_of(made.of_surface(readings), presses)
-    assert len(error) >= 295
+    assert len(error) == len(presses)
     assert np.quantile(np.abs(error[:, 0]) / true[:, 0], 0.95) < 0.05
     assert np.quantile(np.abs(error[:, 1:]), 0.95, axis=0).max() < 1.0
     inside = (np.abs(error) < 2 * std).mean(axis=0)
-    assert inside.min() >= 0.9 and inside.max() < 1.0, inside
+    assert inside.min() >= 0.9, inside
     # Flags would hide the errors of readings that a user must not trust.
-    clear = [r for r in made.of_surface(readings) if set(r.flags) <= {"transition"}]
-    assert len(clear) >= 270
+    clear = [r for r in made.of_surface(readings) if not r.flags]
+    assert len(clear) >= 0.95 * len(presses)
 
 
-@pytest.mark.parametrize("lost", range(4))
+@pytest.mark.parametrize("lost", [0, 2])
 def test_a_lost_strip_is_flagged_and_errors_stay_within_the_stated_uncertainty(
     settings, presses, lost
 ):
@@ -68,7 +66,7 @@ def test_a_lost_strip_is_flagged_and_errors_stay_within_the_stated_uncertainty(
     own = made.of_surface(readings)
     assert all("weak" in r.flags for r in own)
     error, std, _ = made.errors_of(own, presses)
-    assert len(error) >= 290
+    assert len(error) >= 0.98 * len(presses)
     inside = (np.abs(error) < 2 * std).mean(axis=0)
     assert inside.min() >= 0.9, inside
     # A press that only the lost strip would show is not known to be absent.
@@ -125,8 +123,8 @@ def test_readings_do_not_depend_on_the_law_of_a_scene_without_one(folder):
 def test_a_stated_gaussian_is_read_with_its_own_error(presses):
     law = {"law": "gaussian", "share": 0.5, "width_mm": 9.0, "share_std": 0.12}
     scene = made.scene(spreading=law)
-    readings = made.readings_of(plan(scene), presses[:150, None].tolist(), np.random.default_rng(9))
-    error, std, _ = made.errors_of(made.of_surface(readings), presses[:150])
+    readings = made.readings_of(plan(scene), presses[:60, None].tolist(), np.random.default_rng(9))
+    error, std, _ = made.errors_of(made.of_surface(readings), presses[:60])
     assert (np.abs(error) < 2 * std).mean(axis=0).min() >= 0.9
 
 
@@ -144,7 +142,7 @@ BAD = {
     "surface.strips: must overlap along x": {"strips": [
         {"sensor": "a", "y_mm": 0}, {"sensor": "b", "y_mm": 9, "x_mm": 100}]},
     "surface.name: must differ from the name of every sensor": {"name": "b"},
-    "surface.spreading.law: must be one of": {"spreading": {"law": "cosine"}},
+    "surface.spreading.law: must be 'gaussian' or 'table'": {"spreading": {"law": "cosine"}},
     "surface.spreading.share: is missing": {"spreading": {"width_mm": 5}},
     "surface.spreading.distance_mm: must begin with 0 and rise": {"spreading": {
         "law": "table", "distance_mm": [0, 5, 4], "shares": [0.5, 0.2, 0]}},
@@ -168,7 +166,7 @@ def test_a_bad_surface_is_refused_in_one_line(message, tmp_path):
 
 TAPS = "start_s,end_s,force_n,x_mm,y_mm\n"
 BAD_TAPS = {
-    "must have the columns start_s, end_s, force_n, x_mm, y_mm": "start_s,end_s,force_n,x_mm\n1,2,3,4\n",
+    "must have the columns start_s, end_s, force_n, x_mm, y_mm": "start_s,end_s,force_n\n1,2,3\n",
     "row 2: force_n must be a number": TAPS + "1,2,nan,40,0\n",
     "row 2: force_n must be above 0": TAPS + "1,2,0,40,0\n",
     "row 2: end_s must be later than start_s": TAPS + "2,1,5,40,0\n",

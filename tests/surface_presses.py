@@ -15,6 +15,8 @@ PERIOD_S = 0.036
 NAMES = ("a", "b", "c", "d")
 _TRUTH = "line-900mhz"
 _NOISE_DEG = 0.1
+# Groups before the presses, and groups of each.
+_BEFORE, _EACH = 14, 5
 
 
 def scene(**surface):
@@ -51,39 +53,36 @@ def shown_phases(presses, rng):
 
 
 def readings_of(plan, presses, rng, lost=None):
-    """All readings of groups with these presses, after 14 groups of reference.
+    """The readings of presses after a reference of 14 groups.
 
-    Each press is read in a group of its own between untouched ones, so that no group is a
-    transition by its neighbours' levels.
+    Each is held for three groups, of which the second is returned, and two untouched groups follow.
     """
-    untouched, model = [[]] * 14, load_sensor(_TRUTH)
-    phases = shown_phases([*untouched, *presses], rng)
+    held = [now for press in presses for now in (press, press, press, [], [])]
+    model = load_sensor(_TRUTH)
+    phases = shown_phases([*[[]] * _BEFORE, *held], rng)
     count = len(phases)
     ratios = np.exp(1j * np.radians(phases - model.untouched_deg())).reshape(count, 8)
-    first = np.zeros((count, 8), bool)
-    first[:13] = True
-    locked = np.ones((count, 4), bool)
+    locked, std = np.ones((count, 4), bool), np.full((count, 8), _NOISE_DEG)
     if lost is not None:
         locked[:, lost] = False
         ratios[:, 2 * lost : 2 * lost + 2] = np.nan
-    std = np.full((count, 8), _NOISE_DEG)
-    std[~np.isfinite(ratios)] = np.inf
-    none = np.zeros((count, 4), bool)
+        std[:, 2 * lost : 2 * lost + 2] = np.inf
+    none = np.zeros((count, 8), bool)
     groups = Groups(
         np.arange(count),
         ratios=ratios,
         phase_std_deg=std,
         snr_db=np.full((count, 8), 10.0),
         locked=locked,
-        overlapping=none,
+        overlapping=none[:, :4],
         new_reference=np.arange(count) == 0,
-        in_reference=first,
-        late_reference=np.zeros((count, 8), bool),
-        reshaped=np.zeros((count, 8), bool),
+        in_reference=none | (np.arange(count) < _BEFORE - 1)[:, None],
+        late_reference=none,
+        reshaped=none,
     )
     readout = make_readout(plan)
     readings = readout.process(groups) + readout.flush()
-    return [reading for reading in readings if reading.group >= 14]
+    return [r for r in readings if r.group >= _BEFORE and (r.group - _BEFORE) % _EACH == 1]
 
 
 def known_presses(rng):
@@ -95,12 +94,12 @@ def known_presses(rng):
 
 
 def write_taps(path, taps):
-    """The table of taps, one per group after the reference."""
+    """The table of taps, as `readings_of` holds them."""
     with open(path, "w", newline="") as stream:
         rows = csv.writer(stream)
         rows.writerow(["start_s", "end_s", "force_n", "x_mm", "y_mm"])
         for i, tap in enumerate(taps.tolist()):
-            start = (14 + i) * PERIOD_S
+            start = (_BEFORE + i * _EACH + 1) * PERIOD_S
             rows.writerow([start, start + PERIOD_S, *tap])
 
 

@@ -196,7 +196,7 @@ def surface_violations(scene: "Scene") -> Iterator[tuple[str, str, Any] | tuple[
         if presses:
             yield "simulation.surface_presses", "need a surface in the scene"
         return
-    for name in surface.names:
+    for name in (surface.name, f"{surface.name}-2")[: surface.presses]:
         if name in scene.sensor_names:
             yield "surface.name", "must differ from the name of every sensor", surface.name
     for (i, first), (j, second) in combinations(enumerate(surface.strips), 2):

@@ -19,8 +19,9 @@ Flags = NDArray[np.bool_]
 # Strips contradict each other when their residual is larger than that of so many presses, as for
 # the phases of one strip (sensor/inversion.py).
 _CONSISTENT = 0.9973
-# A press may load a strip that another one is read from by so many standard deviations of a share.
-_CROSS_STDS = 2.0
+# A press may load a strip that another one is read from by this part of the force that shorts it:
+# it then makes no contact of its own there.
+_CROSS = 0.6
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,8 @@ class SurfaceEstimator:
 
     A second press is looked for where one press does not explain the strips. The strips are then
     divided into those below and those above some y, and each part is read by itself. This is
-    accepted where each press leaves the strips of the other one practically unloaded.
+    accepted where no press makes a contact of its own on a strip of the other one; what it adds to
+    the force there is an error of that strip.
 
     Parameters
     ----------
@@ -86,7 +88,6 @@ class SurfaceEstimator:
     def __init__(self, skin: Skin, presses: int = 1) -> None:
         self.skin, self._presses = skin, presses
         self._posterior = SurfacePosterior(skin)
-        self._spread_n = skin.spreading.share_std
         # Where each of the presses was in the last group; None where it was not.
         self._last: list[Array | None] = [None] * presses
 
@@ -162,24 +163,29 @@ class SurfaceEstimator:
             sides = strips < first, strips >= first
             if not all((touched & side).any() for side in sides):
                 continue
-            parts = [self._posterior(evidence.of_touched(side)) for side in sides]
-            if any(part.misfit[0] > chdtri(part.freedom[0], 1 - _CONSISTENT) for part in parts):
-                continue
+            alone = [self._posterior(evidence.of_touched(side, np.zeros(1))) for side in sides]
+            others = [self._borne(press) for press in alone[::-1]]
             if any(
-                self._loads(part, other, touched & side)
-                for part, other, side in zip(parts, parts[::-1], sides[::-1], strict=True)
+                (other > _CROSS * self.skin.onset_force_n)[touched & side].any()
+                for other, side in zip(others, sides, strict=True)
             ):
+                continue
+            parts = [
+                self._posterior(evidence.of_touched(side, other))
+                for side, other in zip(sides, others, strict=True)
+            ]
+            if any(part.misfit[0] > chdtri(part.freedom[0], 1 - _CONSISTENT) for part in parts):
                 continue
             misfit = float(sum(part.misfit[0] for part in parts))
             if best is None or misfit < best[0]:
                 best = misfit, parts
         return None if best is None else best[1]
 
-    def _loads(self, press: SurfacePress, other: SurfacePress, strips: Flags) -> bool:
-        """Whether a press loads strips that another one is read from."""
+    def _borne(self, press: SurfacePress) -> Array:
+        """Force of a press on each strip."""
         force, _, y = press.mean[0]
-        borne = force * self.skin.shares(y)[strips]
-        return bool((borne > _CROSS_STDS * self._spread_n * other.mean[0, 0]).any())
+        borne: Array = force * self.skin.shares(y)
+        return borne
 
     def _places(self, presses: list[Array]) -> list[int]:
         """Which of the rows each press goes on in: that of the nearest press of the last group."""
@@ -219,7 +225,8 @@ class SurfaceEstimator:
             profiles.append(_spread_out(own, rows, len(phases)))
         names = StripProfile.__dataclass_fields__
         joined = (np.stack([getattr(p, name) for p in profiles], axis=1) for name in names)
-        return SurfaceEvidence(StripProfile(*joined), usable & touched, usable & ~touched)
+        nothing = np.zeros(usable.shape)
+        return SurfaceEvidence(StripProfile(*joined), usable & touched, usable & ~touched, nothing)
 
 
 # Distance in mm of a press from one that was not there: farther than any surface is wide.

@@ -39,32 +39,36 @@ class SurfaceEvidence:
         no meaning.
     touched, untouched : ndarray of bool, shape (n, S)
         Neither for strips that are left out.
+    other_n : ndarray, shape (n, S)
+        Force that something else may add to each strip: a standard deviation.
 
     Examples
     --------
     >>> profiles = StripProfile(*(np.ones((5, 4, 25)) for _ in range(4)))
     >>> none = np.zeros((5, 4), bool)
-    >>> len(SurfaceEvidence(profiles, ~none, none)[2:])
+    >>> len(SurfaceEvidence(profiles, ~none, none, np.zeros((5, 4)))[2:])
     3
     """
 
     profiles: StripProfile
     touched: NDArray[np.bool_]
     untouched: NDArray[np.bool_]
+    other_n: Array
 
     def __getitem__(self, rows: slice | NDArray[np.intp]) -> SurfaceEvidence:
         p = self.profiles
         part = StripProfile(
             p.force_n[rows], p.log_weight[rows], p.location_mm[rows], p.variance_mm2[rows]
         )
-        return SurfaceEvidence(part, self.touched[rows], self.untouched[rows])
+        return SurfaceEvidence(part, self.touched[rows], self.untouched[rows], self.other_n[rows])
 
     def __len__(self) -> int:
         return len(self.touched)
 
-    def of_touched(self, strips: NDArray[np.bool_]) -> SurfaceEvidence:
-        """The same with all other touched strips left out; (S,) or (n, S)."""
-        return SurfaceEvidence(self.profiles, self.touched & strips, self.untouched)
+    def of_touched(self, strips: NDArray[np.bool_], other_n: Array) -> SurfaceEvidence:
+        """The same with all other touched strips left out; (S,) each."""
+        other = np.broadcast_to(other_n, self.touched.shape)
+        return SurfaceEvidence(self.profiles, self.touched & strips, self.untouched, other)
 
 
 @dataclass(frozen=True)
@@ -124,7 +128,7 @@ class SurfacePosterior:
     >>> force = np.broadcast_to(np.linspace(3.2, 3.4, 25), (1, 4, 25))
     >>> exactly = StripProfile(force, 0.0 * force, 40.0 + 0.0 * force, 0.01 + 0.0 * force)
     >>> touched = np.array([[False, True, True, False]])
-    >>> press = posterior(SurfaceEvidence(exactly, touched, ~touched))
+    >>> press = posterior(SurfaceEvidence(exactly, touched, ~touched, np.zeros((1, 4))))
     >>> press.mean[0, 1:].round(1).tolist()
     [40.0, 18.0]
     """
@@ -271,7 +275,8 @@ class SurfacePosterior:
             where, variance = p.location_mm[:, None, None, i], p.variance_mm2[:, None, None, i]
             # Forces of the profile stand for the intervals about them.
             interval = 0.6 * (p.force_n[:, i, 1] - p.force_n[:, i, 0])
-            width = np.hypot(std[rows], interval[:, None, None])[..., None]
+            other = np.hypot(evidence.other_n[rows, i], interval)
+            width = np.hypot(std[rows], other[:, None, None])[..., None]
             variance = variance + spread
             exponent = ((at - borne[rows][..., None]) / width) ** 2
             exponent += (where - x[rows][..., None]) ** 2 / variance + np.log(variance)
@@ -304,6 +309,7 @@ class _Summary:
     ff: Array
     fx: Array
     xx: Array
+    other_n: Array
 
     @staticmethod
     def of(evidence: SurfaceEvidence) -> _Summary:
@@ -316,11 +322,11 @@ class _Summary:
         ff = (weight * df**2).sum(axis=-1)
         fx = (weight * df * dx).sum(axis=-1)
         xx = (weight * (dx**2 + p.variance_mm2)).sum(axis=-1)
-        return _Summary(force, x, ff, fx, xx)
+        return _Summary(force, x, ff, fx, xx, evidence.other_n)
 
     def inverse(self, force_std: Array, x_std: float, touched: Array) -> tuple[Array, Array, Array]:
         """Inverse covariances (n, Y, S) with the errors of the law; 0 where not touched."""
-        a = self.ff[:, None] + force_std[..., None] ** 2 + 1e-9
+        a = (self.ff + self.other_n**2)[:, None] + force_std[..., None] ** 2 + 1e-9
         c = self.xx[:, None] + x_std**2 + 1e-9
         b = self.fx[:, None]
         determinant = np.maximum(a * c - b**2, 1e-18)
