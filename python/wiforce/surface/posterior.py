@@ -167,6 +167,26 @@ class SurfacePosterior:
         names = SurfacePress.__dataclass_fields__
         return SurfacePress(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))
 
+    def roughly(self, evidence: SurfaceEvidence) -> SurfacePress:
+        """The least-squares press, without a covariance: much faster.
+
+        Parameters
+        ----------
+        evidence : SurfaceEvidence
+            At least one strip of each reading is touched.
+
+        Returns
+        -------
+        SurfacePress
+        """
+        summary = _Summary.of(evidence)
+        y = np.broadcast_to(self._y, (len(evidence), len(self._y)))
+        mean = self._conditional(summary, evidence, y)[0]
+        misfit, freedom, best = self._misfit(summary, evidence, mean, y)
+        at_best = np.take_along_axis(mean, best[..., None], axis=1)[:, 0]
+        found = np.column_stack([at_best, self._y[best[:, 0]]])
+        return SurfacePress(found, np.zeros((len(evidence), 3, 3)), misfit, freedom)
+
     def _some(self, evidence: SurfaceEvidence) -> SurfacePress:
         summary = _Summary.of(evidence)
         y = np.broadcast_to(self._y, (len(evidence), len(self._y)))
@@ -194,7 +214,7 @@ class SurfacePosterior:
         # What lies between two points across.
         step = (high - low) / (_FINE - 1)
         spread[:, 2, 2] += step**2 / 12
-        misfit, freedom = self._misfit(summary, evidence, mean, y)
+        misfit, freedom, _ = self._misfit(summary, evidence, mean, y)
         return SurfacePress(found, spread, misfit, freedom)
 
     def _strip_std(self, force: Array) -> Array:
@@ -285,8 +305,8 @@ class SurfacePosterior:
 
     def _misfit(
         self, summary: _Summary, evidence: SurfaceEvidence, mean: Array, y: Array
-    ) -> tuple[Array, Array]:
-        """Least squared residual over y, and its degrees of freedom."""
+    ) -> tuple[Array, Array, NDArray[np.intp]]:
+        """Least squared residual over y, its degrees of freedom, and where it is (n, 1)."""
         force, x = mean[..., 0], mean[..., 1]
         touched = evidence.touched[:, None].astype(float)
         inverse = summary.inverse(
@@ -297,7 +317,7 @@ class SurfacePosterior:
         misfit = np.take_along_axis(squares, best, axis=1)[:, 0]
         contradicting = np.take_along_axis(above, best, axis=1)[:, 0]
         freedom = 2 * evidence.touched.sum(axis=1) - 3 + contradicting
-        return misfit, np.maximum(freedom, 1)
+        return misfit, np.maximum(freedom, 1), best
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 # them is constant within 3 %.
 _FORCES, _REACH = 25, 4.5
 # Steps of Gauss and Newton for the location at each force, from that of the inversion.
-_STEPS = 3
+_STEPS = 2
 
 
 @dataclass(frozen=True)
@@ -95,11 +95,12 @@ def strip_profile(
     shape, (start, stop) = force.shape, forward.location_mm[[0, -1]]
     wanted, noise = phases_deg[:, None], std_deg[:, None] ** 2
     location = np.clip(location, start, stop)
+    noise = noise + forward.variances(force.ravel(), location.ravel()).reshape(*shape, 2)
+    variance = np.maximum(noise, 1e-9)
     for _ in range(_STEPS):
         at = force.ravel(), location.ravel()
         residual = wrap_deg(wanted - forward.phases(*at).reshape(*shape, 2))
         by_location = forward.slopes(*at)[..., 1].reshape(*shape, 2)
-        variance = np.maximum(noise + forward.variances(*at).reshape(*shape, 2), 1e-9)
         curvature = np.maximum((by_location**2 / variance).sum(axis=-1), 1e-9)
         step = (by_location * residual / variance).sum(axis=-1) / curvature
         location = np.clip(location + step, start, stop)
