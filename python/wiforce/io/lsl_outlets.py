@@ -90,6 +90,7 @@ class LslOutlets:
             self._pylsl.set_config_content(_THIS_MACHINE + _QUIET)
         elif not _has_settings():
             self._pylsl.set_config_content(_QUIET)
+        kinds: dict[str, tuple[tuple[str, str, str], ...]]
         kinds = {sensor: CHANNELS for sensor in sensors}
         kinds |= {surface: CHANNELS + SURFACE_CHANNELS for surface in surfaces}
         self._channels = kinds
