@@ -9,13 +9,14 @@ from PyQt5.QtGui import QColor, QPainter, QPen
 
 from ..io.readings import Reading, SurfaceReading
 from .sensor_view import SensorView
-from .style import BEAM, FAINT, GROUND
+from .style import BEAM, FAINT, GROUND, INK
 
 # Radius of the dot of the largest force; its area is the force.
 _LARGEST_PX, _LEAST_PX = 16.0, 2.5
 # Where no strips are known, the plane is so wide about the press.
 _UNKNOWN_MM = 20.0
 _SIGMAS = 2.0
+_LABELLED_LINES = 6
 
 
 class SurfaceView(SensorView):
@@ -42,7 +43,7 @@ class SurfaceView(SensorView):
     ) -> None:
         super().__init__(name, color, length_mm, force_span_n)
         self._strips_y_mm = sorted(strips_y_mm)
-        self.setMinimumHeight(120)
+        self.setMinimumHeight(140)
 
     def _draw_line(self, painter: QPainter, reading: Reading, area: QRectF, line: int) -> None:
         """The plane, its strips and the press, seen from above."""
@@ -62,8 +63,10 @@ class SurfaceView(SensorView):
         painter.setPen(QPen(BEAM, 5))
         for y in self._strips_y_mm:
             painter.drawLine(at(0.0, y), at(self._length_mm, y))
-        painter.setPen(FAINT)
-        painter.drawText(plane.bottomLeft() + QPointF(2, -3), f"{self._length_mm:g} mm along x")
+        if plane.height() > _LABELLED_LINES * line:
+            painter.setPen(FAINT)
+            size = f"{self._length_mm:g} x {high - low:g} mm"
+            painter.drawText(plane.bottomLeft() + QPointF(4, -3), size)
         if not isinstance(reading, SurfaceReading) or reading.touch != 1 or self._stale:
             return
         if reading.location_mm is not None and reading.y_mm is not None:
@@ -86,25 +89,25 @@ class SurfaceView(SensorView):
         """An ellipse of two standard deviations, and a dot whose area is the force."""
         color = QColor(self._press_color(reading))
         doubtful = self._press_color(reading) is not self._color
-        semi, angle = ellipse(reading)
-        if semi is not None:
-            faint = QColor(color)
-            faint.setAlpha(50)
-            painter.save()
-            painter.translate(at)
-            painter.rotate(-angle)
-            painter.setPen(QPen(color, 1))
-            painter.setBrush(faint)
-            painter.drawEllipse(QPointF(0, 0), scale * semi[0], scale * semi[1])
-            painter.restore()
         part = 1.0 if reading.force_n is None else max(reading.force_n, 0.0) / self._force_span_n
         radius = max(_LEAST_PX, _LARGEST_PX * min(part, 4.0) ** 0.5)
+        filled = QColor(color)
+        filled.setAlpha(130)
         pen = QPen(color, 2)
         if doubtful:
             pen.setStyle(Qt.DashLine)
         painter.setPen(pen)
-        painter.setBrush(Qt.NoBrush if doubtful else color)
+        painter.setBrush(Qt.NoBrush if doubtful else filled)
         painter.drawEllipse(at, radius, radius)
+        semi, angle = ellipse(reading)
+        if semi is None:
+            return
+        painter.translate(at)
+        painter.rotate(-angle)
+        painter.setPen(QPen(INK, 1.5))
+        painter.setBrush(Qt.NoBrush)
+        painter.drawEllipse(QPointF(0, 0), scale * semi[0], scale * semi[1])
+        painter.resetTransform()
 
 
 def ellipse(reading: SurfaceReading) -> tuple[tuple[float, float] | None, float]:

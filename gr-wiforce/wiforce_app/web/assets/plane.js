@@ -40,21 +40,20 @@ function drawPlane(view, press, plane, width, height) {
 
 function pressOnPlane(press, atX, atY, scale, own) {
   const color = press.doubtful ? WARNING : own;
-  const parts = [];
+  const part = press.force === null ? 1 : Math.max(press.force, 0) / FORCE_SPAN_N;
+  const radius = Math.max(LEAST_DOT_PX, LARGEST_DOT_PX * Math.sqrt(Math.min(part, MOST_SPANS)));
+  const dot = { class: "press", cx: atX, cy: atY, r: radius, stroke: color, "stroke-width": 2 };
+  if (press.doubtful) Object.assign(dot, { fill: "none", "stroke-dasharray": "4 3" });
+  else Object.assign(dot, { fill: color, "fill-opacity": 0.5 });
+  const parts = [shape("circle", dot)];
   const axes = ellipseOf(press);
   if (axes !== null) {
     parts.push(shape("ellipse", {
       class: "spread", rx: Math.max(1, scale * axes.major), ry: Math.max(1, scale * axes.minor),
       transform: `translate(${atX} ${atY}) rotate(${-axes.angle})`,
-      fill: color, "fill-opacity": 0.2, stroke: color,
+      fill: "none", stroke: "#202428", "stroke-width": 1.5,
     }));
   }
-  const part = press.force === null ? 1 : Math.max(press.force, 0) / FORCE_SPAN_N;
-  const radius = Math.max(LEAST_DOT_PX, LARGEST_DOT_PX * Math.sqrt(Math.min(part, MOST_SPANS)));
-  const dot = { class: "press", cx: atX, cy: atY, r: radius, stroke: color, "stroke-width": 2 };
-  if (press.doubtful) Object.assign(dot, { fill: "none", "stroke-dasharray": "4 3" });
-  else dot.fill = color;
-  parts.push(shape("circle", dot));
   return parts;
 }
 
