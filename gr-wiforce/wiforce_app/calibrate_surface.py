@@ -68,9 +68,14 @@ def _report(skin, law, fit):
         f"surface {skin.name}: {law.law} law from {fit.shares} shares of touched strips and "
         f"{fit.untouched} untouched ones"
     )
-    half = skin.spacing_mm / 2
-    for distance in half * np.arange(5):
-        click.echo(f"  {distance:6.1f} mm across: {float(spreading.share(distance)):.3f}")
+    # Where taps on and beside each strip have determined the law.
+    distances = skin.spacing_mm / 2 * np.arange(-2, 3)
+    own = range(len(skin.strips)) if law.law == "strips" else [0]
+    click.echo("  mm across  " + "".join(f"{distance:8.1f}" for distance in distances))
+    for i in own:
+        name = skin.strips[i].sensor if law.law == "strips" else "each strip"
+        shares = spreading.share_of(i, distances)
+        click.echo(f"  {name:<11.11}" + "".join(f"{share:8.3f}" for share in shares))
     click.echo(f"standard deviation of a share {law.share_std:.3f} (fitted {fit.rms:.3f} rms)")
     click.echo(f"standard deviation of the location {law.location_std_mm:.2f} mm")
     if law.share_std > _POOR_STD:
