@@ -371,6 +371,46 @@ def test_disturbed_room_has_less_noise_with_its_weights(own_plan):
     assert outputs[1] < outputs[0] / 5
 
 
+def test_power_of_the_room_counts_once_per_subcarrier(own_plan):
+    """A reading averages white noise over the subcarriers, but not what arrives by one path."""
+    survey = surveyed(room(4 * np.cos(2 * np.pi * 1300 * TIME_S)[:, None]), own_plan)
+    noise = survey.noise(own_plan.group_length, own_plan.clutter_hz)
+    # A line of amplitude 4 has a power of 8 in all.
+    assert noise.autocovariance[0] - 1 == pytest.approx(CARRIERS * 8, rel=0.05)
+    alone = noise.scaled(1 / CARRIERS)
+    assert alone.autocovariance[0] - 1 == pytest.approx(8, rel=0.05)
+    assert alone.autocovariance[1:] * CARRIERS == pytest.approx(noise.autocovariance[1:])
+
+
+def test_readings_among_lamps_err_less_with_the_power_that_averaging_leaves():
+    """The mean over subcarriers leaves the lamps: weights for a single one let too much through."""
+    own = settings(clock_hz=1040)
+    survey = surveyed(room(lamps(50.0, 1.0)), own)
+    chosen = adapted(own, survey).table
+    single = survey.noise(own.group_length, own.clutter_hz).scaled(1 / survey.subcarriers)
+    others = replace(own, room=single).table
+
+    def variance(table):
+        """Of each tone, averaged over the subcarriers: in a room where nothing wanders."""
+        lines = survey.noise(own.group_length, own.clutter_hz).scaled(1 / CARRIERS).covariance()
+        lines -= np.eye(len(lines))
+        white = np.sum(np.abs(table.weights) ** 2, axis=1) / CARRIERS
+        through = np.einsum("mn,nk,mk->m", table.weights, lines, table.weights.conj()).real
+        return white + through
+
+    assert np.all(variance(chosen) <= 1.001 * variance(others))
+    assert np.min(variance(chosen) / variance(others)) < 0.7
+
+
+def test_room_that_leaves_no_line_is_suppressed_less(own_plan, monkeypatch):
+    """Nothing would be suppressed otherwise, although every reading is flagged."""
+    survey = surveyed(room(4 * np.cos(2 * np.pi * 1075 * TIME_S)[:, None]), own_plan)
+    most = CARRIERS * 8
+    weak = property(lambda plan: plan.room is None or plan.room.autocovariance[0] < most / 2)
+    monkeypatch.setattr(Plan, "separable", weak)
+    assert adapted(own_plan, survey).room.autocovariance[0] - 1 == pytest.approx(8, rel=0.05)
+
+
 def test_mains_of_a_scene_must_be_known():
     with pytest.raises(InputError, match="mains_hz"):
         settings(mains_hz=55)

@@ -79,6 +79,8 @@ class Survey:
         Power of the static channel, per subcarrier and snapshot, in the same units.
     significant : float
         Power over the floor that noise does not reach.
+    subcarriers : int
+        Number of subcarriers, K.
 
     Examples
     --------
@@ -103,6 +105,7 @@ class Survey:
     snapshot_period_s: float
     static_power: float = 0.0
     significant: float = _SIGNIFICANT
+    subcarriers: int = 1
 
     @property
     def line_power(self) -> Array:
@@ -130,7 +133,11 @@ class Survey:
     def noise(
         self, group_length: int, clutter_hz: float, without: Sequence[Source] = ()
     ) -> RoomNoise:
-        """Noise of the room outside the clutter band.
+        """Noise of the room outside the clutter band, as it weighs in a reading.
+
+        What the room adds arrives by a few paths and thus nearly alike on all subcarriers. The
+        average over K of them reduces white noise by K, but hardly that, whose power therefore
+        counts K times.
 
         Parameters
         ----------
@@ -159,7 +166,7 @@ class Survey:
             np.concatenate(
                 [self.frequency_hz[rows], frequency_hz - width_hz, frequency_hz + width_hz]
             ),
-            np.concatenate([self.excess[rows], power / 2, power / 2]),
+            self.subcarriers * np.concatenate([self.excess[rows], power / 2, power / 2]),
             group_length,
             self.snapshot_period_s,
         )
@@ -250,7 +257,16 @@ def survey_channel(
     sources = identify(lines, float(frequency_hz[1]), least, waveform, mains_hz)
     static_power = float(np.mean((still.real**2 + still.imag**2) / floor))
     return Survey(
-        frequency_hz, spectrum, own, excess, sources, found, period_s, static_power, significant
+        frequency_hz,
+        spectrum,
+        own,
+        excess,
+        sources,
+        found,
+        period_s,
+        static_power,
+        significant,
+        channel.shape[1],
     )
 
 

@@ -285,7 +285,8 @@ class _Report:
             return "solved for, like the scene's own tags", True
         if all(line.frequency_hz <= self._adapted.clutter_hz for line in lines):
             return f"rejected by the weights up to {self._adapted.clutter_hz:.0f} Hz", False
-        if added_noise(self._table, lines).max() < NEGLIGIBLE:
+        added = self._survey.subcarriers * added_noise(self._table, lines)
+        if added.max() < NEGLIGIBLE:
             return "does not reach the lines of the tags", False
         if self._adapted.room is not None:
             return "treated as noise, which the weights suppress", True
