@@ -371,15 +371,16 @@ def test_disturbed_room_has_less_noise_with_its_weights(own_plan):
     assert outputs[1] < outputs[0] / 5
 
 
-def test_power_of_the_room_counts_once_per_subcarrier(own_plan):
+def test_power_of_lamps_counts_once_per_subcarrier(own_plan):
     """A reading averages white noise over the subcarriers, but not what arrives by one path."""
-    survey = surveyed(room(4 * np.cos(2 * np.pi * 1300 * TIME_S)[:, None]), own_plan)
-    noise = survey.noise(own_plan.group_length, own_plan.clutter_hz)
-    # A line of amplitude 4 has a power of 8 in all.
-    assert noise.autocovariance[0] - 1 == pytest.approx(CARRIERS * 8, rel=0.05)
-    alone = noise.scaled(1 / CARRIERS)
-    assert alone.autocovariance[0] - 1 == pytest.approx(8, rel=0.05)
-    assert alone.autocovariance[1:] * CARRIERS == pytest.approx(noise.autocovariance[1:])
+    line = 4 * np.cos(2 * np.pi * 1300 * TIME_S)[:, None]
+    for part, weight in ((line, 1), (lamps(50.0, 4.0), CARRIERS)):
+        survey = surveyed(room(part), own_plan)
+        lines = [line for source in survey.sources for line in (*source.lines, *source.masked)]
+        # A line of amplitude a has a power of a^2 / 2 in all.
+        power = sum(2 * line.power for line in lines if line.frequency_hz > own_plan.clutter_hz)
+        noise = survey.noise(own_plan.group_length, own_plan.clutter_hz)
+        assert noise.autocovariance[0] - 1 == pytest.approx(weight * power, rel=0.1)
 
 
 def test_readings_among_lamps_err_less_with_the_power_that_averaging_leaves():
@@ -404,11 +405,12 @@ def test_readings_among_lamps_err_less_with_the_power_that_averaging_leaves():
 
 def test_room_that_leaves_no_line_is_suppressed_less(own_plan, monkeypatch):
     """Nothing would be suppressed otherwise, although every reading is flagged."""
-    survey = surveyed(room(4 * np.cos(2 * np.pi * 1075 * TIME_S)[:, None]), own_plan)
-    most = CARRIERS * 8
-    weak = property(lambda plan: plan.room is None or plan.room.autocovariance[0] < most / 2)
+    survey = surveyed(room(lamps(50.0, 4.0)), own_plan)
+    noise = survey.noise(own_plan.group_length, own_plan.clutter_hz).autocovariance
+    weak = property(lambda plan: plan.room is None or plan.room.autocovariance[0] < noise[0] / 2)
     monkeypatch.setattr(Plan, "separable", weak)
-    assert adapted(own_plan, survey).room.autocovariance[0] - 1 == pytest.approx(8, rel=0.05)
+    chosen = adapted(own_plan, survey).room.autocovariance
+    assert chosen[1:] * CARRIERS == pytest.approx(noise[1:])
 
 
 def test_mains_of_a_scene_must_be_known():

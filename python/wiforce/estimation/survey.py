@@ -135,10 +135,6 @@ class Survey:
     ) -> RoomNoise:
         """Noise of the room outside the clutter band, as it weighs in a reading.
 
-        What the room adds arrives by a few paths and thus nearly alike on all subcarriers. The
-        average over K of them reduces white noise by K, but hardly that, whose power therefore
-        counts K times.
-
         Parameters
         ----------
         group_length : int
@@ -154,7 +150,7 @@ class Survey:
         """
         rows = (self.excess > 0) & (self.frequency_hz > clutter_hz + self.resolution_hz)
         lines = [
-            (line.frequency_hz, line.power, source.width_share)
+            (line.frequency_hz, line.power * self.weight(source), source.width_share)
             for source in self.sources
             if source not in without
             for line in (*source.lines, *source.masked)
@@ -166,10 +162,29 @@ class Survey:
             np.concatenate(
                 [self.frequency_hz[rows], frequency_hz - width_hz, frequency_hz + width_hz]
             ),
-            self.subcarriers * np.concatenate([self.excess[rows], power / 2, power / 2]),
+            np.concatenate([self.excess[rows], power / 2, power / 2]),
             group_length,
             self.snapshot_period_s,
         )
+
+    def weight(self, source: Source) -> int:
+        """How often the power of a source counts, that of white noise counting once.
+
+        The light of lamps is reflected on a few paths, and thus nearly alike on all subcarriers.
+        The average over K of them divides white noise by K, but hardly that. Other lines, and what
+        is broader, may be the noise of the tag's own clock: to suppress it further would cost more
+        of the tag's lines than it gains.
+
+        Parameters
+        ----------
+        source : Source
+
+        Returns
+        -------
+        int
+            K for lamps, 1 otherwise.
+        """
+        return self.subcarriers if source.kind == "lamps" else 1
 
     def moving_hz(self) -> float:
         """Highest frequency up to which the spectrum stays above noise from zero on, in Hz."""
