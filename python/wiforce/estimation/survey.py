@@ -16,7 +16,7 @@ import numpy as np
 from ..signal.lines import aliased_hz
 from ..signal.room_noise import RoomNoise, room_noise
 from ..signal.switching import line_envelope
-from ..signal.waveform import FFT_LENGTH, Waveform
+from ..signal.waveform import Waveform
 from .clock_lines import ClockLine, find_clocks, vertex
 from .frame import whole_frames
 from .groups import Array
@@ -317,9 +317,10 @@ def survey_samples(
     True
     """
     length, first = waveform.frame_length, waveform.first_averaged
+    count, width = waveform.repetitions, waveform.symbol_length
     frames = whole_frames(samples, length)
-    averaged = frames[:, first : first + waveform.repetitions * FFT_LENGTH]
-    folded = averaged.reshape(-1, waveform.repetitions, FFT_LENGTH).mean(axis=1)
+    averaged = frames[:, first : first + count * width]
+    folded = averaged.reshape(-1, count, width).mean(axis=1)
     return survey_folded(folded, waveform, clocks, mains_hz)
 
 
@@ -333,7 +334,7 @@ def survey_folded(
 
     Parameters
     ----------
-    folded : ndarray of complex, shape (n, 64)
+    folded : ndarray of complex, shape (n, symbol_length)
         While nothing is touched.
     waveform, clocks, mains_hz
         As for :func:`survey_channel`.
