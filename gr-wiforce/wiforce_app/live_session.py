@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The flowgraph of the live reader: receive, align, record, read."""
 
+import dataclasses
 import math
 import time
 from collections import deque
@@ -92,6 +93,10 @@ class LiveSession:
         """Connect further blocks to the aligned samples; before `attach`."""
         self._flowgraph.connect(self.source, *blocks)
 
+    def next_request(self, request: RadioRequest) -> RadioRequest:
+        """The request for the next device, which continues the frames found so far."""
+        return dataclasses.replace(request, aligned=self.alignment.offset is not None)
+
     def attach(self, link: RadioLink) -> None:
         """Read the samples of a device, after those of the devices before.
 
@@ -103,7 +108,7 @@ class LiveSession:
         if self.recorder is not None:
             settings = {f"wiforce:{key}": value for key, value in link.settings.items()}
             self.recorder.describe({"core:hw": link.hardware, **settings})
-        self.source.attach(link.take_samples())
+        self.source.attach(link.take_samples(), link.aligned)
         self._link = link
         self._attached += 1
         if not self._running:

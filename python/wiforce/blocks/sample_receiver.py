@@ -69,14 +69,14 @@ class sample_receiver(gr.sync_block):
     ) -> None:
         gr.sync_block.__init__(self, "sample_receiver", in_sig=None, out_sig=[(np.int16, 2)])
         self._times = ResumedTime(sample_rate, frame_length)
-        self._waiting: deque[socket.socket] = deque()
+        self._waiting: deque[tuple[socket.socket, bool]] = deque()
         self._stream: socket.socket | None = None
         self._search = search
         self._remaining = 0  # samples of the packet that are not received yet
         self._packet_start = 0  # its first sample, of those received
         self._tags: deque[SampleTag] = deque()
         self.received = self.peak = 0
-        self._begins = self._finished = False
+        self._begins = self._finished = self._aligned = False
         self.called_s = self._heard_s = time.monotonic()
 
     @property
@@ -88,9 +88,16 @@ class sample_receiver(gr.sync_block):
         """Number of streams that have begun, and the time added to the clock of the last, in s."""
         return self._times.stream_clock
 
-    def attach(self, stream: socket.socket) -> None:
-        """Read another stream once those before it have ended."""
-        self._waiting.append(stream)
+    def attach(self, stream: socket.socket, aligned: bool = False) -> None:
+        """Read another stream once those before it have ended.
+
+        Parameters
+        ----------
+        stream : socket.socket
+        aligned : bool
+            It begins with a frame; otherwise where the first stream began in a frame.
+        """
+        self._waiting.append((stream, aligned))
 
     def finish(self) -> None:
         """End the stream once all streams have ended."""
@@ -142,7 +149,7 @@ class sample_receiver(gr.sync_block):
     def stop(self) -> bool:
         self._drop_stream()
         while self._waiting:
-            self._waiting.popleft().close()
+            self._waiting.popleft()[0].close()
         return True
 
     def _take_next_stream(self) -> bool:
@@ -150,7 +157,7 @@ class sample_receiver(gr.sync_block):
             if not self._finished:
                 time.sleep(_WAIT_S / 5)
             return False
-        self._stream = self._waiting.popleft()
+        self._stream, self._aligned = self._waiting.popleft()
         # With a timeout of Python's, a call would return whatever part of a packet is there.
         self._stream.settimeout(None)
         self._stream.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _WAIT)
@@ -240,7 +247,9 @@ class sample_receiver(gr.sync_block):
         """Tags of a stream that begins with a sample; its own time is removed from ``due``."""
         resumes = self._times.started
         mine = [tag for tag in due if tag.key == names.RX_TIME and tag.sample == 0]
-        times = self._times.begin((mine[0].seconds, mine[0].value) if mine else None)
+        begins = (mine[0].seconds, mine[0].value) if mine else None
+        offset = self._search.offset if self._aligned and self._search is not None else None
+        times = self._times.begin(begins, offset or 0)
         for tag in mine:
             due.remove(tag)
         key = pmt.intern(names.RX_TIME)
