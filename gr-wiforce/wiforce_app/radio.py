@@ -250,6 +250,8 @@ def _set_bandwidth(end, bandwidth_hz):
 
 
 def _require_known(option, name, known):
+    if not known:
+        raise InputError(option, "must not be given: this device has nothing to choose from", name)
     if name not in known:
         raise InputError(option, f"must be one of {', '.join(known)}", name)
 

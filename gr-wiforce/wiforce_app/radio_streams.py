@@ -51,7 +51,8 @@ class RadioStreams:
         self._radio = radio
         # Short pieces are collected by the sender from single packets, long ones by the driver.
         packets = request.receive_s < _COLLECTED_S
-        self._sender = sample_sender(samples, request.receive_s if packets else 0.0)
+        interval_s = request.receive_s if packets else 0.0
+        self._sender = sample_sender(samples, interval_s, radio.has_time)
         self._reception = gr.top_block("gr-wiforce receiver", catch_exceptions=True)
         self._transmission = self._reception
         if not radio.starts_together:

@@ -7,6 +7,7 @@ import os
 import sys
 import time
 
+import numpy as np
 from gnuradio.wiforce.errors import InputError
 
 from .radio import End, Radio, absent_rule, last_line, set_environment
@@ -30,6 +31,8 @@ _ONE_WAY = {
     "audio": "a sound card is no radio",
 }
 _NANO = 1e-9
+# Reads until samples come; the first ones may report what was left behind.
+_PROBES, _PROBED_SAMPLES, _PROBE_US = 5, 256, 200_000
 
 
 class SoapyRadio(Radio):
@@ -57,7 +60,8 @@ class SoapyRadio(Radio):
         self._clocks = [receiver]
         if request.tx_args is not None:
             self._clocks.append(transmitter.block)
-        self.has_time = receiver.has_hardware_time("")
+        has_clock = receiver.has_hardware_time("")
+        self.has_time = has_clock and _tells_times(library, device, request.antennas)
         info = dict(device.getHardwareInfo())
         serials = sorted(key for key in info if key.lower().endswith("serial"))
         self.serial = info[serials[0]] if serials else ""
@@ -205,6 +209,23 @@ def _check_transmitter(library, device, option, args, receives):
     if receives and not device.getFullDuplex(library.SOAPY_SDR_TX, 0):
         rule = "must name a full-duplex device: this one transmits or receives, but not both"
         raise InputError(option, f"{rule} at once", args)
+
+
+def _tells_times(library, device, antennas):
+    """Whether received samples come with their times, which gr-soapy does not look at."""
+    channels = list(range(antennas))
+    buffers = [np.empty(_PROBED_SAMPLES * 2, np.int16) for _ in channels]
+    stream = device.setupStream(library.SOAPY_SDR_RX, library.SOAPY_SDR_CS16, channels)
+    try:
+        device.activateStream(stream)
+        for _ in range(_PROBES):
+            read = device.readStream(stream, buffers, _PROBED_SAMPLES, timeoutUs=_PROBE_US)
+            if read.ret > 0:
+                return bool(read.flags & library.SOAPY_SDR_HAS_TIME)
+    finally:
+        device.deactivateStream(stream)
+        device.closeStream(stream)
+    return False
 
 
 def _block(kind, option, args, channels=1):

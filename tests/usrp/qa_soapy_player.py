@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Radios that lack what a USRP has: times, full duplex, reports of lost samples (soapy_player.cc)."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.simulation.simulator import simulate
+from live_runs import SLOW, SLOW_GROUP_S, rows_of, run_session, scene_of
+
+RATE, FRAME = SLOW["radio"]["sample_rate_hz"], SLOW["sounding"]["frame_length"]
+MODULE = Path(__file__).parents[2] / "build" / "tests" / "libsoapy_player.so"
+FORCE_N, LOCATION_MM = 4.0, 45.0
+PRESS_S = 0.6, 1.6  # with the rise and the fall
+DURATION_S = 2.1
+LOSS = round(0.85 * RATE)  # in the press
+
+# What is lost, and what the run says of it.
+LOSSES = {
+    "nothing": ("time=0", 0, ""),
+    "odd": (f"time=0,drops={LOSS}:1234", 1234, "frame timing shifted once"),
+    "whole frames": (f"time=0,drops={LOSS}:{7 * FRAME}", 7 * FRAME, ""),
+    "reported": (f"time=0,overflow={LOSS}:1234", 1234, "frame timing shifted once"),
+    "stale": (f"stale=1,overflow={LOSS}:1234", 1234, "frame timing shifted once"),
+    "timed": (f"overflow={LOSS}:1234", 1234, "1 gap, 1234 samples lost"),
+}
+QUICK = ("odd", "whole frames", "stale")
+
+
+@pytest.fixture(scope="module")
+def played(tmp_path_factory):
+    """Scene and samples of a press at 2.5 Msps, which begin in the middle of a frame."""
+    folder = tmp_path_factory.mktemp("played")
+    press = scene_of([(PRESS_S[0], FORCE_N, FORCE_N, LOCATION_MM)], 400, 0.3, **SLOW)
+    press["simulation"] |= {"duration_s": DURATION_S + 0.3, "seed": 8}
+    scene = folder / "scene.yaml"
+    scene.write_text(json.dumps(press))
+    simulate(load_scene(scene), folder / "press")
+    codes = np.fromfile(folder / "press.sigmf-data", "<i2")
+    codes[2 * 137 :].tofile(folder / "played.ci16")
+    return scene, folder / "played.ci16"
+
+
+@pytest.fixture(autouse=True)
+def module(monkeypatch):
+    if not MODULE.exists():
+        pytest.skip("not built: libsoapysdr-dev was missing")
+    monkeypatch.setenv("SOAPY_SDR_PLUGIN_PATH", str(MODULE.parent))
+
+
+def start(scene, file, arguments, *options):
+    """Options of a live run with the player."""
+    args = f"driver=player,file={file},{arguments}"
+    return ["--scene", str(scene), "--driver", "soapy", "--args", args, *map(str, options)]
+
+
+def wrong(row, lost_s):
+    """What an unflagged reading says that cannot be, None when all is well."""
+    if row["flags"]:
+        return None
+    margin = SLOW_GROUP_S / 2 + lost_s
+    begin, end = float(row["time_s"]) - margin, float(row["time_s"]) + margin
+    if row["touch"] == "0":
+        return "touch is missed" if begin > PRESS_S[0] + 0.1 and end < PRESS_S[1] - 0.1 else None
+    if end < PRESS_S[0] or begin > PRESS_S[1]:
+        return "touch is invented"
+    for name, true, least in (("force", FORCE_N, 0.25), ("location", LOCATION_MM, 1.0)):
+        unit = "n" if name == "force" else "mm"
+        found, std = float(row[f"{name}_{unit}"]), float(row[f"{name}_std_{unit}"])
+        rises = name == "force" and (begin < PRESS_S[0] + 0.1 or end > PRESS_S[1] - 0.1)
+        if abs(found - true) > max(least, 5 * std) and not rises:
+            return f"{name} {found} +- {std}"
+    return None
+
+
+def test_soapy_lost_samples_never_give_a_wrong_unflagged_reading(played, tmp_path, long_run):
+    """Without times, frames and the tag's clock show what was lost."""
+    chosen = LOSSES if long_run else QUICK
+    cases = {
+        name: start(*played, LOSSES[name][0], "-o", tmp_path / f"{name}.csv", "--duration", 2)
+        for name in chosen
+    }
+    statuses, said = run_session("refused", *map(json.dumps, cases.values()))
+    assert statuses == [0] * len(cases), said
+    reports = [line for line in said.splitlines() if line.startswith("gr-wiforce: read ")]
+    for name, report in zip(cases, reports, strict=True):
+        _, lost, words = LOSSES[name]
+        assert words in report, (name, report)
+        rows = rows_of(tmp_path / f"{name}.csv")
+        found = [(row["time_s"], wrong(row, lost / RATE)) for row in rows]
+        assert not [each for each in found if each[1]], name
+        assert all(row["time_utc"] for row in rows)
+        clear = [row for row in rows if not row["flags"]]
+        touched = [float(row["time_s"]) for row in clear if row["touch"] == "1"]
+        loss_s = LOSS / RATE
+        assert min(touched) < loss_s - 0.1 and max(touched) > PRESS_S[1] - 0.15, name
+        assert clear[-1]["touch"] == "0"
+        near = [row for row in rows if abs(float(row["time_s"]) - loss_s) < SLOW_GROUP_S]
+        assert lost == 0 or any(row["flags"] for row in near), name
+
+
+def test_soapy_unsuitable_radios_refused_in_one_line(played):
+    cases = [
+        (["full=0"], ["--args", "full-duplex", "not both"]),
+        (["tx=0"], ["--args", "full-duplex", "receives only"]),
+        (["time=0", "--bandwidth", 2e6], ["--bandwidth", "fixed"]),
+        (["time=0", "--reference", "external"], ["--reference", "must not be given"]),
+        (["time=0", "--rx-gain", 70], ["--rx-gain", "0 to 60 dB"]),
+        (["time=0", "--tx-antenna", "C"], ["--tx-antenna", "A, B"]),
+    ]
+    options = [start(*played, *case) for case, _ in cases]
+    options.append(["--scene", "demo", *options[0][2:-1], options[0][-1].replace("full=0", "")])
+    cases.append(([], ["sample_rate_hz", "nearest: 3000000"]))
+    statuses, said = run_session("refused", *map(json.dumps, options))
+    assert statuses == [2] * len(cases), said
+    for line, (_, words) in zip(said.splitlines(), cases, strict=True):
+        assert all(word in line for word in words), line
