@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Radios that lack what a USRP has: times, full duplex, reports of lost samples (soapy_player.cc)."""
+"""Radios that lack what a USRP has: times, full duplex, reports of losses (soapy_player.cc)."""
 
 import json
 from pathlib import Path
