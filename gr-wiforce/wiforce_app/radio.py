@@ -145,6 +145,10 @@ class Radio(ABC):
     def time_s(self) -> float:
         """Device time; the host's where the device has none."""
 
+    def accepts_time(self, time_s: float) -> bool:
+        """Whether a time of received samples is the device's; decided by the first one."""
+        return True
+
     @abstractmethod
     def start_together(self, lead_s: float) -> float:
         """Schedule the start of both streams `lead_s` from now, where the driver can.

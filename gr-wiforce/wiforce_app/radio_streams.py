@@ -52,7 +52,7 @@ class RadioStreams:
         # Short pieces are collected by the sender from single packets, long ones by the driver.
         packets = request.receive_s < _COLLECTED_S
         interval_s = request.receive_s if packets else 0.0
-        self._sender = sample_sender(samples, interval_s, radio.has_time)
+        self._sender = sample_sender(samples, interval_s, radio.accepts_time)
         self._reception = gr.top_block("gr-wiforce receiver", catch_exceptions=True)
         self._transmission = self._reception
         if not radio.starts_together:
@@ -78,11 +78,11 @@ class RadioStreams:
 
     def clock(self) -> tuple[float, float] | None:
         """Offset of UTC from the samples' clock and its uncertainty, in s; None when not due."""
-        has_time = self._radio.has_time
-        if not has_time and self._sender.sent == 0:
+        # Whether samples come with times is known when they come.
+        if not self._radio.starts_together and self._sender.sent == 0:
             return None
         found = self._clocks.look()
-        return found and (found[0], found[1] + (0.0 if has_time else _UNTIMED_S))
+        return found and (found[0], found[1] + (0.0 if self._radio.has_time else _UNTIMED_S))
 
     def start(self, stopped: Callable[[], bool]) -> None:
         """Start both streams, at one device time where the driver can.
@@ -177,6 +177,4 @@ class _Progress:
 def _clock_of(radio, sender, rate_hz):
     """Gives the time of the samples that arrive now; by their number without a device's clock."""
     # It must not refer to the streams: they would not be freed, nor the device closed.
-    if radio.has_time:
-        return lambda: radio.time_s
-    return lambda: sender.sent / rate_hz
+    return lambda: radio.time_s if radio.has_time else sender.sent / rate_hz

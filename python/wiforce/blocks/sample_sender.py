@@ -4,7 +4,7 @@
 import socket
 import struct
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -32,8 +32,8 @@ class sample_sender(gr.sync_block):
     interval_s : float
         Time from one packet to the next, at least. What arrives meanwhile is sent together: the
         processor time of both processes depends on the number of packets.
-    timed : bool
-        Send tags ``rx_time``; they are dropped where the device's times mean nothing.
+    accepts_time : callable, optional
+        Whether a time in seconds is sent as ``rx_time``; all are by default.
 
     Attributes
     ----------
@@ -51,14 +51,19 @@ class sample_sender(gr.sync_block):
     0
     """
 
-    def __init__(self, stream: socket.socket, interval_s: float = 0.0, timed: bool = True) -> None:
+    def __init__(
+        self,
+        stream: socket.socket,
+        interval_s: float = 0.0,
+        accepts_time: Callable[[float], bool] = lambda seconds: True,
+    ) -> None:
         gr.sync_block.__init__(self, "sample_sender", in_sig=[(np.int16, 2)], out_sig=None)
         # With a timeout of Python's, a call would send whatever part finds room at once.
         stream.settimeout(None)
         stream.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, _WAIT)
         stream.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER_BYTES)
         self._stream, self._interval_s = stream, interval_s
-        self._keys = [key for key in TAG_KEYS if timed or key != names.RX_TIME]
+        self._accepts_time = accepts_time
         self._next_s = 0.0
         self.sent = 0
         self.waiting = self.ended = False
@@ -89,7 +94,9 @@ class sample_sender(gr.sync_block):
         first = self.nitems_read(0)
         for tag in self.get_tags_in_window(0, 0, count):
             key = pmt.symbol_to_string(tag.key)
-            if key in self._keys and (value := _plain(tag.value)) is not None:
+            if key not in TAG_KEYS or (value := _plain(tag.value)) is None:
+                continue
+            if key != names.RX_TIME or self._accepts_time(sum(value)):
                 yield SampleTag(key, tag.offset - first, *value)
 
     def _send(self, parts: list[memoryview]) -> bool:
