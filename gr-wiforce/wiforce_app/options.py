@@ -81,6 +81,14 @@ _OF_A_RADIO = (
         show_default=True,
         help="Library that opens the device: UHD, or SoapySDR for other radios.",
     ),
+    click.option(
+        "--tx-args", help="Device arguments of the transmitter, where that is another device."
+    ),
+    click.option(
+        "--receive-only",
+        is_flag=True,
+        help="Transmit nothing: the frames come from a transmitter of their own.",
+    ),
     click.option("--tx-gain", type=Number(), metavar="DB", help="Default: the device's own."),
     click.option("--rx-gain", type=Number(), metavar="DB", help="Default: the device's own."),
     click.option("--antenna", help="Receive antenna, for example RX2."),

@@ -114,6 +114,7 @@ class RadioRequest:
             scene.radio.center_frequency_hz,
             waveform.name,
             waveform.frame_length,
+            antennas=scene.environment.receive_antennas,
             scene_name=str(scene.path or "scene"),
             **settings,
         )

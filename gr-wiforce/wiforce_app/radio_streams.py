@@ -52,7 +52,8 @@ class RadioStreams:
         # Short pieces are collected by the sender from single packets, long ones by the driver.
         packets = request.receive_s < _COLLECTED_S
         interval_s = request.receive_s if packets else 0.0
-        self._sender = sample_sender(samples, interval_s, radio.accepts_time)
+        antennas = request.antennas
+        self._sender = sample_sender(samples, interval_s, radio.accepts_time, antennas)
         self._reception = gr.top_block("gr-wiforce receiver", catch_exceptions=True)
         self._transmission = self._reception
         if not radio.starts_together:
@@ -66,12 +67,14 @@ class RadioStreams:
             self._transmitted = source
             self._transmission.connect(source, radio.sink)
         self._alignment = None
-        self.aligned = request.aligned and not radio.starts_together
+        # Frames of a free-running transmitter are followed by the reader.
+        self.aligned = request.aligned and not radio.starts_together and antennas == 1
         if self.aligned:
             self._alignment = wiforce.frame_alignment(**request.sounding)
             self._reception.connect(radio.source, self._alignment, self._sender)
         else:
-            self._reception.connect(radio.source, self._sender)
+            for antenna in range(antennas):
+                self._reception.connect((radio.source, antenna), (self._sender, antenna))
         self._received, self._sent = _Progress(), _Progress()
         self._ended_before = False
         self._clocks = ClockComparison(_clock_of(radio, self._sender, request.sample_rate_hz))

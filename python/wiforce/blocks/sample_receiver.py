@@ -44,6 +44,8 @@ class sample_receiver(gr.sync_block):
         Samples per sounding frame; a gap keeps the frame timing.
     search : FrameSearch, optional
         The output begins with the first frame that it finds; with the first sample without it.
+    antennas : int
+        Number of outputs: antennas whose samples come side by side.
 
     Attributes
     ----------
@@ -65,9 +67,15 @@ class sample_receiver(gr.sync_block):
     """
 
     def __init__(
-        self, sample_rate: float, frame_length: int, search: FrameSearch | None = None
+        self,
+        sample_rate: float,
+        frame_length: int,
+        search: FrameSearch | None = None,
+        antennas: int = 1,
     ) -> None:
-        gr.sync_block.__init__(self, "sample_receiver", in_sig=None, out_sig=[(np.int16, 2)])
+        signature = [(np.int16, 2)] * antennas
+        gr.sync_block.__init__(self, "sample_receiver", in_sig=None, out_sig=signature)
+        self._antennas = antennas
         self._times = ResumedTime(sample_rate, frame_length)
         self._waiting: deque[tuple[socket.socket, bool]] = deque()
         self._stream: socket.socket | None = None
@@ -108,13 +116,20 @@ class sample_receiver(gr.sync_block):
         finished = self._finished  # before streams are looked for, which may still be attached
         if not self._holds and self._stream is None and not self._take_next_stream():
             return _DONE if finished else 0
+        items = output_items[0]
+        if self._antennas > 1:
+            items = np.empty((len(items), 2 * self._antennas), np.int16)
         try:
-            return self._put_out(output_items[0])
+            count = self._put_out(items)
         except TimeoutError:
             return 0
         except (EOFError, OSError):
             self._drop_stream()
             return 0
+        if self._antennas > 1:
+            for antenna, out in enumerate(output_items):
+                out[:count] = items[:count, 2 * antenna : 2 * antenna + 2]
+        return count
 
     @property
     def _holds(self) -> bool:
@@ -135,14 +150,15 @@ class sample_receiver(gr.sync_block):
             first = search.offset
         count, tags = self._read(out)
         for item, key, value in tags:
-            self.add_item_tag(0, item - first, key, value)
+            for port in range(self._antennas):
+                self.add_item_tag(port, item - first, key, value)
         if count:
             items = out[:count]
             self.peak = max(self.peak, int(items.max()), -int(items.min()))
         return count
 
     def _search_on(self, search: FrameSearch, most: int) -> None:
-        items = np.empty((min(search.wanted, most), 2), np.int16)
+        items = np.empty((min(search.wanted, most), 2 * self._antennas), np.int16)
         count, tags = self._read(items)
         search.take(items[:count], tags)
 
@@ -180,7 +196,7 @@ class sample_receiver(gr.sync_block):
             self._tags.extend(unpack_tags(self._bytes(tags * TAG_BYTES)))
         count = min(len(out), self._remaining)
         data = out[:count].view(np.uint8).data.cast("B")
-        count = self._fill(data) // SAMPLE_BYTES
+        count = self._fill(data) // (SAMPLE_BYTES * self._antennas)
         self._remaining -= count
         tags_of = self._take_tags(count)
         self.received += count

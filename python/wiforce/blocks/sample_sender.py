@@ -34,6 +34,8 @@ class sample_sender(gr.sync_block):
         processor time of both processes depends on the number of packets.
     accepts_time : callable, optional
         Whether a time in seconds is sent as ``rx_time``; all are by default.
+    antennas : int
+        Number of inputs; their samples are sent side by side.
 
     Attributes
     ----------
@@ -56,8 +58,10 @@ class sample_sender(gr.sync_block):
         stream: socket.socket,
         interval_s: float = 0.0,
         accepts_time: Callable[[float], bool] = lambda seconds: True,
+        antennas: int = 1,
     ) -> None:
-        gr.sync_block.__init__(self, "sample_sender", in_sig=[(np.int16, 2)], out_sig=None)
+        signature = [(np.int16, 2)] * antennas
+        gr.sync_block.__init__(self, "sample_sender", in_sig=signature, out_sig=None)
         # With a timeout of Python's, a call would send whatever part finds room at once.
         stream.settimeout(None)
         stream.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, _WAIT)
@@ -74,6 +78,8 @@ class sample_sender(gr.sync_block):
 
     def work(self, input_items: list[Array], _: list[Array]) -> int:
         items = input_items[0]
+        if len(input_items) > 1:
+            items = np.concatenate(input_items, axis=1)
         head = pack_head(len(items), self._tags(len(items)))
         data = np.ascontiguousarray(items).view(np.uint8).data.cast("B")
         if not self._send([memoryview(head), memoryview(data)]):
