@@ -265,7 +265,9 @@ SoapySDR::KwargsList find_player(const SoapySDR::Kwargs& args)
     const auto driver = args.find("driver");
     if (driver == args.end() || driver->second != "player")
         return {};
-    return { { { "label", "player of files" } } };
+    SoapySDR::Kwargs found = args; // so that other arguments are another device
+    found["label"] = "player of files";
+    return { found };
 }
 
 SoapySDR::Device* make_player(const SoapySDR::Kwargs& args) { return new player(args); }

@@ -123,7 +123,10 @@ class FrameFollower:
         if starts[-1] + self._length > len(held):
             return None
         self._next += count * self.period
-        return held[np.maximum(starts, 0)[:, None] + np.arange(self._length)]
+        starts = np.maximum(starts, 0)
+        if starts[-1] - starts[0] == (count - 1) * self._length:  # they follow each other
+            return held[starts[0] : starts[-1] + self._length].reshape(count, self._length, -1)
+        return held[starts[:, None] + np.arange(self._length)]
 
     def _joined(self, frames: list[Array], width: int) -> Array:
         if not frames:
