@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_runs import run_command
+from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
 from live_runs import SLOW, SLOW_GROUP_S, rows_of, run_session, scene_of
+from wiforce_app import soapy_radio
 
 RATE, FRAME = SLOW["radio"]["sample_rate_hz"], SLOW["sounding"]["frame_length"]
 MODULE = Path(__file__).parents[2] / "build" / "tests" / "libsoapy_player.so"
@@ -108,7 +110,6 @@ def test_soapy_unsuitable_radios_refused_in_one_line(played):
         (["tx=0"], ["--args", "full-duplex", "receives only"]),
         (["time=0", "--bandwidth", 2e6], ["--bandwidth", "fixed"]),
         (["time=0", "--reference", "external"], ["--reference", "must not be given"]),
-        (["time=0", "--rx-gain", 70], ["--rx-gain", "0 to 60 dB"]),
         (["time=0", "--tx-antenna", "C"], ["--tx-antenna", "A, B"]),
     ]
     options = [start(*played, *case) for case, _ in cases]
@@ -168,3 +169,25 @@ def test_live_transmitter_of_its_own_needs_two_antennas_and_says_so(played):
         done = run_command("live", *start(scene, file, "time=0", *words))
         assert done.returncode == 2 and done.stderr.count("\n") == 1
         assert all(word in done.stderr for word in expected), done.stderr
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        ("addr=127.0.0.254", ["must name the SoapySDR module", "driver=lime"]),
+        ("driver=hackrf", ["full-duplex", "HackRF", "not both at once"]),
+        ("serial=1, driver=rtlsdr", ["full-duplex", "RTL-SDR receives only"]),
+    ],
+)
+def test_soapy_arguments_of_unsuitable_radios_are_refused_without_the_radio(args, words):
+    with pytest.raises(InputError, match="^--args: ") as raised:
+        soapy_radio._arguments("--args", args, both_ways=True)
+    assert all(word in str(raised.value) for word in words)
+    if "driver" in args:  # such a device may be one of two
+        assert soapy_radio._arguments("--args", args, both_ways=False) == args
+
+
+def test_live_unknown_driver_is_refused():
+    done = run_command("live", "--scene", "demo", "--args", "addr=1", "--driver", "hackrf")
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert "--driver" in done.stderr and "'uhd', 'soapy'" in done.stderr

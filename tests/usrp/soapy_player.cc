@@ -88,8 +88,7 @@ public:
         return d_is_full_duplex;
     }
 
-    std::vector<std::string> getStreamFormats(const int,
-                                              const std::size_t) const override
+    std::vector<std::string> getStreamFormats(const int, const std::size_t) const override
     {
         return { SOAPY_SDR_CS16 };
     }
