@@ -9,6 +9,7 @@ from typing import Any
 from ..errors import InputError, name_rule
 from ..io.capture import Capture
 from ..io.capture_files import SUFFIXES
+from ..io.channel_snapshots import ChannelSnapshots
 from ..io.schema import read
 from ..io.values import KeyPath
 from ..io.yamlfile import read_yaml
@@ -61,14 +62,14 @@ at most 1e+06 Hz, got 0
     return _checked(values, KeyPath(str(scene)), path)
 
 
-def load_capture_scene(capture: Capture) -> Scene:
+def load_capture_scene(capture: Capture | ChannelSnapshots) -> Scene:
     """Read and check the scene that a capture's metadata hold.
 
     Sensor files are searched relative to the capture.
 
     Parameters
     ----------
-    capture : Capture
+    capture : Capture or ChannelSnapshots
 
     Returns
     -------
@@ -94,7 +95,8 @@ def load_capture_scene(capture: Capture) -> Scene:
     if capture.scene is None:
         rule = "holds no scene; name one with --scene"
         raise InputError(capture.path, rule)
-    where = KeyPath(f"{capture.path}: wiforce:scene")
+    name = "scene" if isinstance(capture, ChannelSnapshots) else "wiforce:scene"
+    where = KeyPath(f"{capture.path}: {name}")
     if not isinstance(capture.scene, dict):
         raise InputError(where.source, "must hold a mapping of keys to values", capture.scene)
     return _checked(capture.scene, where, capture.path)

@@ -7,7 +7,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from ..io.textfile import check_output
 from ..scene import Scene, load_scene
 from .adc import Adc
 from .channel import AirChannel
+
+if TYPE_CHECKING:
+    from .packets import SimulatedPackets
 
 TRUTH_COLUMNS = (
     "time_s", "sensor", "touch", "force_n", "location_mm", "phase1_deg", "phase2_deg",
@@ -88,7 +91,7 @@ def simulate(
     require_sigmf(paths[-1])
     channels = [AirChannel(scene, antenna=antenna) for antenna in range(len(names))]
     try:
-        with _all_or_nothing(paths) as temporary:
+        with all_or_nothing(paths) as temporary:
             for antenna, channel in enumerate(channels):
                 data, truth, meta = temporary[antenna * len(_SUFFIXES) :][: len(_SUFFIXES)]
                 _write_capture(scene, channel, datatype, data, truth, meta, progress)
@@ -190,11 +193,14 @@ def group_centers(scene: Scene) -> np.ndarray:
     >>> group_centers(load_scene("demo"))[:2].round(3)
     array([0.018, 0.054])
     """
+    if scene.packets:
+        groups = int(scene.simulation.duration_s / scene.group_period_s + 1e-9)
+        return (np.arange(groups) + 0.5) * scene.group_period_s
     groups = frame_count(scene) // scene.phase_group.snapshots
     return (np.arange(groups) + 0.5) * scene.group_samples / scene.radio.sample_rate_hz
 
 
-def write_truth(scene: Scene, channel: AirChannel, path: str | Path) -> None:
+def write_truth(scene: Scene, channel: "AirChannel | SimulatedPackets", path: str | Path) -> None:
     """Write the state at the centre of each phase group as CSV, a row per group and sensor.
 
     ``force_n`` is the force on the sensor even where it is too small to short the line (``touch``
@@ -203,7 +209,7 @@ def write_truth(scene: Scene, channel: AirChannel, path: str | Path) -> None:
     Parameters
     ----------
     scene : Scene
-    channel : AirChannel
+    channel : AirChannel or SimulatedPackets
         That of the scene.
     path : str or Path
 
@@ -257,8 +263,28 @@ def _write_metadata(scene: Scene, datatype: str, data: Path, path: Path) -> None
 
 
 @contextmanager
-def _all_or_nothing(paths: Sequence[Path]) -> Iterator[list[Path]]:
-    """Paths in a temporary folder beside ``paths``; moved there in order after success."""
+def all_or_nothing(paths: Sequence[Path]) -> Iterator[list[Path]]:
+    """Files that appear together when all of them are complete, or not at all.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        In one folder.
+
+    Yields
+    ------
+    list of Path
+        To write to: they are in a temporary folder beside ``paths``, and moved there in order
+        after success.
+
+    Examples
+    --------
+    >>> with all_or_nothing([Path("a.txt"), Path("b.txt")]) as temporary:
+    ...     for path in temporary:
+    ...         _ = path.write_text("written")
+    >>> Path("b.txt").read_text()
+    'written'
+    """
     with tempfile.TemporaryDirectory(prefix=".simulate-", dir=paths[0].parent) as folder:
         temporary = [Path(folder) / path.name for path in paths]
         yield temporary
