@@ -71,7 +71,9 @@ class PacketCapture:
         received += self.noise / np.sqrt(2) * noise
         received *= self._packet_factors(rng)
         if self.chain_gain_db:
-            steps = 10 ** (self.chain_gain_db / 20 * rng.integers(-1, 2, (len(received), 1, shape[1])))
+            steps = 10 ** (
+                self.chain_gain_db / 20 * rng.integers(-1, 2, (len(received), 1, shape[1]))
+            )
             received *= steps
         again = np.sort(np.r_[np.arange(len(received)), self._repeats(rng)])
         self.time_s, self.channel = self.time_s[again], received[again].astype(np.complex64)

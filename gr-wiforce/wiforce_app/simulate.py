@@ -30,6 +30,7 @@ def simulate(scene, name, datatype, seed, force):
     presses as NAME.truth.csv. Of a scene with packets, write their channels as NAME.npz."""
     from gnuradio.wiforce.scene import load_scene
     from gnuradio.wiforce.simulation import simulator
+    from gnuradio.wiforce.simulation.truth_file import frame_count
 
     scene = load_scene(scene)
     if seed is not None:
@@ -37,10 +38,10 @@ def simulate(scene, name, datatype, seed, force):
         scene = dataclasses.replace(scene, simulation=simulation)
     if scene.packets:
         return _simulate_packets(scene, name, force)
-    samples = simulator.frame_count(scene) * scene.sounding.frame_length
+    samples = frame_count(scene) * scene.sounding.frame_length
     with progress("simulating", samples * scene.environment.receive_antennas) as done:
         paths = simulator.simulate(scene, name, datatype, done, overwrite=force)
-    groups = simulator.frame_count(scene) // scene.phase_group.snapshots
+    groups = frame_count(scene) // scene.phase_group.snapshots
     _report(paths, scene, samples / scene.radio.sample_rate_hz, groups)
 
 

@@ -8,10 +8,10 @@ import numpy as np
 from ..signal.timed_weights import TimedTable
 from .groups import Array, Groups
 
-# A packet whose channel deviates from the others of its group by this many times their median
-# power is left out. The tag doubles the power of a packet at most where it is as strong as noise,
-# and noise on 50 subcarriers varies by 20 %.
-_OUTLIER = 12.0
+# A packet is left out whose channel deviates from the median by this many times the power that one
+# packet in ten exceeds. Switches are closed in half of the packets, so that one in ten shows a tag
+# of any strength; a second tag, or a press, raises its power by a factor of 6 at most.
+_OUTLIER, _USUAL_SHARE = 10.0, 0.9
 # A group is flagged as one with a gap when it lacks this share of the packets of a typical group,
 # or when none came for this share of its time. Exponential gaps exceed 1 % of a group of 500
 # packets now and then, 10 % never.
@@ -116,4 +116,4 @@ def _usual(channel: Array) -> Array:
     """Packets that do not deviate from the others; ndarray of bool, shape (n,)."""
     center = np.median(channel.real, axis=0) + 1j * np.median(channel.imag, axis=0)
     power = np.mean(np.abs(channel - center) ** 2, axis=1)
-    return power <= _OUTLIER * max(float(np.median(power)), 1e-300)
+    return power <= _OUTLIER * max(float(np.quantile(power, _USUAL_SHARE)), 1e-300)

@@ -17,8 +17,8 @@ from .plan import Plan
 # reduce the noise: 0.1 dB.
 _BANDS_HZ = (2.0, 5.0, 10.0, 20.0, 40.0, 60.0)
 _HIGHEST_BAND, _WORTH_A_BAND = 0.8, 0.977
-# Groups of the reference that are looked at.
-_MOST_GROUPS = 32
+# Groups of the reference that are looked at: for the tags, and for each band.
+_MOST_GROUPS, _BAND_GROUPS = 32, 6
 # Groups with fewer packets than this share of the mean are no typical ones.
 _FEW = 0.5
 
@@ -172,7 +172,7 @@ def _tone_noise(plan: Plan, time_s: np.ndarray, channel: np.ndarray) -> float:
     table = plan.table
     assert isinstance(table, TimedTable)
     found = []
-    for group in range(min(plan.reference_groups, _MOST_GROUPS)):
+    for group in range(min(plan.reference_groups, _BAND_GROUPS)):
         bounds = np.searchsorted(time_s, np.array([group, group + 1]) * table.group_period_s)
         rows = slice(*bounds)
         times_s = time_s[rows] - (group + 0.5) * table.group_period_s

@@ -121,6 +121,17 @@ def shipped_scenes() -> list[str]:
     return sorted(path.stem for path in _shipped_folder().glob("*.yaml"))
 
 
+def sampled_scenes() -> list[str]:
+    """Names of the scenes that are shipped and describe samples, not packets; sorted.
+
+    Examples
+    --------
+    >>> "demo" in sampled_scenes(), "wifi_packets" in sampled_scenes()
+    (True, False)
+    """
+    return [name for name in shipped_scenes() if load_scene(name).packets is None]
+
+
 def about_scene(name: str) -> str:
     """What a scene shows: the comment that its file begins with, as one line.
 

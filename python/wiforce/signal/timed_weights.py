@@ -24,8 +24,8 @@ from .weights import ToneTable
 _SAME_TONE = 0.86
 _OWN_MIRROR = 0.7
 _CLUTTER_SHARE = 0.5
-# Sequences beyond 2BT: what remains of clutter is 60 to 100 dB down, as much as channel estimates of
-# 10 to 16 bits resolve.
+# Sequences beyond 2BT: what remains of clutter is 60 to 100 dB down, as much as channel estimates
+# of 10 to 16 bits resolve.
 _EXTRA_SEQUENCES = 8
 # Condition of the basis beyond which tones count as undetermined; half of the digits remain.
 _WORST_CONDITION = 1e6

@@ -19,9 +19,9 @@ from ..io.textfile import check_output
 from ..scene import Scene, load_scene
 from .presses import TouchState
 from .random_sources import RandomSources
-from .simulator import all_or_nothing, write_truth
 from .streams import Ramp
 from .tag import SwitchedTag
+from .truth_file import all_or_nothing, write_truth
 
 # Delay spread of a room's echoes (tens of ns indoors: IEEE 802.11-03/940r4, models B to D), their
 # number, and the power of all of them relative to the direct path.
@@ -72,8 +72,8 @@ class SimulatedPackets:
 def simulate_packets(
     scene: str | Path | dict[str, Any] | Scene,
     name: str | Path,
-    overwrite: bool = True,
     progress: Callable[[int], object] | None = None,
+    overwrite: bool = True,
 ) -> list[Path]:
     """Write the channel snapshots of a scene with packets, and their truth.
 
@@ -83,10 +83,10 @@ def simulate_packets(
         With ``packets``.
     name : str or Path
         Path of the capture; ``.npz`` at its end is left out.
-    overwrite : bool
-        Replace existing files; otherwise they are refused.
     progress : callable, optional
         Called with the number of packets simulated since the last call.
+    overwrite : bool
+        Replace existing files; otherwise they are refused.
 
     Returns
     -------

@@ -1,31 +1,22 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Simulated captures: the received samples of a scene as SigMF, with the truth beside them."""
 
-import csv
-import os
-import tempfile
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..errors import InputError, unwritable
 from ..io.capture_files import recording_stem, require_sigmf, second_antenna
-from ..io.readings import rounded
 from ..io.samples import DATATYPES, samples_of
 from ..io.textfile import check_output
 from ..scene import Scene, load_scene
 from .adc import Adc
 from .channel import AirChannel
+from .packets import simulate_packets
+from .truth_file import all_or_nothing, frame_count, write_truth
 
-if TYPE_CHECKING:
-    from .packets import SimulatedPackets
-
-TRUTH_COLUMNS = (
-    "time_s", "sensor", "touch", "force_n", "location_mm", "phase1_deg", "phase2_deg",
-)  # fmt: skip
 _SUFFIXES = (".sigmf-data", ".truth.csv", ".sigmf-meta")
 _FRAMES_AT_ONCE = 500
 
@@ -38,6 +29,8 @@ def simulate(
     overwrite: bool = True,
 ) -> list[Path]:
     """Write the capture of a scene and its truth, for each receive antenna.
+
+    Of a scene with packets, channel snapshots are written (:func:`.packets.simulate_packets`).
 
     The files ``NAME.sigmf-data``, ``NAME.sigmf-meta`` and ``NAME.truth.csv``, and those of
     :func:`second_antenna`, appear when all are complete; on failure nothing is left.
@@ -81,6 +74,8 @@ def simulate(
     if datatype not in DATATYPES:
         raise InputError("datatype", f"must be one of {', '.join(DATATYPES)}", datatype)
     scene = load_scene(scene)
+    if scene.packets is not None:
+        return simulate_packets(scene, name, progress, overwrite)
     name = recording_stem(name, "NAME")
     names = [name, second_antenna(name)][: scene.environment.receive_antennas]
     paths = [Path(f"{name}{suffix}") for name in names for suffix in _SUFFIXES]
@@ -116,27 +111,6 @@ def _write_capture(
                 progress(samples.size // (2 if datatype == "ci16_le" else 1))
     write_truth(scene, channel, truth)
     _write_metadata(scene, datatype, data, meta)
-
-
-def frame_count(scene: Scene) -> int:
-    """Number of whole sounding frames in the scene's duration.
-
-    Parameters
-    ----------
-    scene : Scene
-
-    Returns
-    -------
-    int
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> scene = load_scene("demo")
-    >>> frame_count(scene) == int(scene.simulation.duration_s / 57.6e-6 + 1e-9)
-    True
-    """
-    return int(scene.simulation.duration_s / scene.snapshot_period_s + 1e-9)
 
 
 def capture(scene: Scene, channel: AirChannel, datatype: str) -> Iterator[np.ndarray]:
@@ -175,70 +149,6 @@ def capture(scene: Scene, channel: AirChannel, datatype: str) -> Iterator[np.nda
             yield samples_of(adc.codes(received))
 
 
-def group_centers(scene: Scene) -> np.ndarray:
-    """Centres of the whole phase groups of a scene's capture.
-
-    Parameters
-    ----------
-    scene : Scene
-
-    Returns
-    -------
-    ndarray of float, shape (groups,)
-        In s from the first sample.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> group_centers(load_scene("demo"))[:2].round(3)
-    array([0.018, 0.054])
-    """
-    if scene.packets:
-        groups = int(scene.simulation.duration_s / scene.group_period_s + 1e-9)
-        return (np.arange(groups) + 0.5) * scene.group_period_s
-    groups = frame_count(scene) // scene.phase_group.snapshots
-    return (np.arange(groups) + 0.5) * scene.group_samples / scene.radio.sample_rate_hz
-
-
-def write_truth(scene: Scene, channel: "AirChannel | SimulatedPackets", path: str | Path) -> None:
-    """Write the state at the centre of each phase group as CSV, a row per group and sensor.
-
-    ``force_n`` is the force on the sensor even where it is too small to short the line (``touch``
-    0); ``location_mm`` is empty where nothing presses. Numbers are rounded as those of readings.
-
-    Parameters
-    ----------
-    scene : Scene
-    channel : AirChannel or SimulatedPackets
-        That of the scene.
-    path : str or Path
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> scene = load_scene("demo")
-    >>> write_truth(scene, AirChannel(scene), "demo.truth.csv")
-    >>> Path("demo.truth.csv").read_text().splitlines()[0]
-    'time_s,sensor,touch,force_n,location_mm,phase1_deg,phase2_deg'
-    """
-    times = group_centers(scene)
-    states = channel.touch_state(times)
-    with open(path, "w", encoding="utf-8", newline="") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(TRUTH_COLUMNS)
-        for i, time_s in enumerate(times.tolist()):
-            for name, state in states.items():
-                numbers = (state.force_n[i], state.location_mm[i], *state.phases_deg[i])
-                writer.writerow(
-                    [
-                        rounded("time_s", time_s),
-                        name,
-                        int(state.touch[i]),
-                        *map(rounded, TRUTH_COLUMNS[3:], numbers),
-                    ]
-                )
-
-
 def _write_metadata(scene: Scene, datatype: str, data: Path, path: Path) -> None:
     from sigmf import SigMFFile
 
@@ -260,33 +170,3 @@ def _write_metadata(scene: Scene, datatype: str, data: Path, path: Path) -> None
     meta.set_data_file(data)
     with open(path, "w", encoding="utf-8") as stream:
         meta.dump(stream, pretty=True)
-
-
-@contextmanager
-def all_or_nothing(paths: Sequence[Path]) -> Iterator[list[Path]]:
-    """Files that appear together when all of them are complete, or not at all.
-
-    Parameters
-    ----------
-    paths : sequence of Path
-        In one folder.
-
-    Yields
-    ------
-    list of Path
-        To write to: they are in a temporary folder beside ``paths``, and moved there in order
-        after success.
-
-    Examples
-    --------
-    >>> with all_or_nothing([Path("a.txt"), Path("b.txt")]) as temporary:
-    ...     for path in temporary:
-    ...         _ = path.write_text("written")
-    >>> Path("b.txt").read_text()
-    'written'
-    """
-    with tempfile.TemporaryDirectory(prefix=".simulate-", dir=paths[0].parent) as folder:
-        temporary = [Path(folder) / path.name for path in paths]
-        yield temporary
-        for source, target in zip(temporary, paths, strict=True):
-            os.replace(source, target)
