@@ -20,6 +20,9 @@ _KEYS = ("time_s", "channel", "subcarrier_hz")
 # more subcarriers (802.11be, 320 MHz) or antennas.
 LEAST_SUBCARRIERS, MOST_SUBCARRIERS = 4, 4096
 LEAST_PACKETS, MOST_ANTENNAS = 64, 16
+# Longest time without packets, after which a recording is none, and widest band, in Hz: of all bands
+# in which Wi-Fi exists.
+_LONGEST_GAP_S, _WIDEST_HZ = 3600.0, 1e10
 # A subcarrier that is 0 in more packets than this part is a guard or pilot that is not reported.
 _DEAD_SHARE = 0.5
 
@@ -179,8 +182,11 @@ def checked_snapshots(
     times = time_s.astype(float)
     values = channel.reshape(len(times), len(subcarrier_hz), -1)
     with np.errstate(invalid="ignore", over="ignore"):
-        values = values.astype(np.complex64)
-    power = np.abs(values).sum(axis=(1, 2))
+        size = np.abs(values)
+        # Only ratios matter: whatever the unit, squares must not overflow.
+        middle = float(np.median(size[np.isfinite(size) & (size > 0)] if size.any() else 1.0))
+        values = (values / (middle or 1.0)).astype(np.complex64)
+        power = np.sum(np.abs(values) ** 2, axis=(1, 2), dtype=float)
     usable = np.isfinite(power) & (power > 0)
     # A device reports a packet again with the same values, at the same time or shortly after.
     same = np.all(values[1:] == values[:-1], axis=(1, 2)) | (np.diff(times) == 0)
@@ -266,9 +272,17 @@ def _violations(
         yield f"time_s[{row}]: must not lie before the packet before it", float(time_s[row])
     if not time_s[-1] > time_s[0]:
         yield "time_s: must not be the same for all packets", float(time_s[0])
-    if not np.isfinite(subcarrier_hz).all():
-        row = int(np.flatnonzero(~np.isfinite(subcarrier_hz))[0])
-        yield f"subcarrier_hz[{row}]: must be finite", float(subcarrier_hz[row])
+    gaps = np.flatnonzero(np.diff(time_s.astype(float)) > _LONGEST_GAP_S)
+    if gaps.size:
+        row = int(gaps[0]) + 1
+        rule = (
+            f"time_s[{row}]: must not lie more than {_LONGEST_GAP_S:g} s after the packet before it"
+        )
+        yield rule, float(time_s[row])
+    wide = np.flatnonzero(~(np.abs(subcarrier_hz.astype(float)) <= _WIDEST_HZ))
+    if wide.size:
+        rule = f"subcarrier_hz[{wide[0]}]: must be a number of at most {_WIDEST_HZ:g} Hz"
+        yield rule, float(subcarrier_hz[wide[0]])
     if len(np.unique(subcarrier_hz)) < subcarriers:
         yield ("subcarrier_hz: must differ from subcarrier to subcarrier",)
 
