@@ -20,8 +20,8 @@ _KEYS = ("time_s", "channel", "subcarrier_hz")
 # more subcarriers (802.11be, 320 MHz) or antennas.
 LEAST_SUBCARRIERS, MOST_SUBCARRIERS = 4, 4096
 LEAST_PACKETS, MOST_ANTENNAS = 64, 16
-# Longest time without packets, after which a recording is none, and widest band, in Hz: of all bands
-# in which Wi-Fi exists.
+# Longest time without packets, after which a recording is none, and farthest subcarrier from the
+# carrier, in Hz: that of no radio.
 _LONGEST_GAP_S, _WIDEST_HZ = 3600.0, 1e10
 # A subcarrier that is 0 in more packets than this part is a guard or pilot that is not reported.
 _DEAD_SHARE = 0.5
