@@ -4,6 +4,7 @@
 import click
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.channel_snapshots import is_snapshots, open_snapshots
+from gnuradio.wiforce.io.csi_tools import check_tool, open_csi
 from gnuradio.wiforce.planning.findings import findings
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.recording import RecordingReader
@@ -45,6 +46,12 @@ from .stream_events import describe_events
 )
 @sample_type
 @click.option(
+    "--csi-tool",
+    metavar="TOOL",
+    help="The file is one of channel snapshots by a CSI tool: intel, atheros, esp32 or "
+    "nexmon/CHIP/MHZ.",
+)
+@click.option(
     "--frame-offset",
     type=IntegerRange(0),
     help="Samples before the first frame. Default: detected; where no frames are detected, nothing "
@@ -79,12 +86,16 @@ def read(
     (.npz), a folder that is searched for these, or a pattern such as 'day*/press*'. Several
     captures are read in parallel; a run that is repeated reads those that are new or have changed.
     """
+    if settings["csi_tool"] is not None:
+        check_tool(settings["csi_tool"])
     if is_one(captures):
         one = {"--format": form, "--again": again, "--jobs": jobs, "--scheduler": scheduler}
         _refuse(one, "needs several captures or a folder")
         return _read_one(captures[0], scene_path, output, mcap, plot_path, follow, **settings)
     _refuse({"--mcap": mcap, "--plot": plot_path, "--follow": follow}, "takes one capture")
     from .captures.read_many import read_many
+
+    _refuse({"--csi-tool": settings.pop("csi_tool")}, "takes one capture")
 
     return read_many(captures, scene_path, output, form, again, jobs, scheduler, settings)
 
@@ -96,9 +107,9 @@ def _refuse(options, rule):
 
 
 def _read_one(
-    capture, scene_path, output, mcap, plot_path, follow, datatype, frame_offset, tracked
+    capture, scene_path, output, mcap, plot_path, follow, datatype, csi_tool, frame_offset, tracked
 ):
-    snapshots = is_snapshots(capture)
+    snapshots = csi_tool is not None or is_snapshots(capture)
     if snapshots:
         _refuse(
             {
@@ -108,7 +119,10 @@ def _read_one(
             },
             "is for captures of samples, not for channel snapshots",
         )
-    recording = open_snapshots(capture) if snapshots else open_capture(capture, datatype)
+    if snapshots:
+        recording = open_csi(capture, csi_tool) if csi_tool else open_snapshots(capture)
+    else:
+        recording = open_capture(capture, datatype)
     scene, differences = scene_of(recording, scene_path)
     settings = plan(scene)
     inputs = [*recording.files, *scene.files]
