@@ -46,6 +46,9 @@ class PacketCapture:
     jitter: float | None = None  # share of the interval; None for exponential gaps
     chain_gain_db: float = 0.0
     common_phase: bool = True
+    lamp: float = 0.0  # amplitude of a path that a lamp modulates, on mains of 60.01 Hz
+    walker: float = 0.0  # amplitude of a path by way of a person, with a Doppler up to 20 Hz
+    stamp_s: float = 0.0  # standard deviation of the errors of the times that are reported
     time_s: np.ndarray = field(init=False, repr=False)
     channel: np.ndarray = field(init=False, repr=False)
     subcarrier_hz: np.ndarray = field(init=False, repr=False)
@@ -67,6 +70,12 @@ class PacketCapture:
                 degrees = np.where(touched, tag.touched_deg[end], tag.untouched_deg[end])
                 reflected = own[:, end] * np.exp(1j * np.radians(degrees))
                 received += reflected[:, None, None] * way
+        burning = np.abs(np.sin(2 * np.pi * 60.01 * since))
+        received += (
+            self.lamp * burning[:, None, None] * self._paths(rng, 3, 30e-9, shape, first=1.0)
+        )
+        walking = np.exp(2j * np.pi * 20 * np.sin(since))
+        received += self.walker * walking[:, None, None] * self._paths(rng, 3, 30e-9, shape, 1.0)
         noise = rng.normal(size=(*received.shape, 2)) @ np.array([1, 1j])
         received += self.noise / np.sqrt(2) * noise
         received *= self._packet_factors(rng)
@@ -77,6 +86,8 @@ class PacketCapture:
             received *= steps
         again = np.sort(np.r_[np.arange(len(received)), self._repeats(rng)])
         self.time_s, self.channel = self.time_s[again], received[again].astype(np.complex64)
+        if self.stamp_s:
+            self.time_s = np.sort(self.time_s + self.stamp_s * rng.normal(size=len(self.time_s)))
 
     def _times(self, rng):
         count = int(1.3 * self.duration_s / self.interval_s)

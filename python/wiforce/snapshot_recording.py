@@ -12,7 +12,7 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from .errors import InputError
-from .estimation.antenna_combination import AntennaCombination
+from .estimation.antenna_combination import AntennaCombination, without_gain_steps
 from .estimation.groups import Array, Groups
 from .estimation.packet_groups import whole_groups
 from .estimation.press_evidence import Suspicion
@@ -90,7 +90,7 @@ class SnapshotReader:
             channel = _without_oscillator(recording, untouched, free)
             self.plan = fitted_plan(plan, recording.subcarrier_hz, time_s, channel)
             if free:
-                ratios = tag_ratios(self.plan, time_s, channel)
+                ratios = tag_ratios(self.plan, time_s, channel, recording.antennas)
                 self.plan = replace(self.plan, tag_ratios=ratios)
             self.source = groups_of(self.plan, time_s, channel)
         self.receiver = Receiver(self.plan, tracked, derotated=False, on_groups=on_groups)
@@ -156,5 +156,6 @@ def _without_oscillator(recording: ChannelSnapshots, untouched: Array, free: boo
     channel: Any = recording.channel
     if not free:
         return np.asarray(channel.reshape(len(channel), -1))
+    channel, _ = without_gain_steps(channel)
     combination = AntennaCombination(channel[untouched], recording.subcarrier_hz)
     return combination.process(channel)

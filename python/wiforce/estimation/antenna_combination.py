@@ -15,6 +15,69 @@ _COHERENT = 0.9
 # Packets of which the static paths are estimated.
 _MOST_PACKETS = 4000
 
+# Steps of one antenna's gain against the others', in nepers, that are larger than what a tag does
+# to the mean power of a packet, and packets with the same gain from which on it is measured.
+_LEAST_STEP, _LEAST_ALIKE = np.log(10) / 20 * 0.3, 20
+
+
+def without_gain_steps(channel: Array) -> tuple[Array, int]:
+    """Undo steps of the gain of single antennas, which the common factor of a packet does not hold.
+
+    Parameters
+    ----------
+    channel : ndarray of complex, shape (n, K, A)
+
+    Returns
+    -------
+    channel : ndarray of complex, shape (n, K, A)
+        Each antenna with the gain and phase against the first one that most packets have.
+    alike : int
+        Packets whose antennas had these gains already.
+
+    Notes
+    -----
+    The gain of an antenna against the first one is the ratio of their powers over all
+    subcarriers. Its levels are told apart by gaps of 0.3 dB or more. Packets of one level are
+    brought to the most frequent one by a complex factor, measured over all of them: a tag, which
+    is open and closed in any of them alike, does not change it. Rare levels stay as they are, and
+    their packets are left out later.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> channel = rng.standard_normal((400, 8, 2)) * 0.01 + np.array([1.0, 2.0])
+    >>> channel[:, :, 1] *= rng.choice([1.0, 1.12], 400)[:, None]
+    >>> level, alike = without_gain_steps(channel)
+    >>> bool(np.ptp(np.abs(level[:, :, 1]).mean(axis=1)) < 0.1), 150 < alike < 250
+    (True, True)
+    """
+    power = np.sum(np.abs(channel) ** 2, axis=1)
+    levels = 0.5 * np.log(np.maximum(power, 1e-300) / np.maximum(power[:, :1], 1e-300))
+    corrected, unchanged = channel, np.ones(len(channel), bool)
+    for antenna in range(1, channel.shape[2]):
+        order = np.argsort(levels[:, antenna])
+        breaks = np.flatnonzero(np.diff(levels[order, antenna]) > _LEAST_STEP) + 1
+        clusters = np.split(order, breaks)
+        if len(clusters) == 1:
+            continue
+        if corrected is channel:
+            corrected = channel.copy()
+        clusters.sort(key=len, reverse=True)
+        usual = _against_first(channel, clusters[0], antenna)
+        for rows in clusters[1:]:
+            unchanged[rows] = False
+            if len(rows) >= _LEAST_ALIKE:
+                own = _against_first(channel, rows, antenna)
+                corrected[rows, :, antenna] *= np.vdot(own, usual) / np.vdot(own, own)
+    return corrected, int(np.count_nonzero(unchanged))
+
+
+def _against_first(channel: Array, rows: Array, antenna: int) -> Array:
+    """Mean of an antenna against the first one in some packets, on each subcarrier; shape (K,)."""
+    first, other = channel[rows, :, 0], channel[rows, :, antenna]
+    size = np.mean(np.abs(first) ** 2, axis=1, keepdims=True)
+    return np.asarray(np.mean(other * first.conj() / np.maximum(size, 1e-300), axis=0))
+
 
 class AntennaCombination:
     """Combines the antennas of a receiver to channels without its oscillator, gain and timing.

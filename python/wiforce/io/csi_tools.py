@@ -9,6 +9,7 @@ import re
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -131,7 +132,12 @@ def convert(path: str, tool: str, output: str) -> None:
     >>> convert("press.dat", "intel", "press.npz")  # doctest: +SKIP
     """
     name, *settings = tool.split("/")
-    readers = {"intel": _intel, "atheros": _atheros, "esp32": _esp32, "nexmon": _nexmon}
+    readers: dict[str, Callable[..., _Arrays]] = {
+        "intel": _intel,
+        "atheros": _atheros,
+        "esp32": _esp32,
+        "nexmon": _nexmon,
+    }
     time_s, channel, subcarriers = readers[name](path, *settings)
     np.savez(output, time_s=time_s, channel=channel, subcarrier_hz=subcarriers * _SPACING_HZ)
 

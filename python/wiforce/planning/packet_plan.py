@@ -17,6 +17,8 @@ from .plan import Plan
 # reduce the noise: 0.1 dB.
 _BANDS_HZ = (2.0, 5.0, 10.0, 20.0, 40.0, 60.0)
 _HIGHEST_BAND, _WORTH_A_BAND = 0.8, 0.977
+# Probability of two standard deviations being exceeded.
+_EXCEEDED = 0.05
 # Groups of the reference that are looked at: for the tags, and for each band.
 _MOST_GROUPS, _BAND_GROUPS = 32, 6
 # Groups with fewer packets than this share of the mean are no typical ones.
@@ -116,7 +118,9 @@ def groups_of(plan: Plan, time_s: np.ndarray, channel: np.ndarray) -> PacketGrou
     return PacketGroups(table, time_s, channel)
 
 
-def tag_ratios(plan: Plan, time_s: np.ndarray, channel: np.ndarray) -> tuple[float, ...]:
+def tag_ratios(
+    plan: Plan, time_s: np.ndarray, channel: np.ndarray, antennas: int
+) -> tuple[float, ...]:
     """Amplitude of each tag in the sum of all antennas that packets are divided by.
 
     Parameters
@@ -125,6 +129,8 @@ def tag_ratios(plan: Plan, time_s: np.ndarray, channel: np.ndarray) -> tuple[flo
         Fitted to the packets.
     time_s, channel : ndarray
         As for :func:`fitted_plan`, in units of the static paths.
+    antennas : int
+        At least 2.
 
     Returns
     -------
@@ -134,11 +140,13 @@ def tag_ratios(plan: Plan, time_s: np.ndarray, channel: np.ndarray) -> tuple[flo
     Notes
     -----
     What the static paths' direction holds of the tag cannot be measured: it is what common phase
-    and gain of a packet are. It is taken to be as much as each of the other directions holds.
+    and gain of a packet are. Of A directions with independent Rayleigh fading it holds t times the
+    mean power of the A - 1 others or more with a probability of (1 + t / (A - 1))^(1 - A). The
+    result is half the amplitude that is exceeded in 5 %, so that two standard deviations hold it.
 
     Examples
     --------
-    >>> tag_ratios(plan, time_s, channel)  # doctest: +SKIP
+    >>> tag_ratios(plan, time_s, channel, antennas=2)  # doctest: +SKIP
     (0.0035,)
     """
     groups = _separated(plan, time_s, channel)
@@ -149,7 +157,9 @@ def tag_ratios(plan: Plan, time_s: np.ndarray, channel: np.ndarray) -> tuple[flo
     noise = gain * groups.noise[known].mean(axis=1)[:, None]
     power = np.median(np.mean(np.abs(ends) ** 2, axis=2) - noise, axis=0)
     power = np.maximum(power, np.median(noise, axis=0)).reshape(-1, 2).max(axis=1)
-    return tuple(np.sqrt(power).tolist())
+    others = antennas - 1
+    exceeded = others * (_EXCEEDED ** (-1 / others) - 1)
+    return tuple((np.sqrt(exceeded * power) / 2).tolist())
 
 
 def _with_band(plan: Plan, time_s: np.ndarray, channel: np.ndarray) -> Plan:
