@@ -31,7 +31,6 @@ _KEPT_BATCHES = 64
 _BEHIND_S = 1.0
 # Frames of a transmitter on a clock of its own drift: by 50 ppm 0.04 samples of 720 in each.
 _FREE_SEARCHED_FRAMES = 50
-_FRAME_KEYS = "waveform", "frame_length", "sample_rate"
 
 
 class LiveSession:
@@ -89,8 +88,8 @@ class LiveSession:
         self.source.set_min_output_buffer(_BUFFER_SAMPLES)
         self.fold = self.reader.fold
         if self.fold is None:  # two antennas
-            settings = {key: self._request.sounding[key] for key in _FRAME_KEYS}
-            self.fold, self._ratio = free_fold(**settings), wiforce.antenna_ratio(**settings)
+            self.fold = free_fold(self.waveform)
+            self._ratio = wiforce.antenna_ratio(self.waveform)
             for antenna in range(2):
                 self._flowgraph.connect((self.source, antenna), (self.fold, antenna))
                 self._flowgraph.connect((self.fold, antenna), (self._ratio, antenna))

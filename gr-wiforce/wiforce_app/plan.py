@@ -9,6 +9,7 @@ from gnuradio.wiforce.planning.advice import improve as proposals_for
 from gnuradio.wiforce.planning.advice import warnings as warnings_of
 from gnuradio.wiforce.planning.bands import licence_note
 from gnuradio.wiforce.planning.expected import expect
+from gnuradio.wiforce.planning.packet_advice import recommendation
 from gnuradio.wiforce.planning.plan import plan as plan_of
 from gnuradio.wiforce.planning.steps import steps as steps_of
 from gnuradio.wiforce.planning.surface import expect_surface, surface_warnings
@@ -44,7 +45,7 @@ def plan(scene, capture_path, datatype, improve, measure, as_json):
         "steps": [dataclasses.asdict(step) for step in steps_of(settings)],
         "expected": [dataclasses.asdict(sensor) for sensor in expect(settings)],
         "warnings": [*warnings_of(settings), *surface_warnings(settings)],
-        "notes": [note for note in [licence_note(scene)] if note],
+        "notes": [note for note in [licence_note(scene), recommendation(settings)] if note],
     }
     if settings.skin is not None:
         report["surface"] = [dataclasses.asdict(point) for point in expect_surface(settings)]

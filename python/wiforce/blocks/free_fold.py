@@ -8,7 +8,8 @@ from gnuradio import gr
 from .. import names
 from ..estimation.frame_follower import FrameFollower
 from ..estimation.groups import Array
-from ..signal.waveform import FFT_LENGTH, sounding_waveform
+from ..signal.waveform import Waveform
+from .frame_settings import frames_of
 from .noise_tags import noise_value
 from .stream_time import Timeline
 
@@ -28,12 +29,13 @@ class free_fold(gr.basic_block):
     Connect the outputs to an ``antenna_ratio``.
 
     Input 0 and 1: complex 16-bit samples of two antennas, from the first frame on, with the tags of
-    input 0. Output 0 and 1: vectors of 64, as ``preamble_fold`` gives them.
+    input 0. Output 0 and 1: vectors of a symbol's samples, as ``preamble_fold`` gives them.
 
     Parameters
     ----------
-    waveform : str
-        ``repeated`` or ``wifi``, as it was sent.
+    waveform : str or Waveform
+        A shipped waveform's name, or the ``.npy`` file of a symbol. A Waveform states its own
+        frame length and rate.
     frame_length : int
         Samples per frame.
     sample_rate : float
@@ -56,18 +58,21 @@ class free_fold(gr.basic_block):
     """
 
     def __init__(
-        self, waveform: str = "repeated", frame_length: int = 720, sample_rate: float = 12.5e6
+        self,
+        waveform: str | Waveform = "repeated",
+        frame_length: int = 720,
+        sample_rate: float = 12.5e6,
     ) -> None:
-        vector = (np.complex64, FFT_LENGTH)
+        self._waveform = frames_of(waveform, frame_length, sample_rate)
+        vector = (np.complex64, self._waveform.symbol_length)
         gr.basic_block.__init__(
             self, "free_fold", in_sig=[(np.int16, 2)] * 2, out_sig=[vector, vector]
         )
         self.set_tag_propagation_policy(gr.TPP_DONT)
-        self._waveform = sounding_waveform(waveform, frame_length, sample_rate)
-        self.follower = FrameFollower(frame_length)
-        self._timeline = Timeline(sample_rate)
+        self.follower = FrameFollower(self._waveform.frame_length)
+        self._timeline = Timeline(self._waveform.sample_rate_hz)
         self._gaps = self._lost = 0
-        # Folded vectors (n, 2, 64) with their noise (n, 2, 2) and saturation (n,).
+        # Folded vectors (n, 2, N) with their noise (n, 2, 2) and saturation (n,).
         self._waiting: list[tuple[Array, Array, Array]] = []
         self._count = self._written = 0  # vectors folded and put out
         self._marks: list[tuple[int, object, object]] = []  # vector, key, value
@@ -136,8 +141,9 @@ class free_fold(gr.basic_block):
             self._mark(_RETUNED, pmt.from_uint64(1))
             self._retuned = False
         begin, repetitions = self._waveform.first_averaged, self._waveform.repetitions
-        averaged = frames[:, begin : begin + repetitions * FFT_LENGTH]
-        shape = len(frames), repetitions, FFT_LENGTH, 2, 2
+        length = self._waveform.symbol_length
+        averaged = frames[:, begin : begin + repetitions * length]
+        shape = len(frames), repetitions, length, 2, 2
         parts = averaged.reshape(shape).astype(np.float32) / 32768
         steps = np.sum(np.diff(parts, axis=1) ** 2, axis=-1)
         noise = np.stack([steps.min(axis=1).mean(axis=1), steps.max(axis=1).mean(axis=1)], -1)

@@ -13,6 +13,7 @@ from .clocks import ClockReport, assess_clocks
 from .expected import expect
 from .levels import receive_levels, why_not_readable
 from .mains import lamp_multiples, lamp_warnings, lines_near_lamps
+from .packet_advice import packet_changes, packet_warnings
 from .plan import Plan
 from .plan import plan as plan_of
 from .proposed_clocks import propose_clocks
@@ -80,6 +81,13 @@ def warnings(plan: Plan) -> list[str]:
     "clock collision: line 7 of 'left' falls on line 5 of 'right"
     """
     scene = plan.require_scene()
+    if scene.packets is not None:
+        return [
+            *packet_warnings(plan),
+            *_motion_warnings(scene, plan),
+            *_receiver_warnings(scene),
+            *_sensor_warnings(scene),
+        ]
     return [
         *outside_band(scene),
         *_clock_warnings(scene, plan),
@@ -142,7 +150,8 @@ def _motion_warnings(scene: Scene, plan: Plan) -> Iterator[str]:
             f"{plan.group_length} snapshots per group separate the lines from each other and from "
             f"clutter at a cost of {max(plan.loss_db):.1f} dB"
         )
-    if scene.simulation.moving_clutter_hz > plan.clutter_hz:
+    moves = scene.packets is None or scene.simulation.moving_clutter_db is not None
+    if moves and scene.simulation.moving_clutter_hz > plan.clutter_hz:
         yield (
             f"moving clutter reaches {scene.simulation.moving_clutter_hz:g} Hz, but "
             f"environment.moving_clutter_hz is {plan.clutter_hz:g}: it leaks into the lines"
@@ -208,7 +217,7 @@ def improve(plan: Plan) -> list[Proposal]:
     now = _worst_std(plan)
     found = []
     scene = plan.require_scene()
-    against_lamps = list(_lamp_changes(scene, plan))
+    against_lamps = [] if scene.packets is not None else list(_lamp_changes(scene, plan))
     for change, reason, better in [*_changes(scene, plan), *against_lamps]:
         try:
             changed = plan_of(better)
@@ -229,9 +238,12 @@ def _worst_std(plan: Plan) -> float:
 
 def _changes(scene: Scene, plan: Plan) -> Iterator[tuple[str, str, Scene]]:
     """Text of the change, why, and the changed scene."""
-    yield from _guard_changes(scene)
-    yield from _length_changes(scene, plan)
-    yield from _clock_changes(scene, plan)
+    if scene.packets is not None:
+        yield from packet_changes(scene, plan)
+    else:
+        yield from _guard_changes(scene)
+        yield from _length_changes(scene, plan)
+        yield from _clock_changes(scene, plan)
     if plan.reference_groups < _REFERENCE_GROUPS:
         reference_s = round(_REFERENCE_GROUPS * plan.group_period_s + 0.005, 2)
         yield (
