@@ -281,18 +281,20 @@ def _clock_changes(scene: Scene, plan: Plan) -> Iterator[tuple[str, str, Scene]]
     clocks_hz = [sensor.clock_hz for sensor in scene.sensors]
     for i, sensor in enumerate(scene.sensors[1:], 1):
         others = clocks_hz[:i] + clocks_hz[i + 1 :]
-        better = propose_clocks(
-            1,
-            plan.waveform,
-            min(plan.group_length, _LONGEST_SEARCHED),
-            others,
-            tolerance_ppm=plan.clocks[i].planned_ppm,
-            clutter_hz=plan.clutter_hz,
-            mains_hz=scene.environment.possible_mains_hz,
-        )
-        for clock_hz in better:
-            reason = f"lines of '{sensor.name}' further from those of the other tags"
-            yield _with_clock(scene, i, clock_hz, reason)
+        try:
+            (clock_hz,) = propose_clocks(
+                1,
+                plan.waveform,
+                min(plan.group_length, _LONGEST_SEARCHED),
+                others,
+                tolerance_ppm=plan.clocks[i].planned_ppm,
+                clutter_hz=plan.clutter_hz,
+                mains_hz=scene.environment.possible_mains_hz,
+            )
+        except InputError:
+            continue
+        reason = f"lines of '{sensor.name}' further from those of the other tags"
+        yield _with_clock(scene, i, clock_hz, reason)
 
 
 def _with_clock(scene: Scene, i: int, clock_hz: float, reason: str) -> tuple[str, str, Scene]:
