@@ -6,11 +6,14 @@ import time
 
 import numpy as np
 import pytest
+from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.planning.advice import _all_clocks_changes
 from gnuradio.wiforce.planning.clock_lines import line_distances_hz, most_that_fit
 from gnuradio.wiforce.planning.clocks import assess_clocks
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.planning.proposed_clocks import propose_clocks
+from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 
 WAVEFORM = sounding_waveform()
@@ -143,3 +146,35 @@ def test_sets_of_clocks_never_exceed_what_one_octave_holds(bins):
             size += 1
         found = max(found, size)
     assert 2 <= found <= most <= found + 1
+
+
+def test_command_plan_clocks_lists_clocks_that_can_be_planned(tmp_path):
+    """Designers of many sensors begin with their clocks, before they have a scene that works."""
+    (tmp_path / "many.yaml").write_text("sensors: [{name: arm, model: line-900mhz}]\n")
+    done = run_command("plan", tmp_path / "many.yaml", "--clocks", "12")
+    lines = done.stdout.splitlines()
+    clocks = [float(line.split()[1]) for line in lines if line.startswith("clock_hz: ")]
+    plan(scene_of(clocks, 625))
+    apart_hz = float(next(line for line in lines if "apart" in line).split(" lie ")[1].split()[0])
+    assert len(clocks) == 12 and apart_hz == pytest.approx(line_gap_hz(clocks, 100.0), rel=5e-3)
+
+
+def test_command_plan_more_clocks_than_fit_is_refused_in_one_line(tmp_path):
+    """The number that fits is what the user needs in order to go on."""
+    text = "sensors: [{name: arm, model: line-900mhz}]\nphase_group: {snapshots: 63}\n"
+    (tmp_path / "short.yaml").write_text(text)
+    done = run_command("plan", tmp_path / "short.yaml", "--clocks", "16")
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert "--clocks: must be at most 3: no more tags fit" in done.stderr
+
+
+def test_improve_names_clocks_for_all_tags_that_lamps_disturb():
+    """Changing one clock at a time does not help where all of them lie on lines of lamps."""
+    scene = load_scene(scene_of([1000.0, 1400.0, 800.0], 625))
+    ((change, reason, changed),) = _all_clocks_changes(scene, plan(scene))
+    clocks = [sensor.clock_hz for sensor in changed.sensors]
+    assert change == f"sensors[0..2].clock_hz: {', '.join(f'{hz:g}' for hz in clocks)}"
+    assert reason.startswith("strong lines of 0 instead of 3 tags")
+    assert line_gap_hz(clocks, 100.0) >= 2 * bin_hz(625)
+    lamps = np.concatenate([2 * hz * np.arange(200) for hz in (50.0, 60.0)])
+    assert min(np.abs(m * hz - lamps).min() for hz in clocks for m in STRONG) >= bin_hz(625)

@@ -9,17 +9,22 @@ many fit.
 
 from bisect import bisect_left
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
 from ..estimation.likelihood import PHASE_MARGIN, own_lines, phase_margin
+from ..estimation.tracked_tag import TagClock
+from ..scene import load_scene
 from ..signal.lines import CLUTTER_MARGIN, tag_lines
 from ..signal.switching import harmonics
 from ..signal.waveform import Waveform
 from ..signal.weights import WORST_GAIN, design_weights
 from .clock_lines import LineTable, line_distances_hz, most_that_fit
 from .clocks import assess_clocks
+from .clutter_band import BANDS_HZ
 from .mains import lamp_distances_hz
 from .pulses import Pulses, double_rate_pulses
 
@@ -116,6 +121,96 @@ def propose_clocks(
         )
         raise InputError("count", rule, count)
     return found
+
+
+@dataclass(frozen=True)
+class SceneClocks:
+    """Clocks for the tags of a scene.
+
+    Attributes
+    ----------
+    clocks_hz : list of float
+    line_distance_hz : float or None
+        Least distance of lines 1, 2 and 4 of two tags, clocks off by their tolerance; None for a
+        single tag.
+    lamp_distances_hz : list of float or None
+        Least distance of these lines of each tag to a lamp's line; None where the scene excludes
+        lamps.
+    bin_hz : float
+        Inverse of the length of a phase group.
+    worst_loss_db : float
+        What neighbours, aliases and clutter cost the weakest end.
+
+    Examples
+    --------
+    >>> clocks_for("demo", 2).clocks_hz
+    [435.0, 1035.0]
+    """
+
+    clocks_hz: list[float]
+    line_distance_hz: float | None
+    lamp_distances_hz: list[float] | None
+    bin_hz: float
+    worst_loss_db: float
+
+
+def clocks_for(scene: Any, count: int) -> SceneClocks:
+    """Clocks for a number of tags in the frame, the phase groups and the room of a scene.
+
+    Parameters
+    ----------
+    scene : str, Path, dict or Scene
+        The clocks of its sensors are not considered, but how far they may be off.
+    count : int
+
+    Returns
+    -------
+    SceneClocks
+
+    Raises
+    ------
+    InputError
+        As for :func:`propose_clocks`.
+
+    Examples
+    --------
+    >>> found = clocks_for("demo", 4)
+    >>> len(found.clocks_hz), found.line_distance_hz > 2 * found.bin_hz
+    (4, True)
+    """
+    scene = load_scene(scene)
+    waveform, group_length = scene.waveform(), scene.phase_group.snapshots
+    mains_hz = scene.environment.possible_mains_hz
+    tags = [TagClock(sensor.clock_hz, sensor.clock_tolerance_ppm) for sensor in scene.sensors]
+    tolerance_ppm = max(tag.planned_ppm for tag in tags)
+    stated_hz = scene.environment.moving_clutter_hz
+    # The plan rejects a wide band where the clocks leave room for it.
+    for clutter_hz in [BANDS_HZ[0], 0.0] if stated_hz is None else [stated_hz]:
+        settings = waveform, group_length, None, tolerance_ppm, clutter_hz
+        try:
+            clocks_hz = propose_clocks(
+                count,
+                waveform,
+                group_length,
+                tolerance_ppm=tolerance_ppm,
+                clutter_hz=clutter_hz,
+                mains_hz=mains_hz,
+            )
+            break
+        except InputError:
+            if clutter_hz in (0.0, stated_hz):
+                raise
+    clocks = np.array(clocks_hz)
+    one, other = np.triu_indices(count, 1)
+    distances = line_distances_hz(clocks[one], clocks[other], tolerance_ppm)
+    lamps = [float(lamp_distances_hz(hz, mains_hz).min()) for hz in clocks_hz]
+    return SceneClocks(
+        clocks_hz,
+        float(distances.min()) if count > 1 else None,
+        lamps if mains_hz else None,
+        1 / (group_length * waveform.snapshot_period_s),
+        assess_clocks(clocks_hz, *settings).worst_loss_db,
+    )
 
 
 class _Search:
