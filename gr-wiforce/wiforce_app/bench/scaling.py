@@ -6,7 +6,7 @@ import os
 import platform
 import tempfile
 import time
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -95,7 +95,7 @@ def measure(axes, folder=None, kept=None):
     """
     result = _read(kept) or {"machine": _machine(), "rows": []}
     known = [row["setting"] for row in result["rows"]]
-    wanted = [s for axis in axes for s in AXES[axis] if _is_supported(s)]
+    wanted = [s for axis in axes for s in AXES[axis]]
     missing = [s for s in wanted if asdict(s) not in known]
     with (
         tempfile.TemporaryDirectory(prefix="wiforce-scaling-", dir=folder) as place,
@@ -139,19 +139,12 @@ def _machine():
     return {"processor": model, "cores": len(os.sched_getaffinity(0)), "numpy": np.__version__}
 
 
-def _is_supported(setting):
-    """Whether scenes can have such a symbol."""
-    from gnuradio.wiforce.scene.schema import Sounding
-
-    return setting.symbol_length == 64 or "symbol_length" in {f.name for f in fields(Sounding)}
-
-
 def scene_of(setting):
     """The scene of a row, as a mapping."""
     from gnuradio.wiforce.planning.proposed_clocks import clocks_for
 
     sounding = {"frame_length": setting.frame_length}
-    if setting.symbol_length != 64:
+    if setting.axis == "symbol_length":
         sounding |= {"symbol_length": setting.symbol_length, "repetitions": 2}
     names = [f"sensor{i + 1}" for i in range(setting.sensors)]
     room = {"moving_clutter_hz": 0, "mains_hz": None}
