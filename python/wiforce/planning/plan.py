@@ -21,7 +21,7 @@ from ..signal.timed_weights import timed_table
 from ..signal.waveform import Waveform
 from ..signal.weights import ToneTable, design_weights
 from ..surface.skin import Skin
-from .clutter_band import automatic_band_hz
+from .clutter_band import clutter_band_hz
 from .loss import losses_db
 from .packet_times import typical_times_s
 
@@ -232,7 +232,7 @@ class Plan:
             file and key.
         """
         scene = self.require_scene()
-        changed = replace(self, clocks=clocks, clutter_hz=_clutter_band_hz(scene, clocks))
+        changed = replace(self, clocks=clocks, clutter_hz=clutter_band_hz(scene, clocks))
         try:
             if self.estimator == "harmonic":
                 return _with_fewest_harmonics(changed)
@@ -348,21 +348,6 @@ def plan(scene: Any, snapshots: int | None = None, estimator: str | None = None)
         times_s=times_s,
     )
     return settings.with_clocks(clocks)
-
-
-def _clutter_band_hz(scene: Scene, clocks: tuple[TagClock, ...]) -> float:
-    """The scene's clutter band, or one that costs hardly anything where it states none."""
-    stated_hz = scene.environment.moving_clutter_hz
-    if stated_hz is not None:
-        return stated_hz
-    # Every sequence that is rejected at irregular times costs a packet's worth of information, so
-    # that nothing is rejected before a survey has found something.
-    if scene.packets or estimator_named(scene.phase_group.estimator).rectangular:
-        return 0.0
-    waveform = scene.waveform()
-    return automatic_band_hz(
-        clocks, scene.phase_group.snapshots, waveform.snapshot_period_s, waveform.averaging_s
-    )
 
 
 def _scene_keys(scene: Scene) -> dict[str, str]:
