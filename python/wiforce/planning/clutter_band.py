@@ -80,7 +80,7 @@ def clutter_band_hz(scene: Scene, clocks: Sequence[TagClock]) -> float:
     Examples
     --------
     >>> from gnuradio.wiforce.scene import load_scene
-    >>> clutter_band_hz(load_scene("demo"), [TagClock(1000.0)])
+    >>> clutter_band_hz(load_scene("cheap_tag"), [TagClock(1000.0)])
     250.0
     """
     stated_hz = scene.environment.moving_clutter_hz
