@@ -15,7 +15,7 @@ FOLDER = Path(__file__).parent
 SCENES = sorted(path.stem for path in (FOLDER / "scenes").glob("*.yaml"))
 TRACKED = ("demo", "fingertip", "paper_900", "tabletop_two", "two_sensors")
 # Scenes short enough for every run of the tests.
-QUICK = ("distance_50cm", "naive_clocks", "tabletop", "tabletop_two")
+QUICK = ("distance_50cm", "naive_clocks", "own_symbol", "tabletop", "tabletop_two")
 NUMBERS = (
     "time_s",
     "force_n",
