@@ -118,7 +118,7 @@ def test_missing_file_and_folder_are_named(tmp_path):
         ({"averaged_repetitions": 5, "repetitions": 5}, "must be below 5"),
         ({"repetitions": 12}, "frame_length: must be an integer >= 768, the samples of the pre"),
         ({"repetitions": 0}, "repetitions: must be an integer from 1"),
-        ({"symbol_length": 64}, "symbol_length: does not apply to a symbol from a file"),
+        ({"symbol_length": 65}, "symbol_length: must be 64, as this symbol has, got 65"),
         ({"waveform": "own.npz"}, "sounding.waveform: must be 'repeated'"),
         ({"waveform": 7}, "sounding.waveform: must be 'repeated'"),
         ({"waveform": "wifi", "repetitions": 3}, "repetitions: does not apply to the waveform"),

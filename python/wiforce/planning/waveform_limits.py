@@ -146,4 +146,5 @@ def waveform_warnings(plan: Plan) -> Iterator[str]:
 
 
 def _loss_db(cycles: float) -> float:
-    return float(min(-20 * np.log10(max(abs(np.sinc(cycles)), 1e-5)), 100.0))
+    amplitude = max(abs(float(np.sinc(cycles))), 1e-5)
+    return float(-20 * np.log10(amplitude))
