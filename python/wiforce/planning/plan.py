@@ -14,11 +14,13 @@ from ..estimation.estimators import estimator_named
 from ..estimation.likelihood import PhaseLikelihood
 from ..estimation.tracked_tag import WIDEST_PPM, TagClock
 from ..scene import Scene, load_scene
+from ..scene.surface import skin_of
 from ..sensor import SensorModel
 from ..signal.lines import tag_lines
 from ..signal.room_noise import RoomNoise
 from ..signal.waveform import Waveform
 from ..signal.weights import ToneTable, design_weights
+from ..surface.skin import Skin
 from .clutter_band import automatic_band_hz
 from .loss import line_loss_db
 
@@ -147,6 +149,11 @@ class Plan:
             )
             for s in scene.sensors
         )
+
+    @cached_property
+    def skin(self) -> Skin | None:
+        """The scene's surface; None where it has none."""
+        return skin_of(self.require_scene())
 
     def require_scene(self) -> Scene:
         """The scene that was planned.

@@ -8,6 +8,7 @@ from typing import Any
 from ..errors import InputError
 from ..io.values import KeyPath
 from .schema import Scene
+from .surface import surface_violations
 
 # What breaks a rule: dotted key, rule and value, where the rule does not state the value itself.
 Violation = tuple[str, str, Any] | tuple[str, str]
@@ -53,6 +54,7 @@ sensor's, got 'arm'
         _duration,
         _press_times,
         _models,
+        surface_violations,
     ):
         for dotted, rule, *value in check(scene):
             raise KeyPath(source, dotted).error(rule, *value)

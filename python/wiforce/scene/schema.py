@@ -20,6 +20,7 @@ from .mains import FREQUENCIES_HZ, Mains, MainsFrequency
 from .off_reflection import OffReflection
 from .simulated import Simulation
 from .simulated_tags import MAX_SENSORS, MODEL_NAME_LENGTH
+from .surface import Surface
 
 if TYPE_CHECKING:
     from ..sensor import SensorModel
@@ -261,6 +262,11 @@ class Scene:
     sensors: tuple[SceneSensor, ...] = key(
         ListOf(of=SceneSensor, least=1, most=MAX_SENSORS), doc="The sensors that are read."
     )
+    surface: Surface | None = key(
+        Mapping(of=Surface, optional=True),
+        default=None,
+        doc="Sensors that lie side by side under one skin, and are read as a surface as well.",
+    )
     reference_s: float = key(
         Number(unit="s", low=0, high=3600),
         default=0.5,
@@ -281,6 +287,8 @@ class Scene:
         folder = self.path.parent if self.path else Path()
         models = [sensor.model for sensor in self.sensors]
         models += [tag.truth_model for tag in self.simulation.tags]
+        if self.surface is not None and self.surface.spreading_file is not None:
+            models.append(self.surface.spreading_file)
         if self.sounding.waveform.lower().endswith(".npy"):
             models.append(self.sounding.waveform)
         suffixes = (".yaml", ".yml", ".npy")
@@ -306,6 +314,11 @@ class Scene:
     def sensor_names(self) -> tuple[str, ...]:
         """Names of the sensors, in their order."""
         return tuple(sensor.name for sensor in self.sensors)
+
+    @property
+    def reading_names(self) -> tuple[str, ...]:
+        """Names in the readings of every group: those of the sensors, then of the surface."""
+        return self.sensor_names + (self.surface.names if self.surface is not None else ())
 
     def load_model(self, name: str) -> "SensorModel":
         """Load a sensor model by its shipped name, or by its path relative to the scene file.
