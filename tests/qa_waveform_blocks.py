@@ -94,7 +94,10 @@ def test_ratio_of_two_antennas_takes_the_symbol(waveform):
             lambda: wiforce.phase_group_doppler.collected(9, 4097),
             "symbol_length must be 16 to 4096",
         ),
-        (lambda: wiforce.preamble_fold(720, 64, 4, symbol_length=165), "first_averaged \\+ 165 repetitions = 724"),
+        (
+            lambda: wiforce.preamble_fold(720, 64, 4, symbol_length=165),
+            "first_averaged \\+ 165 repetitions = 724",
+        ),
         (lambda: wiforce.sounding_source("chirp", 720, symbol_length=-1), "symbol_length"),
     ],
 )
