@@ -16,6 +16,7 @@ APPLICATION = ROOT / "gr-wiforce"
 LAYERS = (
     {"blocks"},
     {"recording", "stream"},
+    {"snapshot_recording"},
     {"receiver"},
     {"planning"},
     {"simulation"},

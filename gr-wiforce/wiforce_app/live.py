@@ -232,6 +232,7 @@ def _warn_of_strangers(zmq_endpoint):
 
 def radio_request(args, scene, tx_gain, rx_gain, **settings):
     """The radio that a command's options ask for."""
+    _check_transmitter(scene, settings)
     return RadioRequest.of_scene(
         scene,
         args,
@@ -240,6 +241,21 @@ def radio_request(args, scene, tx_gain, rx_gain, **settings):
         rx_antenna=settings.pop("antenna"),
         **settings,
     )
+
+
+def _check_transmitter(scene, settings):
+    """Refuse a transmitter on a clock of its own, unless the scene says so."""
+    shares = scene.environment.reader_clock == "shared"
+    needs = "needs reader_clock: free and receive_antennas: 2 under environment in the scene"
+    if settings["receive_only"]:
+        if settings["tx_args"] is not None:
+            raise InputError("--receive-only", "must be given without --tx-args")
+        if shares:
+            raise InputError("--receive-only", needs)
+    elif settings["tx_args"] is not None and shares:
+        if settings["reference"] in (None, "internal"):
+            rule = f"{needs}, or one clock for both devices (--reference external)"
+            raise InputError("--tx-args", rule, settings["tx_args"])
 
 
 def warn_of_oscillators(link):
@@ -314,7 +330,7 @@ def _run(session, request, outputs, endpoints, duration, reconnect):
                 session.stop()
         if session.failure is not None:
             raise session.failure
-        ending.failure = session.recorder and session.recorder.failure
+        ending.failure = session.recording_failure
     finally:
         service.close()
         health.look()

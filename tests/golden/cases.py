@@ -7,17 +7,26 @@ from pathlib import Path
 import faults
 import numpy as np
 from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.io.channel_snapshots import open_snapshots
 from gnuradio.wiforce.io.readings import SurfaceReading
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
+from gnuradio.wiforce.snapshot_recording import SnapshotReader
 from wiforce_app.read import read_capture
 
 FOLDER = Path(__file__).parent
 SCENES = sorted(path.stem for path in (FOLDER / "scenes").glob("*.yaml"))
 TRACKED = ("demo", "fingertip", "paper_900", "tabletop_two", "two_sensors")
 # Scenes short enough for every run of the tests.
-QUICK = ("distance_50cm", "naive_clocks", "own_symbol", "tabletop", "tabletop_two")
-QUICK += ("surface_two_strips",)
+QUICK = (
+    "distance_50cm",
+    "naive_clocks",
+    "own_symbol",
+    "packets",
+    "surface_two_strips",
+    "tabletop",
+    "tabletop_two",
+)
 NUMBERS = (
     "time_s",
     "force_n",
@@ -54,6 +63,10 @@ def scene_readings(name, folder, tracked=False, gaps=()):
     """Readings of a stored scene's capture, from which samples may have been lost."""
     scene = load_scene(FOLDER / "scenes" / f"{name}.yaml")
     capture = Path(folder) / name
+    if scene.packets:
+        simulate(scene, capture)
+        reader = SnapshotReader(open_snapshots(capture.with_suffix(".npz")), scene)
+        return [reading for batch in reader for reading in batch]
     if not capture.with_suffix(".sigmf-meta").exists():
         simulate(scene, capture)
     if gaps:

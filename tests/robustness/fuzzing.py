@@ -53,6 +53,15 @@ SCENE = {
     },
 }
 
+PACKETS = {
+    "packets": {"subcarriers": 8},
+    "radio": {"center_frequency_hz": 2.44e9},
+    "phase_group": {"snapshots": 64},
+    "reference_s": 0.2,
+    "sensors": [{"name": "arm", "model": "line-2440mhz", "clock_hz": 139}],
+    "simulation": {"duration_s": 0.5, "packets": {"lost": 0.1, "repeated": 0.02}},
+}
+
 
 SURFACE = {
     **SCENE,
@@ -112,7 +121,9 @@ class Kind:
         return mutate(self.original if of is None else of, rng)
 
 
-KINDS = ("scene", "sensor", "vna", "index", "touchstone", "phases", "metadata", "samples")
+KINDS = (
+    "scene", "sensor", "vna", "index", "touchstone", "phases", "metadata", "samples", "snapshots",
+)  # fmt: skip
 KINDS += ("surface", "spreading", "taps")
 _READ = ("read", "-o", "out.csv", "--scene", "scene.yaml")
 _CALIBRATE = ("calibrate", "-o", "out.yaml", "--form", "cubic", "--length-mm", "10")
@@ -137,6 +148,7 @@ def kind_of(name):
         "samples": lambda: Kind(
             "x.bin", "capture.sigmf-data", *_READ, "x.bin", "--datatype", "ci16_le"
         ),
+        "snapshots": lambda: Kind("x.npz", "packets.npz", "read", "-o", "out.csv", "x.npz"),
     }[name]()
 
 
@@ -145,6 +157,8 @@ def prepare(folder):
     folder = Path(folder)
     (folder / "scene.yaml").write_text(yaml.safe_dump(SCENE))
     assert main(["simulate", str(folder / "scene.yaml"), str(folder / "capture")]) == 0
+    (folder / "packets.yaml").write_text(yaml.safe_dump(PACKETS))
+    assert main(["simulate", str(folder / "packets.yaml"), str(folder / "packets")]) == 0
     (folder / "x.sigmf-data").symlink_to("capture.sigmf-data")
     # A short line: the tables of its model are small, and soon built.
     line = replace(sensors.load_sensor("line-900mhz"), length_mm=10.0)

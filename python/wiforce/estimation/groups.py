@@ -70,6 +70,9 @@ class Groups:
         group of the batch is incomplete; a row of zeros says that its tones cannot be used.
     interference : ndarray of float, shape (G,), optional
         Share of the snapshots that were rejected because another transmitter interfered with them.
+    timed : ndarray of TimedWeights, shape (G,), optional
+        Weights of groups whose snapshots have times of their own, which the tones were computed
+        with; None in the place of a group whose tones cannot be used.
 
     Attributes
     ----------
@@ -141,6 +144,7 @@ class Groups:
     retuned: Array = _set_by_stage()
     snapshot_weights: Array | None = _set_by_stage()
     interference: Array = _set_by_stage()
+    timed: Array | None = _set_by_stage()
     ends: Array = _set_by_stage()
     gain: Array = _set_by_stage()
     noise: Array = _set_by_stage()

@@ -153,7 +153,7 @@ class EndSeparator:
             arrays[name] = arrays[name][:, : each * self._tags]
         lost = np.mean(1 - 1 / arrays["noise_rise"], axis=1)
         arrays["interference"] = groups.interference + (1 - groups.interference) * lost
-        return groups.having(tones=None, snapshot_weights=None, **arrays)
+        return groups.having(tones=None, snapshot_weights=None, timed=None, **arrays)
 
     def _separate_run(self, groups: GroupTones, update: bool) -> dict[str, Array]:
         """Separate the first of some usable groups: as many as one tracking step covers."""

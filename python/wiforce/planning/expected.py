@@ -15,6 +15,7 @@ from ..sensor import SensorModel
 from ..sensor.curves import CurveModel
 from ..signal.bound import phase_bound_deg
 from ..signal.carrier import same_carrier
+from ..signal.timed_weights import clutter_at
 from ..simulation.skin import pressed_sensor
 from .levels import ReceivedLevels, line_amplitude, receive_levels, why_not_readable
 from .plan import Plan, PlannedSensor
@@ -225,7 +226,10 @@ def _bound_deg(plan: Plan, phases: Sequence[np.ndarray], variance: float) -> np.
     """Standard deviation of arg R of every end; shape (2S,)."""
     waveform, tags = plan.waveform, plan.require_scene().simulation.tags
     length = min(plan.group_length, _LONGEST)
-    times_s = np.arange(length) * waveform.snapshot_period_s
+    times_s, clutter = np.arange(length) * waveform.snapshot_period_s, None
+    if plan.times_s is not None:
+        times_s, length = plan.times_s, plan.group_length
+        clutter = np.linalg.qr(clutter_at(times_s, plan.group_period_s, plan.clutter_hz))[0]
     subcarriers = len(waveform.bins)
     ends, clocks = [], []
     for i, (sensor, tag) in enumerate(zip(plan.sensors, tags, strict=True)):
@@ -241,6 +245,7 @@ def _bound_deg(plan: Plan, phases: Sequence[np.ndarray], variance: float) -> np.
         waveform.averaging_s,
         plan.clutter_hz,
         np.inf,
+        clutter=clutter,
     )
     groups = plan.group_length / length
     share = 1 / plan.smoothing_groups + 1 / plan.reference_groups

@@ -9,6 +9,7 @@ from typing import Any
 from ..io.schema import Derived, ListOf, Mapping, declared, key
 from ..io.values import Integer, Number, Text
 from .effects import Bursts, Fan, FrontEnd, Hopper, Lamps, OtherTag, Ripple, Walker
+from .packets import PacketFaults
 from .simulated_tags import (
     CLOCK_DRIFT,
     CLOCK_OFFSET,
@@ -29,7 +30,10 @@ _DURATION_S = 3.0
 
 def _default_duration(scope: Any) -> float:
     """Duration of a simulation that states none, so that scenes for reading need not state it."""
-    samples = scope["phase_group"].snapshots * scope["sounding"].frame_length
+    snapshots = scope["phase_group"].snapshots
+    if scope.get("packets"):
+        return max(_DURATION_S, float(snapshots * scope["packets"].interval_s))
+    samples = snapshots * scope["sounding"].frame_length
     return max(_DURATION_S, samples / scope["radio"].sample_rate_hz)
 
 
@@ -233,6 +237,11 @@ class Simulation:
         Mapping(of=Walker, optional=True),
         default=None,
         doc="A person who walks, beside `moving_clutter_db`; null means nobody.",
+    )
+    packets: PacketFaults | None = key(
+        Mapping(of=PacketFaults, optional=True),
+        default=None,
+        doc="What happens to packets; null means nothing. Needs a scene with `packets`.",
     )
     other_tags: tuple[OtherTag, ...] = key(
         ListOf(of=OtherTag, most=MAX_SENSORS), doc="Tags that are not listed as sensors."
