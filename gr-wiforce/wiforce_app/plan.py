@@ -15,6 +15,7 @@ from gnuradio.wiforce.planning.plan import plan as plan_of
 from gnuradio.wiforce.planning.proposed_clocks import clocks_for
 from gnuradio.wiforce.planning.steps import steps as steps_of
 from gnuradio.wiforce.planning.surface import expect_surface, surface_warnings
+from gnuradio.wiforce.planning.waveform_limits import waveform_limits, waveform_warnings
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.simulated_tags import MAX_SENSORS
 
@@ -55,7 +56,12 @@ def plan(scene, capture_path, datatype, improve, measure, clocks, as_json):
         "settings": _settings(settings),
         "steps": [dataclasses.asdict(step) for step in steps_of(settings)],
         "expected": [dataclasses.asdict(sensor) for sensor in expect(settings)],
-        "warnings": [*warnings_of(settings), *surface_warnings(settings)],
+        "waveform": dataclasses.asdict(waveform_limits(settings)),
+        "warnings": [
+            *warnings_of(settings),
+            *waveform_warnings(settings),
+            *surface_warnings(settings),
+        ],
         "notes": [note for note in [licence_note(scene), recommendation(settings)] if note],
     }
     if settings.skin is not None:
@@ -142,6 +148,7 @@ def _print(report, scene):
         f"({1e3 * chosen['group_period_s']:.1f} ms), lines +-1..+-{chosen['harmonics']} of each "
         f"tag in {chosen['tones']} tones, estimator {chosen['estimator']}"
     )
+    _print_waveform(report["waveform"])
     _print_steps(report["steps"])
     if "room" in report:
         _print_room(report["room"], report["steps"])
@@ -170,6 +177,20 @@ def _print(report, scene):
         )
     if "proposals" in report and not report["proposals"]:
         click.echo("no better settings found")
+
+
+def _print_waveform(limits):
+    losses = ", ".join(f"{own[1]:.2g}" for own in limits["averaging_loss_db"])
+    click.echo(
+        f"waveform {limits['name']}: symbol of {limits['symbol_length']} samples, "
+        f"{limits['subcarriers']} subcarriers over {limits['bandwidth_hz'] / 1e6:.4g} MHz, PAPR "
+        f"{limits['peak_to_average_db']:.1f} dB, averaged over {1e6 * limits['averaging_s']:.4g} us"
+    )
+    click.echo(
+        f"tag clocks: below {limits['clock_below_hz']:.0f} Hz (4 fs at half the snapshot rate); "
+        f"averaging takes 3 dB of the line at 4 fs at {limits['clock_half_power_hz']:.0f} Hz, "
+        f"{losses} dB at the clocks of this scene"
+    )
 
 
 _ON_SURFACE = (

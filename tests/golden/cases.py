@@ -21,6 +21,7 @@ TRACKED = ("demo", "fingertip", "paper_900", "tabletop_two", "two_sensors")
 QUICK = (
     "distance_50cm",
     "naive_clocks",
+    "own_symbol",
     "packets",
     "surface_two_strips",
     "tabletop",
