@@ -8,7 +8,7 @@ from gnuradio import gr
 from .. import names
 from ..estimation.frame_follower import FrameFollower
 from ..estimation.groups import Array
-from ..signal.waveform import FFT_LENGTH, sounding_waveform
+from ..signal.waveform import Waveform
 from .noise_tags import noise_value
 from .stream_time import Timeline
 
@@ -28,46 +28,36 @@ class free_fold(gr.basic_block):
     Connect the outputs to an ``antenna_ratio``.
 
     Input 0 and 1: complex 16-bit samples of two antennas, from the first frame on, with the tags of
-    input 0. Output 0 and 1: vectors of 64, as ``preamble_fold`` gives them.
+    input 0. Output 0 and 1: vectors of a symbol's samples, as ``preamble_fold`` gives them.
 
     Parameters
     ----------
-    waveform : str
-        ``repeated`` or ``wifi``, as it was sent.
-    frame_length : int
-        Samples per frame.
-    sample_rate : float
-        Samples per second.
+    waveform : Waveform
+        As it was sent.
 
     Attributes
     ----------
     follower : FrameFollower
         Its period and what it has lost.
 
-    Raises
-    ------
-    InputError
-        (A ValueError) naming parameter, rule and value.
-
     Examples
     --------
-    >>> free_fold("repeated", frame_length=400, sample_rate=2.5e6).samples_lost()
+    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
+    >>> free_fold(sounding_waveform("repeated", 400, 2.5e6)).samples_lost()
     0
     """
 
-    def __init__(
-        self, waveform: str = "repeated", frame_length: int = 720, sample_rate: float = 12.5e6
-    ) -> None:
-        vector = (np.complex64, FFT_LENGTH)
+    def __init__(self, waveform: Waveform) -> None:
+        vector = (np.complex64, waveform.symbol_length)
         gr.basic_block.__init__(
             self, "free_fold", in_sig=[(np.int16, 2)] * 2, out_sig=[vector, vector]
         )
         self.set_tag_propagation_policy(gr.TPP_DONT)
-        self._waveform = sounding_waveform(waveform, frame_length, sample_rate)
-        self.follower = FrameFollower(frame_length)
-        self._timeline = Timeline(sample_rate)
+        self._waveform = waveform
+        self.follower = FrameFollower(waveform.frame_length)
+        self._timeline = Timeline(waveform.sample_rate_hz)
         self._gaps = self._lost = 0
-        # Folded vectors (n, 2, 64) with their noise (n, 2, 2) and saturation (n,).
+        # Folded vectors (n, 2, N) with their noise (n, 2, 2) and saturation (n,).
         self._waiting: list[tuple[Array, Array, Array]] = []
         self._count = self._written = 0  # vectors folded and put out
         self._marks: list[tuple[int, object, object]] = []  # vector, key, value
@@ -136,10 +126,13 @@ class free_fold(gr.basic_block):
             self._mark(_RETUNED, pmt.from_uint64(1))
             self._retuned = False
         begin, repetitions = self._waveform.first_averaged, self._waveform.repetitions
-        averaged = frames[:, begin : begin + repetitions * FFT_LENGTH]
-        shape = len(frames), repetitions, FFT_LENGTH, 2, 2
+        length = self._waveform.symbol_length
+        averaged = frames[:, begin : begin + repetitions * length]
+        shape = len(frames), repetitions, length, 2, 2
         parts = averaged.reshape(shape).astype(np.float32) / 32768
-        steps = np.sum(np.diff(parts, axis=1) ** 2, axis=-1)
+        # A single repetition has no difference, as in simd_loops.h.
+        other = parts if repetitions > 1 else np.concatenate([parts, parts], axis=1)
+        steps = np.sum(np.diff(other, axis=1) ** 2, axis=-1)
         noise = np.stack([steps.min(axis=1).mean(axis=1), steps.max(axis=1).mean(axis=1)], -1)
         mean = np.moveaxis(parts.mean(axis=1), 2, 1)
         vectors = np.ascontiguousarray(mean).view(np.complex64)[..., 0]
