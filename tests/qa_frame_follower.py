@@ -10,6 +10,7 @@ from gnuradio import gr
 from gnuradio.wiforce.blocks.free_fold import free_fold
 from gnuradio.wiforce.blocks.stream_time import time_value
 from gnuradio.wiforce.estimation.frame_follower import FrameFollower
+from gnuradio.wiforce.signal.waveform import sounding_waveform
 
 LENGTH, FRAMES = 400, 1500
 SYMBOL = np.exp(1j * np.pi * np.r_[0, np.arange(1, 32), 0, np.arange(-31, 0)] ** 2 / 64)
@@ -113,7 +114,7 @@ def test_free_fold_vectors_of_both_antennas_have_one_phase_and_indices_over_gaps
     items, start, lost = received(8), 700 * LENGTH + 50, 3 * LENGTH
     items = np.concatenate([items[:start], items[start + lost :]])
     times = [(0, time_value(3, 0.0)), (start, time_value(3, (start + lost) / 2.5e6))]
-    fold, sinks = free_fold("repeated", LENGTH, 2.5e6), [_Sink(), _Sink()]
+    fold, sinks = free_fold(sounding_waveform("repeated", LENGTH, 2.5e6)), [_Sink(), _Sink()]
     sources = [_Source(items[:, :2].copy(), times), _Source(items[:, 2:].copy())]
     flowgraph = gr.top_block()
     for port in range(2):

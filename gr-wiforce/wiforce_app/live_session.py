@@ -12,7 +12,6 @@ from gnuradio import gr, wiforce
 from gnuradio.wiforce.blocks.frame_search import FrameSearch
 from gnuradio.wiforce.blocks.free_fold import free_fold
 from gnuradio.wiforce.blocks.sample_receiver import sample_receiver
-from gnuradio.wiforce.estimation.frame import SEARCHED_FRAMES
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture_files import second_antenna
 from gnuradio.wiforce.io.readings import Reading
@@ -62,7 +61,7 @@ class LiveSession:
         antennas = scene.environment.receive_antennas
         free = scene.environment.reader_clock == "free"
         self.alignment = FrameSearch(
-            self.waveform, _FREE_SEARCHED_FRAMES if free else SEARCHED_FRAMES, antennas
+            self.waveform, _FREE_SEARCHED_FRAMES if free else None, antennas
         )
         self.source = sample_receiver(
             request.sample_rate_hz, request.frame_length, self.alignment, antennas
@@ -88,8 +87,7 @@ class LiveSession:
         self.source.set_min_output_buffer(_BUFFER_SAMPLES)
         self.fold = self.reader.fold
         if self.fold is None:  # two antennas
-            self.fold = free_fold(self.waveform)
-            self._ratio = wiforce.antenna_ratio(self.waveform)
+            self.fold, self._ratio = free_fold(self.waveform), wiforce.antenna_ratio(self.waveform)
             for antenna in range(2):
                 self._flowgraph.connect((self.source, antenna), (self.fold, antenna))
                 self._flowgraph.connect((self.fold, antenna), (self._ratio, antenna))

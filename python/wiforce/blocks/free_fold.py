@@ -9,7 +9,6 @@ from .. import names
 from ..estimation.frame_follower import FrameFollower
 from ..estimation.groups import Array
 from ..signal.waveform import Waveform
-from .frame_settings import frames_of
 from .noise_tags import noise_value
 from .stream_time import Timeline
 
@@ -33,44 +32,30 @@ class free_fold(gr.basic_block):
 
     Parameters
     ----------
-    waveform : str or Waveform
-        A shipped waveform's name, or the ``.npy`` file of a symbol. A Waveform states its own
-        frame length and rate.
-    frame_length : int
-        Samples per frame.
-    sample_rate : float
-        Samples per second.
+    waveform : Waveform
+        As it was sent.
 
     Attributes
     ----------
     follower : FrameFollower
         Its period and what it has lost.
 
-    Raises
-    ------
-    InputError
-        (A ValueError) naming parameter, rule and value.
-
     Examples
     --------
-    >>> free_fold("repeated", frame_length=400, sample_rate=2.5e6).samples_lost()
+    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
+    >>> free_fold(sounding_waveform("repeated", 400, 2.5e6)).samples_lost()
     0
     """
 
-    def __init__(
-        self,
-        waveform: str | Waveform = "repeated",
-        frame_length: int = 720,
-        sample_rate: float = 12.5e6,
-    ) -> None:
-        self._waveform = frames_of(waveform, frame_length, sample_rate)
-        vector = (np.complex64, self._waveform.symbol_length)
+    def __init__(self, waveform: Waveform) -> None:
+        vector = (np.complex64, waveform.symbol_length)
         gr.basic_block.__init__(
             self, "free_fold", in_sig=[(np.int16, 2)] * 2, out_sig=[vector, vector]
         )
         self.set_tag_propagation_policy(gr.TPP_DONT)
-        self.follower = FrameFollower(self._waveform.frame_length)
-        self._timeline = Timeline(self._waveform.sample_rate_hz)
+        self._waveform = waveform
+        self.follower = FrameFollower(waveform.frame_length)
+        self._timeline = Timeline(waveform.sample_rate_hz)
         self._gaps = self._lost = 0
         # Folded vectors (n, 2, N) with their noise (n, 2, 2) and saturation (n,).
         self._waiting: list[tuple[Array, Array, Array]] = []
@@ -145,7 +130,9 @@ class free_fold(gr.basic_block):
         averaged = frames[:, begin : begin + repetitions * length]
         shape = len(frames), repetitions, length, 2, 2
         parts = averaged.reshape(shape).astype(np.float32) / 32768
-        steps = np.sum(np.diff(parts, axis=1) ** 2, axis=-1)
+        # A single repetition has no difference, as in simd_loops.h.
+        other = parts if repetitions > 1 else np.concatenate([parts, parts], axis=1)
+        steps = np.sum(np.diff(other, axis=1) ** 2, axis=-1)
         noise = np.stack([steps.min(axis=1).mean(axis=1), steps.max(axis=1).mean(axis=1)], -1)
         mean = np.moveaxis(parts.mean(axis=1), 2, 1)
         vectors = np.ascontiguousarray(mean).view(np.complex64)[..., 0]
