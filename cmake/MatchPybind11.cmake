@@ -13,7 +13,7 @@ endif()
 # Compiled, since the identifier follows from the headers, the compiler and its options.
 set(probe ${PROJECT_BINARY_DIR}/CMakeFiles/pybind11_id)
 file(WRITE ${probe}.cc
-  "#include <pybind11/pybind11.h>\nextern const char id[];\nconst char id[] = PYBIND11_INTERNALS_ID;\n")
+  "#include <pybind11/detail/internals.h>\nextern const char id[];\nconst char id[] = PYBIND11_INTERNALS_ID;\n")
 set(CMAKE_TRY_COMPILE_TARGET_TYPE STATIC_LIBRARY)
 try_compile(has_probe ${probe} ${probe}.cc LINK_LIBRARIES pybind11::module COPY_FILE ${probe}.a)
 unset(CMAKE_TRY_COMPILE_TARGET_TYPE)
