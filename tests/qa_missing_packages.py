@@ -33,7 +33,6 @@ FEATURES = [
     ([*LIVE, "--web", "8080"], "bokeh", "--web: needs bokeh: pip install bokeh"),
     (["status", "5556"], "zmq", f"needs {ZMQ}"),
     (["keys", "keys"], "zmq", f"keys: needs {ZMQ}"),
-    (["simulate", "tabletop", "made"], "sigmf", "needs sigmf: pip install sigmf"),
 ]
 
 

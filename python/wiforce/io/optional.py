@@ -20,7 +20,6 @@ _PACKAGES = {
     "pyarrow": (None, '"pyarrow<24"'),
     "pylsl": (None, "pylsl"),
     "serial": ("python3-serial", "pyserial"),
-    "sigmf": (None, "sigmf"),
     "tornado": (None, "bokeh"),
     "zmq": ("python3-zmq", "pyzmq"),
 }
