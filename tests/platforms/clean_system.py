@@ -135,6 +135,8 @@ class CleanSystem:
                 (self.path / name).unlink(missing_ok=True)
                 shutil.copyfile(Path("/", name), self.path / name)
         (self.path / "etc/apt/apt.conf.d/99host").write_text("\n".join(_apt_settings()) + "\n")
+        # A system that is thrown away need not survive a loss of power.
+        (self.path / "etc/dpkg/dpkg.cfg.d/clean-system").write_text("force-unsafe-io\n")
         certificates = _host_certificates()
         if certificates is not None:
             shutil.copyfile(certificates, self.path / _CERTIFICATES.lstrip("/"))
