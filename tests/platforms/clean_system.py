@@ -62,11 +62,13 @@ def _apt_options() -> list[str]:
 
 
 def _environment() -> dict[str, str]:
-    """Settings of this machine for pip and for proxies; nothing else is carried over."""
+    """What is carried over from this machine's environment."""
     kept = {
         name: value
         for name, value in os.environ.items()
-        if name.startswith("PIP_") or name.lower().endswith("_proxy")
+        if name.startswith("PIP_")
+        or name.lower().endswith("_proxy")
+        or name == "DEB_BUILD_OPTIONS"
     }
     if _host_certificates() is not None:
         kept |= dict.fromkeys(_CERTIFICATE_VARIABLES, _CERTIFICATES)

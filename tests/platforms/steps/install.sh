@@ -5,7 +5,7 @@
 set -euo pipefail
 export DEBIAN_FRONTEND=noninteractive
 apt-get update -q
-apt-get install -q -y --no-install-recommends xvfb xauth >/dev/null
+apt-get install -q -y --no-install-recommends xvfb xauth x11-utils >/dev/null
 for package in /packages/*.deb; do
     case $package in
     *-dbgsym_*) rm "$package" ;;

@@ -31,10 +31,17 @@ assert len(expected) > 15 and found == expected, found ^ expected
 print(f"Companion knows {len(found)} blocks")
 PYTHON
 grcc $examples/press_simulation.grc
-status=0
-xvfb-run --auto-servernum timeout --preserve-status --signal=INT 10 python3 press_simulation.py ||
-    status=$?
-test "$status" -eq 0 -o "$status" -eq 130
+xvfb-run --auto-servernum bash -euo pipefail -c '
+    python3 press_simulation.py &
+    flowgraph=$!
+    until xwininfo -root -tree | grep -q "WiForce: press a sensor"; do
+        sleep 1
+        kill -0 "$flowgraph"  # fails if it has ended
+    done
+    sleep 10
+    kill -TERM "$flowgraph"
+    wait "$flowgraph"
+    echo "the flowgraph with a window ran for ten seconds"'
 for test in /packages/tests/*; do
     if [ -x "$test" ]; then
         echo "autopkgtest $(basename "$test")"
