@@ -154,3 +154,11 @@ def test_build_shows_all_warnings_in_every_source():
     assert {"tests/qa_timeline.cc", "python/wiforce/bindings/wiforce_python.cc"} <= files
     for command in commands:
         assert {"-Wall", "-Wextra"} <= set(command["command"].split()), command["file"]
+
+
+def test_compilers_builds_the_presets_of_both_compilers():
+    script = ROOT / "tests/platforms/compilers"
+    assert run("bash", "-n", script).returncode == 0
+    shown = run(script, "--help")
+    assert shown.returncode == 0
+    assert "gcc-debug gcc-release clang-debug clang-release" in shown.stdout
