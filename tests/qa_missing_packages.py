@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.sensor.tables import read_touchstone_index
 from wiforce_app.workers import _connect
 
 LIVE = ("live", "--scene", "demo", "--args", "addr=127.0.0.9")
@@ -33,7 +34,6 @@ FEATURES = [
     ([*LIVE, "--web", "8080"], "bokeh", "--web: needs bokeh: pip install bokeh"),
     (["status", "5556"], "zmq", f"needs {ZMQ}"),
     (["keys", "keys"], "zmq", f"keys: needs {ZMQ}"),
-    (["simulate", "tabletop", "made"], "sigmf", "needs sigmf: pip install sigmf"),
 ]
 
 
@@ -78,3 +78,10 @@ def test_missing_soapy_is_named_in_one_line(monkeypatch, module):
     with pytest.raises(InputError, match=r"^--driver: 'soapy' needs .*python3-soapysdr") as raised:
         soapy_radio._libraries()
     assert "\n" not in str(raised.value)
+
+
+def test_missing_package_of_touchstone_files_is_named(tmp_path, monkeypatch):
+    remove("skrf", monkeypatch)
+    (tmp_path / "index.csv").write_text("file,force_n,location_mm\npress.s2p,2,40\n")
+    with pytest.raises(InputError, match='row 2: needs scikit-rf>=1.0: pip install "scikit-rf'):
+        read_touchstone_index(tmp_path / "index.csv", 900e6)

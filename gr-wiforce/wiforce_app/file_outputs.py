@@ -2,7 +2,7 @@
 """The files of readings that ``gr-wiforce read`` writes at a time."""
 
 from contextlib import ExitStack
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 from pathlib import Path
 
 from gnuradio.wiforce.errors import InputError, OutputError
@@ -37,7 +37,7 @@ def open_mcap(path, inputs, metadata, sensors):
 
     if Path(path).is_dir():
         # Names with milliseconds differ, however often a run is started again.
-        now = f"{datetime.now(UTC):%Y%m%dT%H%M%S.%f}"[:-3]
+        now = f"{datetime.now(timezone.utc):%Y%m%dT%H%M%S.%f}"[:-3]
         path = Path(path) / f"{now}Z.mcap"
     elif Path(path).suffix.lower() != ".mcap":
         raise InputError("--mcap", "must be FILE.mcap or an existing folder", str(path))

@@ -6,7 +6,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 
 from gnuradio.wiforce.estimation.sensor_readout import RETUNED
 from gnuradio.wiforce.estimation.touch import SILENT_S
@@ -64,7 +64,7 @@ def new_run() -> str:
     >>> bool(re.fullmatch("[0-9]{8}T[0-9]{6}Z-[0-9a-f]{6}", new_run()))
     True
     """
-    return f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{secrets.token_hex(3)}"
+    return f"{datetime.now(timezone.utc):%Y%m%dT%H%M%SZ}-{secrets.token_hex(3)}"
 
 
 class _Tag:

@@ -6,12 +6,12 @@ import os
 import socket
 import time
 from collections.abc import Callable, Iterable, Mapping
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from .optional import optional_module
 from .readings import Reading, flag_bits
+from .utc import parsed_utc
 
 # Name, unit and kind of each channel; XDF and LabRecorder have no rules for either of the latter.
 CHANNELS = (
@@ -114,7 +114,7 @@ class LslOutlets:
         values = [math.nan if row[name] is None else float(row[name]) for name in names]
         lsl_s = self._pylsl.local_clock()
         if time_utc:
-            utc_s = datetime.fromisoformat(time_utc).timestamp()
+            utc_s = parsed_utc(time_utc).timestamp()
             lsl_s = utc_s + lsl_offset_s(self._pylsl.local_clock)
         self._outlets[reading.sensor].push_sample(values, lsl_s)
 

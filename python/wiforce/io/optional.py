@@ -21,7 +21,8 @@ _PACKAGES = {
     "pyarrow": (None, '"pyarrow<24"'),
     "pylsl": (None, "pylsl"),
     "serial": ("python3-serial", "pyserial"),
-    "sigmf": (None, "sigmf"),
+    # Debian 12 has an older release, which reads Touchstone files otherwise.
+    "skrf": (None, '"scikit-rf>=1.0"'),
     "tornado": (None, "bokeh"),
     "zmq": ("python3-zmq", "pyzmq"),
 }

@@ -5,14 +5,15 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta, timezone
 from typing import Any
 
 from ..errors import InputError
 from .readings import flag_bits
 from .ros_definitions import DIAGNOSTICS, READING, WRENCH, fields_of
+from .utc import parsed_utc
 
-_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 _OK, _WARN, _ERROR = 0, 1, 2
 _LEVELS = {"reading": _OK, "lost": _ERROR}
 _TOUCH_UNKNOWN = -1
@@ -299,7 +300,7 @@ def _header(stamp_ns: int | None, frame: str) -> dict[str, Any]:
 def _nanoseconds(time_utc: str | None) -> int | None:
     if not time_utc:
         return None
-    return (datetime.fromisoformat(time_utc) - _EPOCH) // timedelta(microseconds=1) * 1000
+    return (parsed_utc(time_utc) - _EPOCH) // timedelta(microseconds=1) * 1000
 
 
 def _number(value: float | None) -> float:

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError, unwritable
-from ..io.capture_files import recording_stem, require_sigmf, second_antenna
+from ..io.capture_files import recording_stem, second_antenna
 from ..io.samples import DATATYPES, samples_of
+from ..io.sigmf_metadata import write_metadata
 from ..io.textfile import check_output
 from ..scene import Scene, load_scene
 from .adc import Adc
@@ -57,8 +58,7 @@ def simulate(
     ------
     InputError
         For a mistake in the scene, an unknown datatype, files that cannot be written, exist
-        already or are those of the scene, or when the package ``sigmf`` is missing. Nothing has
-        been simulated then.
+        already or are those of the scene. Nothing has been simulated then.
     OutputError
         When the disk is full.
 
@@ -83,7 +83,6 @@ def simulate(
         check_output(path, scene.files)
         if path.exists() and not overwrite:
             raise InputError(path, "exists already; --force replaces it")
-    require_sigmf(paths[-1])
     channels = [AirChannel(scene, antenna=antenna) for antenna in range(len(names))]
     try:
         with all_or_nothing(paths) as temporary:
@@ -150,23 +149,18 @@ def capture(scene: Scene, channel: AirChannel, datatype: str) -> Iterator[np.nda
 
 
 def _write_metadata(scene: Scene, datatype: str, data: Path, path: Path) -> None:
-    from sigmf import SigMFFile
-
     from .._config import VERSION
 
-    meta = SigMFFile(
-        global_info={
-            "core:datatype": datatype,
-            "core:sample_rate": scene.radio.sample_rate_hz,
-            "core:num_channels": 1,
-            "core:description": "Simulated WiForce capture",
-            "core:recorder": f"gr-wiforce {VERSION}",
-            "core:extensions": [{"name": "wiforce", "version": VERSION, "optional": True}],
-            "wiforce:scene": scene.as_dict(),
-            "wiforce:seed": scene.simulation.seed,
-        }
-    )
-    meta.add_capture(0, metadata={"core:frequency": scene.radio.center_frequency_hz})
-    meta.set_data_file(data)
-    with open(path, "w", encoding="utf-8") as stream:
-        meta.dump(stream, pretty=True)
+    fields = {
+        "core:datatype": datatype,
+        "core:sample_rate": scene.radio.sample_rate_hz,
+        "core:num_channels": 1,
+        "core:offset": 0,
+        "core:description": "Simulated WiForce capture",
+        "core:recorder": f"gr-wiforce {VERSION}",
+        "core:extensions": [{"name": "wiforce", "version": VERSION, "optional": True}],
+        "wiforce:scene": scene.as_dict(),
+        "wiforce:seed": scene.simulation.seed,
+    }
+    capture = {"core:sample_start": 0, "core:frequency": scene.radio.center_frequency_hz}
+    write_metadata(path, data, fields, [capture])
