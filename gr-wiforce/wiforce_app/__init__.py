@@ -12,7 +12,7 @@ from .blas import settings
 for _name, _value in settings().items():
     os.environ.setdefault(_name, _value)
 
-# The library that was installed with this command. GNU Radio lists the folder that is its own, where
+# The library that was installed with this command. GNU Radio lists its own folder, where
 # another release of the library may be, before those of other packages.
 _own = str(Path(__file__).parent.parent / "gnuradio")
 if isinstance(gnuradio.__path__, list) and _own in gnuradio.__path__:
