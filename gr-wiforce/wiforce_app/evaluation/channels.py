@@ -3,7 +3,6 @@
 
 import numpy as np
 from gnuradio.wiforce.estimation.recorded_groups import frame_settings
-from gnuradio.wiforce.signal.waveform import FFT_LENGTH
 from gnuradio.wiforce.wiforce_kernels import folded_reader
 from scipy.fft import fft
 
@@ -32,4 +31,4 @@ def snapshot_channels(recording, scene, path):
     with open(path, "wb") as file:
         while len(folded := frames.read(_BATCH)["folded"]):
             (fft(folded, axis=1) * factors).tofile(file)
-    return np.memmap(path, np.complex64, "r").reshape(-1, FFT_LENGTH)[:, waveform.bins]
+    return np.memmap(path, np.complex64, "r").reshape(-1, waveform.symbol_length)[:, waveform.bins]
