@@ -6,8 +6,8 @@ from gnuradio.wiforce.estimation.recorded_groups import frame_settings
 from gnuradio.wiforce.wiforce_kernels import folded_reader
 from scipy.fft import fft
 
-# Frames that are read at a time: 32 MB.
-_BATCH = 1 << 16
+# Samples of folded frames that are read at a time: 32 MB.
+_BATCH = 1 << 22
 
 
 def snapshot_channels(recording, scene, path):
@@ -29,6 +29,6 @@ def snapshot_channels(recording, scene, path):
     factors = waveform.equalizer().astype(np.complex64)
     frames = folded_reader(**frame_settings(recording, waveform, frame_offset=0))
     with open(path, "wb") as file:
-        while len(folded := frames.read(_BATCH)["folded"]):
+        while len(folded := frames.read(_BATCH // waveform.symbol_length)["folded"]):
             (fft(folded, axis=1) * factors).tofile(file)
     return np.memmap(path, np.complex64, "r").reshape(-1, waveform.symbol_length)[:, waveform.bins]
