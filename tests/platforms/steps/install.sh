@@ -5,7 +5,8 @@
 set -euo pipefail
 export DEBIAN_FRONTEND=noninteractive
 apt-get update -q
-apt-get install -q -y --no-install-recommends xvfb xauth x11-utils >/dev/null
+# What the steps and debian/tests/control ask for.
+apt-get install -q -y --no-install-recommends xvfb xauth x11-utils cmake g++ make >/dev/null
 for package in /packages/*.deb; do
     case $package in
     *-dbgsym_*) rm "$package" ;;
