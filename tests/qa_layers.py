@@ -21,7 +21,7 @@ LAYERS = (
     {"planning"},
     {"simulation"},
     {"scene", "gui"},
-    {"estimation", "sensor"},
+    {"estimation", "sensor", "surface"},
     {"io"},
     {"signal"},
     {"errors", "names", "_config", "wiforce_kernels", "wiforce_python"},

@@ -12,6 +12,7 @@ from gnuradio.wiforce.planning.expected import expect
 from gnuradio.wiforce.planning.packet_advice import recommendation
 from gnuradio.wiforce.planning.plan import plan as plan_of
 from gnuradio.wiforce.planning.steps import steps as steps_of
+from gnuradio.wiforce.planning.surface import expect_surface, surface_warnings
 from gnuradio.wiforce.scene import load_scene
 
 from .options import sample_type
@@ -43,9 +44,11 @@ def plan(scene, capture_path, datatype, improve, measure, as_json):
         "settings": _settings(settings),
         "steps": [dataclasses.asdict(step) for step in steps_of(settings)],
         "expected": [dataclasses.asdict(sensor) for sensor in expect(settings)],
-        "warnings": list(warnings_of(settings)),
+        "warnings": [*warnings_of(settings), *surface_warnings(settings)],
         "notes": [note for note in [licence_note(scene), recommendation(settings)] if note],
     }
+    if settings.skin is not None:
+        report["surface"] = [dataclasses.asdict(point) for point in expect_surface(settings)]
     if capture_path is not None:
         report["room"] = _room(capture_path, datatype, settings)
     if measure:
@@ -121,6 +124,8 @@ def _print(report, scene):
             f"(noise {std[0]:.3g}/{std[1]:.3g} rms), force {sensor['force_error_n']:.3g} N, "
             f"location {sensor['location_error_mm']:.3g} mm"
         )
+    if "surface" in report:
+        _print_surface(report["surface"], scene.surface.name)
     for warning in report["warnings"]:
         click.echo(f"warning: {warning}")
     for note in report["notes"]:
@@ -133,6 +138,28 @@ def _print(report, scene):
         )
     if "proposals" in report and not report["proposals"]:
         click.echo("no better settings found")
+
+
+_ON_SURFACE = (
+    ("force", "force_error_n", "N"),
+    ("x", "x_error_mm", "mm"),
+    ("y", "y_error_mm", "mm"),
+)
+
+
+def _print_surface(points, name):
+    click.echo(
+        f"{name}: median errors of a press of {points[0]['force_n']:g} N at x = "
+        f"{points[0]['x_mm']:g} mm (by noise alone)"
+    )
+    for point in points:
+        cells = []
+        for label, key, unit in _ON_SURFACE:
+            bound = point[f"{key}_by_noise"]
+            alone = "unknown" if bound is None else f"{bound:.2g}"
+            cells.append(f"{label} {point[key]:.3g} {unit} ({alone})")
+        where = f"on {point['strip']}" if point["strip"] else "between"
+        click.echo(f"  y = {point['y_mm']:g} mm, {where}: {', '.join(cells)}")
 
 
 def _print_room(room, steps):

@@ -39,12 +39,15 @@ class RadioRequest:
     Attributes
     ----------
     args : str
-        UHD device arguments.
+        Device arguments, of the receiver where ``tx_args`` names another transmitter.
     sample_rate_hz, center_frequency_hz : float
         In both directions.
     waveform : str
+        Its name, or the file that its symbol came from.
     frame_length : int
         Samples per frame.
+    repeated : dict
+        The other keys of the scene's ``sounding``.
     amplitude : float
         Root of the mean preamble power of the transmitted signal, over full scale.
     tx_gain_db, rx_gain_db : float or None
@@ -56,6 +59,19 @@ class RadioRequest:
         Time for which received samples are collected, in s.
     scene_name : str
         Of the scene's file, for messages.
+    driver : str
+        ``uhd`` or ``soapy``.
+    bandwidth_hz : float or None
+        Of the filters in both directions; None keeps the device's default.
+    tx_args : str or None
+        Device arguments of the transmitter where that is another device.
+    receive_only : bool
+        The frames are transmitted by something else.
+    antennas : int
+        Number of receive antennas.
+    aligned : bool
+        The samples must begin with a frame: of a device that was lost, whose streams may start
+        apart.
     """
 
     args: str
@@ -63,6 +79,7 @@ class RadioRequest:
     center_frequency_hz: float
     waveform: str
     frame_length: int
+    repeated: dict = dataclasses.field(default_factory=dict)
     amplitude: float = 0.5
     tx_gain_db: float | None = None
     rx_gain_db: float | None = None
@@ -71,6 +88,12 @@ class RadioRequest:
     reference: str | None = None
     receive_s: float = RECEIVE_S["low"]
     scene_name: str = "scene"
+    driver: str = "uhd"
+    bandwidth_hz: float | None = None
+    tx_args: str | None = None
+    receive_only: bool = False
+    antennas: int = 1
+    aligned: bool = False
 
     @classmethod
     def of_scene(cls, scene: Scene, args: str, **settings) -> RadioRequest:
@@ -80,10 +103,9 @@ class RadioRequest:
         ----------
         scene : Scene
         args : str
-            UHD device arguments.
+            Device arguments.
         **settings
-            Amplitude, gains, antennas, clock source and ``receive_s``, by the names of the
-            attributes.
+            What the scene does not state, by the names of the attributes.
 
         Returns
         -------
@@ -96,6 +118,13 @@ class RadioRequest:
             scene.radio.center_frequency_hz,
             waveform.name,
             waveform.frame_length,
+            {
+                "symbol_length": scene.sounding.symbol_length,
+                "repetitions": scene.sounding.repetitions,
+                "averaged_repetitions": scene.sounding.averaged_repetitions,
+                "symbol": scene.sounding.symbol,
+            },
+            antennas=scene.environment.receive_antennas,
             scene_name=str(scene.path or "scene"),
             **settings,
         )
@@ -103,12 +132,10 @@ class RadioRequest:
     @property
     def sounding(self) -> dict:
         """Parameters of the blocks that make and align frames."""
-        return {
-            "waveform": self.waveform,
-            "frame_length": self.frame_length,
-            "sample_rate": self.sample_rate_hz,
-            "item_type": "sc16",
-        }
+        from gnuradio.wiforce.scene.schema import Sounding
+
+        stated = Sounding(waveform=self.waveform, frame_length=self.frame_length, **self.repeated)
+        return {"waveform": stated.waveform_at(self.sample_rate_hz), "item_type": "sc16"}
 
     def to_json(self) -> str:
         """The request as a line of text."""

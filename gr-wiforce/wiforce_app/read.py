@@ -141,7 +141,7 @@ def _read_one(
         reader = open_reader(recording, settings, frame_offset, tracked)
     warn_of_start(recording, reader, differences, frame_offset)
     kept = []
-    rows = 0 if follow else reader.groups * len(scene.sensors)
+    rows = 0 if follow else reader.groups * len(scene.reading_names)
     try:
         with writer, progress("reading", rows) as step:
             for batch in reader:

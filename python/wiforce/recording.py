@@ -22,7 +22,7 @@ from .estimation.survey import Survey
 from .io.capture import Capture, open_capture
 from .io.capture_files import second_antenna
 from .io.channel_snapshots import ChannelSnapshots, is_snapshots, open_snapshots
-from .io.readings import COLUMNS, NUMBERS, GroupCounts, Reading
+from .io.readings import COLUMNS, NUMBERS, SURFACE_COLUMNS, GroupCounts, Reading
 from .planning.plan import Plan, PlanOrScene, as_plan
 from .planning.plan import plan as plan_of
 from .planning.reference_survey import survey_reference, surveyed_snapshots
@@ -72,7 +72,9 @@ def read(
         ``sensor``, ``touch``, ``force_n``, ``force_std_n``, ``location_mm``, ``location_std_mm``,
         ``phase1_deg``, ``phase2_deg``, ``snr_db``, ``flags`` (words with spaces between), ``group``
         (index of the group), ``interference`` (share of the group that was left out because of
-        it). Numbers are not rounded; unknown values are NaN.
+        it). A scene with a surface adds a row for it to each group, and the columns ``y_mm``,
+        ``y_std_mm``, ``cov_force_x``, ``cov_force_y``, ``cov_x_y``. Numbers are not rounded;
+        unknown values are NaN.
 
     Raises
     ------
@@ -96,18 +98,24 @@ def read(
     import pandas
 
     recording, reader, differences = _opened(capture, scene, tracked, datatype, frame_offset)
+    found = reader.plan.require_scene()
     for difference in differences:
         warnings.warn(f"{recording.path}: {difference}", stacklevel=2)
+    also = SURFACE_COLUMNS if found.surface is not None else ()
+    columns = (*COLUMNS, *also)
     rows = [
-        [" ".join(reading.flags) if name == "flags" else getattr(reading, name) for name in COLUMNS]
+        [
+            " ".join(reading.flags) if name == "flags" else getattr(reading, name, None)
+            for name in columns
+        ]
         for batch in reader
         for reading in batch
     ]
     for name, suspicions in reader.suspicions().items():
         for suspicion in suspicions:
             warnings.warn(f"{recording.path}: {name}: {suspicion.text}", stacklevel=2)
-    frame = pandas.DataFrame(rows, columns=list(COLUMNS))
-    return frame.astype(dict.fromkeys(("touch", *NUMBERS), float))
+    frame = pandas.DataFrame(rows, columns=list(columns))
+    return frame.astype(dict.fromkeys(("touch", *NUMBERS, *also), float))
 
 
 def _opened(

@@ -11,7 +11,7 @@ from pathlib import Path
 from gnuradio.wiforce.errors import OutputError
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.channel_snapshots import is_snapshots, open_snapshots
-from gnuradio.wiforce.io.readings import GroupCounts
+from gnuradio.wiforce.io.readings import SURFACE_COLUMNS, GroupCounts
 from gnuradio.wiforce.io.writers import open_writer
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import scene_of
@@ -130,7 +130,8 @@ def _read(job):
     try:
         metadata = provenance(scene) if output.suffix == ".parquet" else {}
         inputs = [*recording.files, *scene.files]
-        with open_writer(partial, inputs, metadata=metadata) as writer:
+        also = SURFACE_COLUMNS if scene.surface is not None else ()
+        with open_writer(partial, inputs, also, metadata=metadata) as writer:
             for batch in reader:
                 for reading in batch:
                     writer.write(reading)

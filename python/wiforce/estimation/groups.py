@@ -121,6 +121,8 @@ class Groups:
         By the readout: 1, 0, or -1 where it is unknown.
     phases_deg : ndarray, shape (G, S, 2)
         psi_1 and psi_2; NaN where unknown, as all that follow.
+    psi_std_deg : ndarray, shape (G, S, 2)
+        Standard deviations of psi_1 and psi_2.
     force_n, force_std_n, location_mm, location_std_mm : ndarray, shape (G, S)
         Force in N, location from port 1 in mm, and their standard deviations.
     flags : ndarray of int, shape (G, S)
@@ -167,6 +169,7 @@ class Groups:
     group_variance: Array = _set_by_stage()
     touch: Array = _set_by_stage()
     phases_deg: Array = _set_by_stage()
+    psi_std_deg: Array = _set_by_stage()
     force_n: Array = _set_by_stage()
     force_std_n: Array = _set_by_stage()
     location_mm: Array = _set_by_stage()

@@ -16,7 +16,7 @@ from ..sensor.curves import CurveModel
 from ..signal.bound import phase_bound_deg
 from ..signal.carrier import same_carrier
 from ..signal.timed_weights import clutter_at
-from ..simulation.presses import PressedSensor
+from ..simulation.skin import pressed_sensor
 from .levels import ReceivedLevels, line_amplitude, receive_levels, why_not_readable
 from .plan import Plan, PlannedSensor
 
@@ -166,12 +166,11 @@ def _presses(scene: Scene, index: int) -> np.ndarray | None:
         Force, location, changes of both phases against the untouched sensor, and how much of
         these changes is motion of the tag (twice, one for each phase).
     """
-    sensor, carrier_hz = scene.sensors[index], scene.radio.center_frequency_hz
+    carrier_hz = scene.radio.center_frequency_hz
     simulation, period_s = scene.simulation, scene.group_period_s
     truth = scene.load_model(simulation.tags[index].truth_model)
-    presses = [press for press in simulation.presses if press.sensor == sensor.name]
-    moves = [move for move in simulation.moves if move.sensor == sensor.name]
-    pressed = PressedSensor(truth, presses, moves, carrier_hz)
+    pressed = pressed_sensor(scene, index, elastic=True)
+    presses = pressed.presses
     rows = []
     for press in presses:
         end_s = min(press.end_s, simulation.duration_s)

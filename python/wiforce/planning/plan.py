@@ -14,11 +14,13 @@ from ..estimation.estimators import estimator_named
 from ..estimation.likelihood import PhaseLikelihood
 from ..estimation.tracked_tag import WIDEST_PPM, TagClock
 from ..scene import Scene, load_scene
+from ..scene.surface import skin_of
 from ..sensor import SensorModel
 from ..signal.room_noise import RoomNoise
 from ..signal.timed_weights import timed_table
 from ..signal.waveform import Waveform
 from ..signal.weights import ToneTable, design_weights
+from ..surface.skin import Skin
 from .clutter_band import automatic_band_hz
 from .loss import losses_db
 from .packet_times import typical_times_s
@@ -152,6 +154,11 @@ class Plan:
             for s in scene.sensors
         )
 
+    @cached_property
+    def skin(self) -> Skin | None:
+        """The scene's surface; None where it has none."""
+        return skin_of(self.require_scene())
+
     def require_scene(self) -> Scene:
         """The scene that was planned.
 
@@ -168,13 +175,9 @@ class Plan:
     def table(self) -> ToneTable:
         """Weights of the run."""
         if self.times_s is not None:
-            return timed_table(
-                [clock.clock_hz for clock in (*self.clocks, *self.others)],
-                self.times_s,
-                self.group_length * self.waveform.snapshot_period_s,
-                self.clutter_hz,
-                self.harmonics,
-            )
+            period_s = self.group_length * self.waveform.snapshot_period_s
+            settings = self.times_s, period_s, self.clutter_hz, self.harmonics
+            return timed_table(self.clocks_hz, *settings)
         return design_weights(
             [clock.clock_hz for clock in (*self.clocks, *self.others)],
             self.group_length,
@@ -375,15 +378,9 @@ def _key_of(scene: Scene, key: str) -> str:
 
 def _with_fewest_harmonics(settings: Plan) -> Plan:
     """The plan with the fewest harmonics that lose hardly more than the best choice."""
-    losses = losses_db(
-        HARMONICS,
-        settings.clocks,
-        settings.group_length,
-        settings.waveform.snapshot_period_s,
-        settings.waveform.averaging_s,
-        settings.clutter_hz,
-        settings.times_s,
-    )
+    waveform = settings.waveform
+    grid = settings.group_length, waveform.snapshot_period_s, waveform.averaging_s
+    losses = losses_db(HARMONICS, settings.clocks, *grid, settings.clutter_hz, settings.times_s)
     best = min(loss.max() for loss in losses.values())
     chosen = next(h for h, loss in losses.items() if loss.max() <= best + ACCEPTED_LOSS_DB)
 

@@ -8,6 +8,7 @@ from typing import Any
 from ..errors import InputError
 from ..io.values import KeyPath
 from .schema import Scene
+from .surface import surface_violations
 
 # What breaks a rule: dotted key, rule and value, where the rule does not state the value itself.
 Violation = tuple[str, str, Any] | tuple[str, str]
@@ -50,6 +51,7 @@ sensor's, got 'arm'
     """
     for check in (
         _packets,
+        _sounding,
         _reader_clock,
         _names,
         _clock_frequencies,
@@ -58,9 +60,18 @@ sensor's, got 'arm'
         _duration,
         _press_times,
         _models,
+        surface_violations,
     ):
         for dotted, rule, *value in check(scene):
             raise KeyPath(source, dotted).error(rule, *value)
+
+
+def _sounding(scene: Scene) -> Iterator[Violation]:
+    """The frame must hold its preamble, and the keys must fit the waveform."""
+    try:
+        scene.waveform()
+    except InputError as error:
+        yield f"sounding.{error.where}", error.rule
 
 
 def _reader_clock(scene: Scene) -> Iterator[Violation]:

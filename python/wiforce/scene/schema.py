@@ -11,18 +11,26 @@ from typing import TYPE_CHECKING, Any
 
 from ..io.schema import DRAFT_7, Derived, ListOf, Mapping, declared, json_schema, key, plain
 from ..io.values import AutomaticNumber, Choice, Integer, Number, Text
+from ..io.waveform_name import WaveformName
 from ..signal.bands import BANDS
 from ..signal.carrier import CARRIERS_HZ
 from ..signal.packets import packet_waveform
-from ..signal.waveform import PREAMBLE_LENGTH, Waveform, sounding_waveform
+from ..signal.symbols import LONGEST_SYMBOL, SHORTEST_SYMBOL, decode_symbol
+from ..signal.waveform import Waveform, sounding_waveform
 from .mains import FREQUENCIES_HZ, Mains, MainsFrequency
 from .off_reflection import OffReflection
 from .packets import Packets
 from .simulated import Simulation
 from .simulated_tags import MAX_SENSORS, MODEL_NAME_LENGTH
+from .surface import Surface
 
 if TYPE_CHECKING:
     from ..sensor import SensorModel
+
+# The kernels sum more without an overflow; 1000 are 5 ms of the default symbol.
+MAX_REPETITIONS = 1000
+# Characters of the longest symbol in base64.
+_SYMBOL_TEXT = (8 * LONGEST_SYMBOL + 2) // 3 * 4
 
 
 @declared
@@ -58,16 +66,51 @@ class Sounding:
     """
 
     waveform: str = key(
-        Choice(words=("repeated", "wifi")),
+        WaveformName(),
         default="repeated",
         doc="`repeated`: five repetitions of one symbol with 62 subcarriers. `wifi`: the 802.11 "
-        "preamble with 52.",
+        "preamble with 52. `chirp`, `fmcw`, `zadoff-chu`, or a file with one symbol: see "
+        "docs/waveforms.md.",
     )
     frame_length: int = key(
-        Integer(unit="samples", low=PREAMBLE_LENGTH, high=1_000_000),
+        Integer(unit="samples", low=SHORTEST_SYMBOL, high=1_000_000),
         default=720,
         doc="Length of a frame: the preamble and the zeros that follow it.",
     )
+    symbol_length: int | None = key(
+        Integer(unit="samples", low=SHORTEST_SYMBOL, high=LONGEST_SYMBOL, optional=True),
+        default=None,
+        doc="Length of the symbol of `repeated`, `chirp`, `fmcw` or `zadoff-chu`; 64, 128, 128 "
+        "and 63 unless given.",
+    )
+    repetitions: int | None = key(
+        Integer(low=1, high=MAX_REPETITIONS, optional=True),
+        default=None,
+        doc="Times that the symbol is sent per frame, 5 unless given. Not for `wifi`.",
+    )
+    averaged_repetitions: int | None = key(
+        Integer(low=1, high=MAX_REPETITIONS, optional=True),
+        default=None,
+        doc="The last of them, which are averaged to a snapshot; all but the first unless given.",
+    )
+    symbol: str | None = key(
+        Text(limit=_SYMBOL_TEXT, optional=True),
+        default=None,
+        doc="The symbol of a `.npy` file, complex64 in base64. Captures store it, so that they "
+        "can be read without the file.",
+    )
+
+    def waveform_at(self, sample_rate_hz: float) -> Waveform:
+        """The frame at a sample rate."""
+        return sounding_waveform(
+            self.waveform,
+            self.frame_length,
+            sample_rate_hz,
+            symbol_length=self.symbol_length,
+            repetitions=self.repetitions,
+            averaged_repetitions=self.averaged_repetitions,
+            symbol=None if self.symbol is None else decode_symbol(self.symbol),
+        )
 
 
 @declared
@@ -235,6 +278,11 @@ class Scene:
     sensors: tuple[SceneSensor, ...] = key(
         ListOf(of=SceneSensor, least=1, most=MAX_SENSORS), doc="The sensors that are read."
     )
+    surface: Surface | None = key(
+        Mapping(of=Surface, optional=True),
+        default=None,
+        doc="Sensors that lie side by side under one skin, and are read as a surface as well.",
+    )
     reference_s: float = key(
         Number(unit="s", low=0, high=3600),
         default=0.5,
@@ -252,9 +300,7 @@ class Scene:
             return packet_waveform(
                 own.interval_s, own.window_s, own.subcarriers, own.spacing_hz, self.null_antennas
             )
-        return sounding_waveform(
-            self.sounding.waveform, self.sounding.frame_length, self.radio.sample_rate_hz
-        )
+        return self.sounding.waveform_at(self.radio.sample_rate_hz)
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -262,7 +308,12 @@ class Scene:
         folder = self.path.parent if self.path else Path()
         models = [sensor.model for sensor in self.sensors]
         models += [tag.truth_model for tag in self.simulation.tags]
-        paths = [folder / model for model in models if model.lower().endswith((".yaml", ".yml"))]
+        if self.surface is not None and self.surface.spreading_file is not None:
+            models.append(self.surface.spreading_file)
+        if self.sounding.waveform.lower().endswith(".npy"):
+            models.append(self.sounding.waveform)
+        suffixes = (".yaml", ".yml", ".npy")
+        paths = [folder / model for model in models if model.lower().endswith(suffixes)]
         return tuple(dict.fromkeys([*([self.path] if self.path else []), *paths]))
 
     @property
@@ -297,6 +348,11 @@ class Scene:
     def sensor_names(self) -> tuple[str, ...]:
         """Names of the sensors, in their order."""
         return tuple(sensor.name for sensor in self.sensors)
+
+    @property
+    def reading_names(self) -> tuple[str, ...]:
+        """Names in the readings of every group: those of the sensors, then of the surface."""
+        return self.sensor_names + (self.surface.names if self.surface is not None else ())
 
     def load_model(self, name: str) -> "SensorModel":
         """Load a sensor model by its shipped name, or by its path relative to the scene file.

@@ -18,6 +18,7 @@ from .simulated_tags import (
     Tag,
     sensor_name,
 )
+from .surface_presses import Plate, SurfacePress
 
 MAX_EVENTS = 1000
 _LONGEST_S = 1e6
@@ -249,4 +250,10 @@ class Simulation:
         ListOf(of=Tag, most=MAX_SENSORS), doc="Properties of single tags, at most one entry each."
     )
     presses: tuple[Press, ...] = key(ListOf(of=Press, most=MAX_EVENTS), doc="The presses.")
+    plate: Plate = key(
+        Mapping(of=Plate), doc="The skin of the surface, which the reader knows another law of."
+    )
+    surface_presses: tuple[SurfacePress, ...] = key(
+        ListOf(of=SurfacePress, most=MAX_EVENTS), doc="The presses on the surface."
+    )
     moves: tuple[Move, ...] = key(ListOf(of=Move, most=MAX_EVENTS), doc="The movements of tags.")

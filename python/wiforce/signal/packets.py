@@ -21,7 +21,7 @@ class PacketWaveform(Waveform):
     ----------
     name, frame_length, sample_rate_hz, subcarriers, reference, preamble
         As those of :class:`.waveform.Waveform`; only the number of subcarriers has a meaning.
-    first_averaged, repetitions
+    first_averaged, repetitions, symbol_length, used_share
         Likewise.
     interval_s : float
         Mean time between two packets, in s.

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .irregular_clock import IrregularClock
-from .presses import PressedSensor
 from .random_sources import RandomSources
+from .skin import pressed_sensor
 from .streams import Ramp
 from .switching import (
     SWITCHES,
@@ -73,13 +73,7 @@ class SwitchedTag:
         if tag.drift_deg_per_sqrt_s:
             seeds, std = sources.effect("drift"), np.deg2rad(tag.drift_deg_per_sqrt_s)
             self._drifts = [RandomWalk(std, seeds.generator(index, end)) for end in (0, 1)]
-        self.pressed = PressedSensor(
-            scene.load_model(tag.truth_model),
-            [press for press in simulation.presses if press.sensor == sensor.name],
-            [move for move in simulation.moves if move.sensor == sensor.name],
-            scene.radio.center_frequency_hz,
-            tag.beam,
-        )
+        self.pressed = pressed_sensor(scene, index)
 
     def reflection(self, first: int, count: int) -> np.ndarray:
         """Reflection during some samples.

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..io.readings import rounded
 from ..scene import Scene
+from .skin import surface_truth
 
 TRUTH_COLUMNS = (
     "time_s", "sensor", "touch", "force_n", "location_mm", "phase1_deg", "phase2_deg",
@@ -69,7 +70,8 @@ def write_truth(scene: Scene, channel: Any, path: str | Path) -> None:
     """Write the state at the centre of each phase group as CSV, a row per group and sensor.
 
     ``force_n`` is the force on the sensor even where it is too small to short the line (``touch``
-    0); ``location_mm`` is empty where nothing presses. Numbers are rounded as those of readings.
+    0); ``location_mm`` is empty where nothing presses. A surface has rows of its own, with x in
+    ``location_mm`` and y in one more column. Numbers are rounded as those of readings.
 
     Parameters
     ----------
@@ -89,9 +91,11 @@ def write_truth(scene: Scene, channel: Any, path: str | Path) -> None:
     """
     times = group_centers(scene)
     states = channel.touch_state(times)
+    of_surface = surface_truth(scene, times)
+    also = () if scene.surface is None else ("y_mm",)
     with open(path, "w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(TRUTH_COLUMNS)
+        writer.writerow((*TRUTH_COLUMNS, *also))
         for i, time_s in enumerate(times.tolist()):
             for name, state in states.items():
                 numbers = (state.force_n[i], state.location_mm[i], *state.phases_deg[i])
@@ -101,8 +105,13 @@ def write_truth(scene: Scene, channel: Any, path: str | Path) -> None:
                         name,
                         int(state.touch[i]),
                         *map(rounded, TRUTH_COLUMNS[3:], numbers),
+                        *("" for _ in also),
                     ]
                 )
+            for row in of_surface[i]:
+                cells = [row.get(name, "") for name in (*TRUTH_COLUMNS[1:], *also)]
+                cells = [round(x, 4) if isinstance(x, float) else x for x in cells]
+                writer.writerow([rounded("time_s", time_s), *cells])
 
 
 @contextmanager
