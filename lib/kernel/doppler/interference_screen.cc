@@ -191,8 +191,8 @@ bool interference_screen::mark_whole(const phase_group& group)
 double interference_screen::edges_in_all_differences(const phase_group& group) const
 {
     const double in_one = 1 - std::cbrt(1 - d_edge_share.value());
-    const double many =
-        std::clamp((d_edge_share.value() - MANY_EDGES) / (MOST_EDGES - MANY_EDGES), 0., 1.);
+    const double many = std::clamp(
+        (d_edge_share.value() - MANY_EDGES) / (MOST_EDGES - MANY_EDGES), 0., 1.);
     const double raising = RAISING + many * (RAISING_MOST - RAISING);
     const double expected = raising * std::pow(in_one, 3) * group.present();
     return expected + EDGE_MARGIN * std::sqrt(expected);
