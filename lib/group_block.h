@@ -21,9 +21,10 @@ protected:
     template <class... Arguments>
     group_block(std::unique_ptr<kernel::doppler_transform> transform,
                 int group_length,
+                int symbol_length,
                 Arguments&&... arguments)
         : Base(std::forward<Arguments>(arguments)...),
-          d_collector(std::move(transform), group_length)
+          d_collector(std::move(transform), group_length, symbol_length)
     {
         if (!d_collector.passes_snapshots())
             this->message_port_register_out(d_incomplete_port);
@@ -56,8 +57,7 @@ protected:
                 tag(produced, names::RETUNED, 1);
             d_retuned = false;
             tag(produced, names::GROUP, d_collector.index());
-            d_collector.transform(out + static_cast<std::size_t>(produced) *
-                                            d_collector.rows() * kernel::FFT_LENGTH);
+            d_collector.transform(out + produced * d_collector.size());
             d_groups += 1;
         }
         d_collector.clear();

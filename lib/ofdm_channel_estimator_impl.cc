@@ -14,16 +14,17 @@ ofdm_channel_estimator::make(const std::vector<std::complex<double>>& factors,
         std::make_unique<kernel::channel_equalizer>(factors, rows, rotation));
 }
 
-static gr::io_signature::sptr vector_signature(int rows)
+static gr::io_signature::sptr vector_signature(const kernel::channel_equalizer& equalizer)
 {
-    return gr::io_signature::make(1, 1, rows * kernel::FFT_LENGTH * sizeof(kernel::fc32));
+    return gr::io_signature::make(
+        1, 1, equalizer.rows() * equalizer.symbol_length() * sizeof(kernel::fc32));
 }
 
 ofdm_channel_estimator_impl::ofdm_channel_estimator_impl(
     std::unique_ptr<kernel::channel_equalizer> equalizer)
     : gr::sync_block("ofdm_channel_estimator",
-                     vector_signature(equalizer->rows()),
-                     vector_signature(equalizer->rows())),
+                     vector_signature(*equalizer),
+                     vector_signature(*equalizer)),
       d_equalizer(std::move(equalizer))
 {
 }
@@ -36,7 +37,7 @@ int ofdm_channel_estimator_impl::work(int noutput_items,
     auto* out = static_cast<kernel::fc32*>(output_items[0]);
     const int rows = d_equalizer->rows();
     for (int row = 0; row < noutput_items * rows; row++) {
-        const int at = row * kernel::FFT_LENGTH;
+        const std::size_t at = std::size_t(row) * d_equalizer->symbol_length();
         d_equalizer->equalize(row % rows, in + at, out + at);
     }
     return noutput_items;

@@ -12,44 +12,60 @@
 namespace gr::wiforce {
 
 namespace {
-constexpr std::size_t VECTOR_BYTES = kernel::FFT_LENGTH * sizeof(kernel::fc32);
-constexpr int INPUT_BUFFER_SNAPSHOTS = 256; // 128 kB
+constexpr int INPUT_BUFFER_SAMPLES = 256 * 64; // 128 kB
+
+std::size_t vector_bytes(int symbol_length)
+{
+    return symbol_length * sizeof(kernel::fc32);
+}
+
 const pmt::pmt_t saturated_key = pmt::mp(names::SATURATED);
 const pmt::pmt_t retuned_key = pmt::mp(names::RETUNED);
 const pmt::pmt_t snapshot_key = pmt::mp(names::SNAPSHOT);
 const pmt::pmt_t noise_key = pmt::mp(names::NOISE);
 } // namespace
 
-phase_group_doppler::sptr
-phase_group_doppler::make(const std::vector<std::complex<double>>& weights,
-                          int group_length)
+phase_group_doppler::sptr phase_group_doppler::make(
+    const std::vector<std::complex<double>>& weights, int group_length, int symbol_length)
 {
     return gnuradio::make_block_sptr<phase_group_doppler_impl>(
-        std::make_unique<kernel::tone_accumulator>(weights, group_length), group_length);
+        std::make_unique<kernel::tone_accumulator>(weights, group_length, symbol_length),
+        group_length,
+        symbol_length);
 }
 
-phase_group_doppler::sptr phase_group_doppler::spectrum(int group_length)
+phase_group_doppler::sptr phase_group_doppler::spectrum(int group_length,
+                                                        int symbol_length)
 {
     return gnuradio::make_block_sptr<phase_group_doppler_impl>(
-        std::make_unique<kernel::doppler_spectrum>(group_length), group_length);
+        std::make_unique<kernel::doppler_spectrum>(group_length),
+        group_length,
+        symbol_length);
 }
 
-phase_group_doppler::sptr phase_group_doppler::collected(int group_length)
+phase_group_doppler::sptr phase_group_doppler::collected(int group_length,
+                                                         int symbol_length)
 {
     return gnuradio::make_block_sptr<phase_group_doppler_impl>(
-        std::make_unique<kernel::collected_snapshots>(group_length), group_length);
+        std::make_unique<kernel::collected_snapshots>(group_length),
+        group_length,
+        symbol_length);
 }
 
 phase_group_doppler_impl::phase_group_doppler_impl(
-    std::unique_ptr<kernel::doppler_transform> transform, int group_length)
-    : gr::block("phase_group_doppler",
-                gr::io_signature::make(1, 1, VECTOR_BYTES),
-                gr::io_signature::make(1, 1, transform->rows() * VECTOR_BYTES)),
-      group_block(std::move(transform), group_length)
+    std::unique_ptr<kernel::doppler_transform> transform,
+    int group_length,
+    int symbol_length)
+    : gr::block(
+          "phase_group_doppler",
+          gr::io_signature::make(1, 1, vector_bytes(symbol_length)),
+          gr::io_signature::make(1, 1, transform->rows() * vector_bytes(symbol_length))),
+      group_block(std::move(transform), group_length, symbol_length),
+      d_symbol_length(symbol_length)
 {
     // By this rate the scheduler chooses the input buffer, as in preamble_fold. It is to
     // hold what a full buffer of samples folds to, and no more than the cache does.
-    set_relative_rate(1, INPUT_BUFFER_SNAPSHOTS / 2);
+    set_relative_rate(1, std::max(1, INPUT_BUFFER_SAMPLES / symbol_length / 2));
     set_tag_propagation_policy(TPP_DONT);
 }
 
@@ -106,13 +122,12 @@ int phase_group_doppler_impl::general_work(int noutput_items,
         std::uint64_t untagged = available - consumed;
         if (tag != tags.end())
             untagged = std::min(untagged, tag->offset - here);
-        const auto* snapshots =
-            in + static_cast<std::size_t>(consumed) * kernel::FFT_LENGTH;
+        const auto* snapshots = in + static_cast<std::size_t>(consumed) * d_symbol_length;
         const int count = d_collector.add(
             d_snapshot,
             untagged,
             [&](int n, kernel::fc32* slots, kernel::snapshot_noise* noise) {
-                std::copy_n(snapshots, n * kernel::FFT_LENGTH, slots);
+                std::copy_n(snapshots, n * d_symbol_length, slots);
                 d_noise.write(here, n, noise);
             });
         d_collector.note_saturated(tagged_among(count, here, saturated_key));

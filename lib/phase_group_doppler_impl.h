@@ -11,7 +11,8 @@ class phase_group_doppler_impl : public group_block<phase_group_doppler>
 {
 public:
     phase_group_doppler_impl(std::unique_ptr<kernel::doppler_transform> transform,
-                             int group_length);
+                             int group_length,
+                             int symbol_length);
 
     void forecast(int noutput_items, gr_vector_int& ninput_items_required) override;
     int general_work(int noutput_items,
@@ -29,6 +30,7 @@ private:
 
     void collect_noise(int available);
 
+    const int d_symbol_length;
     std::uint64_t d_snapshot = 0; // of the next input item
     noise_tags d_noise;
     std::uint64_t d_noise_read_to = 0; // input offset up to which its tags were read

@@ -17,7 +17,11 @@ namespace gr::wiforce {
 namespace {
 
 constexpr int INPUT_BUFFER_BYTES = 1 << 20;
-constexpr std::size_t VECTOR_BYTES = kernel::FFT_LENGTH * sizeof(kernel::fc32);
+
+std::size_t vector_bytes(const kernel::preamble_folder& folder)
+{
+    return folder.symbol_length() * sizeof(kernel::fc32);
+}
 
 const pmt::pmt_t snapshot_key = pmt::mp(names::SNAPSHOT);
 const pmt::pmt_t saturated_key = pmt::mp(names::SATURATED);
@@ -56,9 +60,11 @@ preamble_fold::sptr preamble_fold::make(int frame_length,
                                         int repetitions,
                                         double sample_rate,
                                         std::uint64_t frame_offset,
-                                        const std::string& item_type)
+                                        const std::string& item_type,
+                                        int symbol_length)
 {
-    const kernel::preamble_folder folder(frame_length, first_averaged, repetitions);
+    const kernel::preamble_folder folder(
+        frame_length, first_averaged, repetitions, symbol_length);
     check(sample_rate, item_type);
     return for_items<vector_fold>(item_type, folder, sample_rate, frame_offset);
 }
@@ -70,16 +76,18 @@ preamble_fold::sptr preamble_fold::tones(const std::vector<std::complex<double>>
                                          int repetitions,
                                          double sample_rate,
                                          std::uint64_t frame_offset,
-                                         const std::string& item_type)
+                                         const std::string& item_type,
+                                         int symbol_length)
 {
-    const kernel::preamble_folder folder(frame_length, first_averaged, repetitions);
+    const kernel::preamble_folder folder(
+        frame_length, first_averaged, repetitions, symbol_length);
     check(sample_rate, item_type);
     return for_items<group_fold>(
         item_type,
         folder,
         sample_rate,
         frame_offset,
-        std::make_unique<kernel::tone_accumulator>(weights, group_length),
+        std::make_unique<kernel::tone_accumulator>(weights, group_length, symbol_length),
         group_length);
 }
 
@@ -89,9 +97,11 @@ preamble_fold::sptr preamble_fold::collected(int group_length,
                                              int repetitions,
                                              double sample_rate,
                                              std::uint64_t frame_offset,
-                                             const std::string& item_type)
+                                             const std::string& item_type,
+                                             int symbol_length)
 {
-    const kernel::preamble_folder folder(frame_length, first_averaged, repetitions);
+    const kernel::preamble_folder folder(
+        frame_length, first_averaged, repetitions, symbol_length);
     check(sample_rate, item_type);
     return for_items<group_fold>(
         item_type,
@@ -252,7 +262,7 @@ vector_fold<Sample>::vector_fold(const kernel::preamble_folder& folder,
                                  std::uint64_t frame_offset)
     : gr::block("preamble_fold",
                 gr::io_signature::make(1, 1, sizeof(Sample)),
-                gr::io_signature::make(1, 1, VECTOR_BYTES)),
+                gr::io_signature::make(1, 1, vector_bytes(folder))),
       preamble_fold_impl<Sample>(folder, sample_rate, frame_offset)
 {
 }
@@ -275,7 +285,7 @@ int vector_fold<Sample>::take(const Sample* averaged, int frames, std::uint64_t 
     d_noise.resize(count);
     this->d_folder.fold(averaged,
                         count,
-                        this->d_out + this->d_produced * kernel::FFT_LENGTH,
+                        this->d_out + this->d_produced * this->d_folder.symbol_length(),
                         d_noise.data());
     this->add_item_tag(0,
                        this->nitems_written(0) + this->d_produced,
@@ -300,9 +310,13 @@ group_fold<Sample>::group_fold(const kernel::preamble_folder& folder,
                                int group_length)
     : gr::block("preamble_fold",
                 gr::io_signature::make(1, 1, sizeof(Sample)),
-                gr::io_signature::make(1, 1, transform->rows() * VECTOR_BYTES)),
-      group_block<preamble_fold_impl<Sample>>(
-          std::move(transform), group_length, folder, sample_rate, frame_offset)
+                gr::io_signature::make(1, 1, transform->rows() * vector_bytes(folder))),
+      group_block<preamble_fold_impl<Sample>>(std::move(transform),
+                                              group_length,
+                                              folder.symbol_length(),
+                                              folder,
+                                              sample_rate,
+                                              frame_offset)
 {
 }
 

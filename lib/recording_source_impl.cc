@@ -24,7 +24,8 @@ recording_source::sptr recording_source::make(const std::string& path,
                                               int first_averaged,
                                               int repetitions,
                                               std::uint64_t frame_offset,
-                                              std::uint64_t header_bytes)
+                                              std::uint64_t header_bytes,
+                                              int symbol_length)
 {
     std::vector<kernel::recording::segment> runs;
     for (const auto& [file_sample, global_index, length] : segments)
@@ -33,7 +34,7 @@ recording_source::sptr recording_source::make(const std::string& path,
         path,
         datatype,
         runs,
-        kernel::preamble_folder(frame_length, first_averaged, repetitions),
+        kernel::preamble_folder(frame_length, first_averaged, repetitions, symbol_length),
         frame_offset,
         header_bytes);
 }
@@ -48,7 +49,7 @@ recording_source_impl::recording_source_impl(
     : gr::sync_block(
           "recording_source",
           gr::io_signature::make(0, 0, 0),
-          gr::io_signature::make(1, 1, kernel::FFT_LENGTH * sizeof(kernel::fc32))),
+          gr::io_signature::make(1, 1, folder.symbol_length() * sizeof(kernel::fc32))),
       d_frames(path,
                datatype,
                segments,
@@ -80,7 +81,7 @@ int recording_source_impl::work(int noutput_items,
         const std::uint64_t first = d_frames.frame();
         const int count = std::min<std::uint64_t>(ready, noutput_items - produced);
         d_noise.resize(count);
-        d_frames.fold(count, out + produced * kernel::FFT_LENGTH, d_noise.data());
+        d_frames.fold(count, out + produced * d_frames.symbol_length(), d_noise.data());
         add_item_tag(0,
                      nitems_written(0) + produced,
                      noise_key,

@@ -11,6 +11,8 @@
 #include <vector>
 
 using namespace gr::wiforce::kernel;
+
+constexpr int FFT_LENGTH = DEFAULT_SYMBOL_LENGTH;
 using marks_t = std::vector<std::uint8_t>;
 using complex_t = std::complex<double>;
 

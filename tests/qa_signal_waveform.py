@@ -65,11 +65,11 @@ def test_wifi_preamble_has_structure_of_standard():
 @pytest.mark.parametrize(
     "arguments, message",
     [
-        (("repeated", 319), "frame_length: must be an integer >= 320, got 319"),
+        (("repeated", 319), "frame_length: must be an integer >= 320, the samples of the preamble"),
         (("repeated", 720.5), "frame_length"),
         (("repeated", 720, 0.0), "sample_rate_hz: must be positive"),
         (("repeated", 720, float("nan")), "sample_rate_hz"),
-        (("chirp",), "waveform: must be 'repeated' or 'wifi', got 'chirp'"),
+        (("chirps",), "waveform: must be 'repeated' or .* or a .npy file, got 'chirps'"),
     ],
 )
 def test_sounding_waveform_bad_parameter_names_rule_and_value(arguments, message):

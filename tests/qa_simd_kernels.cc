@@ -25,6 +25,8 @@ static std::ostream& operator<<(std::ostream& out, const simd_kernels* k)
 namespace {
 
 const auto variants = data::make(usable_kernels());
+// The default symbol, the shortest, and two that do not fill the registers.
+const auto widths = data::make({ 128, 32, 34, 250 });
 
 std::vector<float> noise(std::size_t count, unsigned seed)
 {
@@ -38,19 +40,19 @@ std::vector<float> noise(std::size_t count, unsigned seed)
 
 // What the kernels give as snapshot_noise, for components in units of full scale.
 template <class T>
-std::pair<double, double>
-noise_of(const std::vector<T>& in, std::size_t first, int repetitions, double unit)
+std::pair<double, double> noise_of(
+    const std::vector<T>& in, std::size_t first, int repetitions, int width, double unit)
 {
     double smallest = 0, largest = 0;
-    for (int n = 0; repetitions > 1 && n < WIDTH; n++) {
+    for (int n = 0; repetitions > 1 && n < width; n++) {
         std::vector<double> squares;
         for (int r = 1; r < repetitions; r++) {
-            const double after = in[first + r * WIDTH + n];
+            const double after = in[first + r * width + n];
             squares.push_back(
-                std::pow(unit * (after - in[first + (r - 1) * WIDTH + n]), 2));
+                std::pow(unit * (after - in[first + (r - 1) * width + n]), 2));
         }
-        smallest += *std::min_element(squares.begin(), squares.end()) / WIDTH;
-        largest += *std::max_element(squares.begin(), squares.end()) / WIDTH;
+        smallest += *std::min_element(squares.begin(), squares.end()) / width;
+        largest += *std::max_element(squares.begin(), squares.end()) / width;
     }
     return { smallest, largest };
 }
@@ -58,77 +60,94 @@ noise_of(const std::vector<T>& in, std::size_t first, int repetitions, double un
 } // namespace
 
 BOOST_DATA_TEST_CASE(fold_fc32_is_the_scaled_sum,
-                     variants* data::make({ 1, 2, 4, 5 }),
+                     variants* data::make({ 1, 2, 4, 5 }) * widths,
                      simd,
-                     repetitions)
+                     repetitions,
+                     width)
 {
-    const std::size_t frames = 7, stride = WIDTH * repetitions + 42;
+    const std::size_t frames = 7, stride = width * repetitions + 42;
     const auto in = noise(frames * stride, 1);
-    std::vector<float> folded(frames * WIDTH);
-    std::vector<float> levels(2 * frames);
-    simd->fold_fc32(
-        in.data(), stride, frames, repetitions, 0.25f, folded.data(), levels.data());
-    for (std::size_t f = 0; f < frames; f++)
-        for (int n = 0; n < WIDTH; n++) {
-            double sum = 0;
-            for (int r = 0; r < repetitions; r++)
-                sum += in[f * stride + r * WIDTH + n];
-            BOOST_TEST(std::abs(folded[f * WIDTH + n] - 0.25 * sum) < 1e-6);
-        }
-}
-
-BOOST_DATA_TEST_CASE(fold_fc32_finds_noise_under_a_strong_path,
-                     variants* data::make({ 1, 2, 3, 4, 5 }),
-                     simd,
-                     repetitions)
-{
-    const std::size_t frames = 3, stride = WIDTH * repetitions + 42;
-    auto in = noise(frames * stride, 8);
-    const auto path = noise(WIDTH, 9);
-    for (std::size_t i = 0; i < in.size(); i++) // 60 dB above the noise
-        in[i] += 1000 * path[i % stride % WIDTH];
-    std::vector<float> folded(frames * WIDTH);
+    std::vector<float> folded(frames * width);
     std::vector<float> levels(2 * frames);
     simd->fold_fc32(in.data(),
                     stride,
                     frames,
                     repetitions,
+                    width,
+                    0.25f,
+                    folded.data(),
+                    levels.data());
+    for (std::size_t f = 0; f < frames; f++)
+        for (int n = 0; n < width; n++) {
+            double sum = 0;
+            for (int r = 0; r < repetitions; r++)
+                sum += in[f * stride + r * width + n];
+            BOOST_TEST(std::abs(folded[f * width + n] - 0.25 * sum) < 1e-6);
+        }
+}
+
+BOOST_DATA_TEST_CASE(fold_fc32_finds_noise_under_a_strong_path,
+                     variants* data::make({ 1, 2, 3, 4, 5 }) * widths,
+                     simd,
+                     repetitions,
+                     width)
+{
+    const std::size_t frames = 3, stride = width * repetitions + 42;
+    auto in = noise(frames * stride, 8);
+    const auto path = noise(width, 9);
+    for (std::size_t i = 0; i < in.size(); i++) // 60 dB above the noise
+        in[i] += 1000 * path[i % stride % width];
+    std::vector<float> folded(frames * width);
+    std::vector<float> levels(2 * frames);
+    simd->fold_fc32(in.data(),
+                    stride,
+                    frames,
+                    repetitions,
+                    width,
                     0.5f / repetitions,
                     folded.data(),
                     levels.data());
     for (std::size_t f = 0; f < frames; f++) {
-        const auto [smallest, largest] = noise_of(in, f * stride, repetitions, 0.5);
+        const auto [smallest, largest] =
+            noise_of(in, f * stride, repetitions, width, 0.5);
         BOOST_TEST(std::abs(levels[2 * f] - smallest) <= 1e-5 * smallest);
         BOOST_TEST(std::abs(levels[2 * f + 1] - largest) <= 1e-5 * largest);
     }
 }
 
 BOOST_DATA_TEST_CASE(fold_sc16_is_exact,
-                     variants* data::make({ 1, 2, 4, 5 }),
+                     variants* data::make({ 1, 2, 4, 5 }) * widths,
                      simd,
-                     repetitions)
+                     repetitions,
+                     width)
 {
-    const std::size_t frames = 7, stride = WIDTH * repetitions + 42;
+    const std::size_t frames = 7, stride = width * repetitions + 42;
     std::mt19937 random(2);
     std::uniform_int_distribution<int> uniform(-32768, 32767);
     std::vector<std::int16_t> in(frames * stride);
     for (auto& v : in)
         v = uniform(random);
-    std::fill_n(in.begin(), WIDTH * repetitions, -32768);
-    std::vector<float> folded(frames * WIDTH);
+    std::fill_n(in.begin(), width * repetitions, -32768);
+    std::vector<float> folded(frames * width);
     std::vector<float> levels(2 * frames);
-    simd->fold_sc16(
-        in.data(), stride, frames, repetitions, 0.5f, folded.data(), levels.data());
+    simd->fold_sc16(in.data(),
+                    stride,
+                    frames,
+                    repetitions,
+                    width,
+                    0.5f,
+                    folded.data(),
+                    levels.data());
     for (std::size_t f = 0; f < frames; f++)
-        for (int n = 0; n < WIDTH; n++) {
+        for (int n = 0; n < width; n++) {
             int sum = 0;
             for (int r = 0; r < repetitions; r++)
-                sum += in[f * stride + r * WIDTH + n];
-            BOOST_TEST(folded[f * WIDTH + n] == 0.5f * sum);
+                sum += in[f * stride + r * width + n];
+            BOOST_TEST(folded[f * width + n] == 0.5f * sum);
         }
     for (std::size_t f = 0; f < frames; f++) {
         const auto [smallest, largest] =
-            noise_of(in, f * stride, repetitions, 0.5 * repetitions);
+            noise_of(in, f * stride, repetitions, width, 0.5 * repetitions);
         BOOST_TEST(std::abs(levels[2 * f] - smallest) <= 1e-5 * smallest);
         BOOST_TEST(std::abs(levels[2 * f + 1] - largest) <= 1e-5 * largest);
     }
@@ -136,54 +155,59 @@ BOOST_DATA_TEST_CASE(fold_sc16_is_exact,
 
 BOOST_DATA_TEST_CASE(accumulate_adds_weighted_differences,
                      variants* data::make({ 4, 8, 12, 16, 20 }) *
-                         data::make({ 0, 1, 17, 32 }),
+                         data::make({ 0, 1, 17, 32 }) * widths,
                      simd,
                      rows,
-                     count)
+                     count,
+                     width)
 {
-    const auto snapshots = noise(count * WIDTH, 3), reference = noise(WIDTH, 4);
-    const auto weights = noise(count * rows, 5), before = noise(rows * WIDTH, 6);
+    const auto snapshots = noise(count * width, 3), reference = noise(width, 4);
+    const auto weights = noise(count * rows, 5), before = noise(rows * width, 6);
     auto sums = before;
-    simd->accumulate(
-        snapshots.data(), reference.data(), weights.data(), count, rows, sums.data());
+    simd->accumulate(snapshots.data(),
+                     reference.data(),
+                     weights.data(),
+                     count,
+                     rows,
+                     width,
+                     sums.data());
     for (int r = 0; r < rows; r++)
-        for (int c = 0; c < WIDTH; c++) {
-            double want = before[r * WIDTH + c];
+        for (int c = 0; c < width; c++) {
+            double want = before[r * width + c];
             for (int n = 0; n < count; n++)
                 want += double(weights[n * rows + r]) *
-                        (double(snapshots[n * WIDTH + c]) - reference[c]);
+                        (double(snapshots[n * width + c]) - reference[c]);
             // 32 products of normal values: a few ulp of about 30
-            BOOST_TEST(std::abs(sums[r * WIDTH + c] - want) < 2e-5);
+            BOOST_TEST(std::abs(sums[r * width + c] - want) < 2e-5);
         }
 }
 
 BOOST_DATA_TEST_CASE(one_value_that_is_not_finite_is_seen, variants, simd)
 {
-    constexpr int COUNT = 3;
-    auto vectors = noise(COUNT * WIDTH, 7);
+    auto vectors = noise(385, 7);
     vectors[3] = std::numeric_limits<float>::max();
-    BOOST_TEST(simd->are_finite(vectors.data(), COUNT));
+    BOOST_TEST(simd->are_finite(vectors.data(), vectors.size()));
     for (const float bad : { std::numeric_limits<float>::infinity(),
                              -std::numeric_limits<float>::infinity(),
                              std::numeric_limits<float>::quiet_NaN() })
-        for (int n = 0; n < COUNT * WIDTH; n++) {
+        for (int n = 0; n < 385; n++) {
             auto x = vectors;
             x[n] = bad;
-            BOOST_TEST(!simd->are_finite(x.data(), COUNT));
-            BOOST_TEST(simd->are_finite(x.data(), n / WIDTH));
+            BOOST_TEST(!simd->are_finite(x.data(), x.size()));
+            BOOST_TEST(simd->are_finite(x.data(), n));
         }
 }
 
 BOOST_DATA_TEST_CASE(no_integer_at_the_limit_is_missed, variants, simd)
 {
     constexpr std::int16_t LIMIT = 32752;
-    constexpr int STRIDE = 300, FRAMES = 3, REPETITIONS = 2;
+    constexpr int STRIDE = 300, FRAMES = 3, COUNT = 250;
     for (int n = 0; n < STRIDE * FRAMES; n++)
         for (const int value : { 32751, 32752, 32767, -32751, -32752, -32768 }) {
             std::vector<std::int16_t> x(STRIDE * FRAMES);
             x[n] = value;
-            const bool looked_at = n % STRIDE < REPETITIONS * WIDTH;
-            BOOST_TEST(simd->reach(x.data(), STRIDE, FRAMES, REPETITIONS, LIMIT) ==
+            const bool looked_at = n % STRIDE < COUNT;
+            BOOST_TEST(simd->reach(x.data(), STRIDE, FRAMES, COUNT, LIMIT) ==
                        (looked_at && std::abs(value) >= LIMIT));
         }
 }

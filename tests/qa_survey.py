@@ -371,6 +371,48 @@ def test_disturbed_room_has_less_noise_with_its_weights(own_plan):
     assert outputs[1] < outputs[0] / 5
 
 
+def test_power_of_lamps_counts_once_per_subcarrier(own_plan):
+    """A reading averages white noise over the subcarriers, but not what arrives by one path."""
+    line = 4 * np.cos(2 * np.pi * 1300 * TIME_S)[:, None]
+    for part, weight in ((line, 1), (lamps(50.0, 4.0), CARRIERS)):
+        survey = surveyed(room(part), own_plan)
+        lines = [line for source in survey.sources for line in (*source.lines, *source.masked)]
+        # A line of amplitude a has a power of a^2 / 2 in all.
+        power = sum(2 * line.power for line in lines if line.frequency_hz > own_plan.clutter_hz)
+        noise = survey.noise(own_plan.group_length, own_plan.clutter_hz)
+        assert noise.autocovariance[0] - 1 == pytest.approx(weight * power, rel=0.1)
+
+
+def test_readings_among_lamps_err_less_with_the_power_that_averaging_leaves():
+    """The mean over subcarriers leaves the lamps: weights for a single one let too much through."""
+    own = settings(clock_hz=1040)
+    survey = surveyed(room(lamps(50.0, 1.0)), own)
+    chosen = adapted(own, survey).table
+    single = survey.noise(own.group_length, own.clutter_hz).scaled(1 / survey.subcarriers)
+    others = replace(own, room=single).table
+
+    def variance(table):
+        """Of each tone, averaged over the subcarriers: in a room where nothing wanders."""
+        lines = survey.noise(own.group_length, own.clutter_hz).scaled(1 / CARRIERS).covariance()
+        lines -= np.eye(len(lines))
+        white = np.sum(np.abs(table.weights) ** 2, axis=1) / CARRIERS
+        through = np.einsum("mn,nk,mk->m", table.weights, lines, table.weights.conj()).real
+        return white + through
+
+    assert np.all(variance(chosen) <= 1.001 * variance(others))
+    assert np.min(variance(chosen) / variance(others)) < 0.7
+
+
+def test_room_that_leaves_no_line_is_suppressed_less(own_plan, monkeypatch):
+    """Nothing would be suppressed otherwise, although every reading is flagged."""
+    survey = surveyed(room(lamps(50.0, 4.0)), own_plan)
+    noise = survey.noise(own_plan.group_length, own_plan.clutter_hz).autocovariance
+    weak = property(lambda plan: plan.room is None or plan.room.autocovariance[0] < noise[0] / 2)
+    monkeypatch.setattr(Plan, "separable", weak)
+    chosen = adapted(own_plan, survey).room.autocovariance
+    assert chosen[1:] * CARRIERS == pytest.approx(noise[1:])
+
+
 def test_mains_of_a_scene_must_be_known():
     with pytest.raises(InputError, match="mains_hz"):
         settings(mains_hz=55)

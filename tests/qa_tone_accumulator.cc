@@ -14,6 +14,8 @@
 
 namespace data = boost::unit_test::data;
 using namespace gr::wiforce::kernel;
+
+constexpr int FFT_LENGTH = DEFAULT_SYMBOL_LENGTH;
 using complex = std::complex<double>;
 
 namespace {

@@ -9,7 +9,7 @@ import time
 import click
 from gnuradio import gr, wiforce
 from gnuradio.wiforce.blocks.capture_stream import capture_stream
-from gnuradio.wiforce.estimation.frame import SEARCHED_FRAMES
+from gnuradio.wiforce.estimation.frame import searched_samples
 from gnuradio.wiforce.estimation.recorded_frames import find_frames, first_frame, no_frames
 from gnuradio.wiforce.io.capture import open_capture
 
@@ -101,7 +101,7 @@ class GrowingCapture:
 def _once_long_enough(capture, datatype, waveform):
     """The recording as soon as it holds as many frames as their offset is searched in."""
     recording = open_capture(capture, datatype)
-    while recording.span < SEARCHED_FRAMES * waveform.frame_length:
+    while recording.span < searched_samples(waveform):
         time.sleep(_WAIT_S)
         recording = open_capture(capture, datatype)
     return recording
@@ -116,7 +116,7 @@ def _wait_for_frames(recording, capture, datatype, waveform):
         click.echo(f"gr-wiforce: warning: {no_frames(recording, waveform)}; waiting", err=True)
     while place is None:
         searched = recording.span
-        while recording.span < searched + SEARCHED_FRAMES * waveform.frame_length:
+        while recording.span < searched + searched_samples(waveform):
             if interrupted.wait(_WAIT_S):
                 raise no_frames(recording, waveform)
             recording = open_capture(capture, datatype)

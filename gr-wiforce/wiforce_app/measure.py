@@ -22,7 +22,6 @@ from gnuradio.wiforce.planning.plan import plan as plan_of
 from gnuradio.wiforce.planning.steps import MORE_LINES, with_more_lines
 from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.scene import Press
-from gnuradio.wiforce.signal.waveform import FFT_LENGTH
 from gnuradio.wiforce.simulation.simulator import simulate
 
 # Signal after the untouched reference: long enough that a block's start-up is negligible.
@@ -134,17 +133,19 @@ class _Blocks:
         """Snapshots (G, N, 64) of the recording's groups."""
         from gnuradio import blocks
 
-        length = self._plan.group_length * FFT_LENGTH
+        length = self._plan.group_length * self._plan.waveform.symbol_length
         sink = blocks.vector_sink_c(length)
         self._run(self._collected(), sink)
-        return np.array(sink.data(), np.complex64).reshape(-1, self._plan.group_length, FFT_LENGTH)
+        return np.array(sink.data(), np.complex64).reshape(
+            -1, self._plan.group_length, self._plan.waveform.symbol_length
+        )
 
     def fold(self):
         return self._time(self._collected)
 
     def whole_frames(self):
         """With all samples of a frame folded."""
-        repetitions = self._plan.waveform.frame_length // FFT_LENGTH
+        repetitions = self._plan.waveform.frame_length // self._plan.waveform.symbol_length
         return self._time(lambda: self._collected(first_averaged=0, repetitions=repetitions))
 
     def channel(self, tones):
@@ -152,13 +153,17 @@ class _Blocks:
         from gnuradio import blocks, gr
 
         rows = tones.shape[1]
-        values = np.zeros((len(tones), rows, FFT_LENGTH), np.complex64)
+        values = np.zeros((len(tones), rows, self._plan.waveform.symbol_length), np.complex64)
         values[:, :, self._plan.waveform.bins] = tones
-        rotation = self._plan.table.derotation(self._plan.waveform.sample_rate_hz)
+        rotation = self._plan.table.derotation(
+            self._plan.waveform.sample_rate_hz, self._plan.waveform.symbol_length
+        )
         times = []
         for _ in range(_RUNS):
             estimator = self._estimator(rows, rotation)
-            source = blocks.vector_source_c(values.ravel().tolist(), False, rows * FFT_LENGTH)
+            source = blocks.vector_source_c(
+                values.ravel().tolist(), False, rows * self._plan.waveform.symbol_length
+            )
             flowgraph = gr.top_block()
             flowgraph.connect(source, estimator, _null_sink(estimator))
             flowgraph.run()

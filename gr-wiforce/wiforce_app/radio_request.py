@@ -43,8 +43,11 @@ class RadioRequest:
     sample_rate_hz, center_frequency_hz : float
         In both directions.
     waveform : str
+        Its name, or the file that its symbol came from.
     frame_length : int
         Samples per frame.
+    repeated : dict
+        The other keys of the scene's ``sounding``.
     amplitude : float
         Root of the mean preamble power of the transmitted signal, over full scale.
     tx_gain_db, rx_gain_db : float or None
@@ -63,6 +66,7 @@ class RadioRequest:
     center_frequency_hz: float
     waveform: str
     frame_length: int
+    repeated: dict = dataclasses.field(default_factory=dict)
     amplitude: float = 0.5
     tx_gain_db: float | None = None
     rx_gain_db: float | None = None
@@ -96,6 +100,12 @@ class RadioRequest:
             scene.radio.center_frequency_hz,
             waveform.name,
             waveform.frame_length,
+            {
+                "symbol_length": scene.sounding.symbol_length,
+                "repetitions": scene.sounding.repetitions,
+                "averaged_repetitions": scene.sounding.averaged_repetitions,
+                "symbol": scene.sounding.symbol,
+            },
             scene_name=str(scene.path or "scene"),
             **settings,
         )
@@ -103,12 +113,10 @@ class RadioRequest:
     @property
     def sounding(self) -> dict:
         """Parameters of the blocks that make and align frames."""
-        return {
-            "waveform": self.waveform,
-            "frame_length": self.frame_length,
-            "sample_rate": self.sample_rate_hz,
-            "item_type": "sc16",
-        }
+        from gnuradio.wiforce.scene.schema import Sounding
+
+        stated = Sounding(waveform=self.waveform, frame_length=self.frame_length, **self.repeated)
+        return {"waveform": stated.waveform_at(self.sample_rate_hz), "item_type": "sc16"}
 
     def to_json(self) -> str:
         """The request as a line of text."""

@@ -42,6 +42,11 @@ class InputError(ValueError):
         self._what = rule + (f", got {_short(value[0])}" if value else "")
         super().__init__(f"{self.where}: {self._what}")
 
+    @property
+    def rule(self) -> str:
+        """The rule that is broken, with the value."""
+        return self._what
+
     def renamed(self, names: Mapping[str, str]) -> "InputError":
         """The same error in the caller's terms.
 

@@ -99,7 +99,7 @@ class StreamReader:
         self.compression: Compression | None = None
         self.tares = StreamTares(self._request_tare, self._cancel_tare)
         self._tracked, self._again_s = tracked, survey_again_s
-        self._screen = GroupScreen(plan.group_length)
+        self._screen = GroupScreen(plan.group_length, plan.waveform.symbol_length)
         self._surveyed = surveyed_snapshots(plan)
         self._kept: SurveyedGroups | None = None
         self._in_tare = False  # whether these are the groups of a tare

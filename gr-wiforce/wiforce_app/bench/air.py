@@ -134,7 +134,7 @@ class Air:
         self._length, self._tags = group_length, tuple(tags)
         self._period_s = waveform.snapshot_period_s
         self._window_s = waveform.averaging_s
-        hertz = waveform.subcarriers * waveform.sample_rate_hz / 64
+        hertz = waveform.subcarriers * waveform.spacing_hz
         coherence = levels.coherence_hz
         self.channels = [
             fading(self._rng, hertz, coherence) * 10 ** (tag.level_db / 20) for tag in tags

@@ -5,7 +5,7 @@ import time
 from dataclasses import dataclass, replace
 
 import numpy as np
-from gnuradio.wiforce.estimation.compression import Compression
+from gnuradio.wiforce.estimation.compression import Compression, image_operator
 from gnuradio.wiforce.estimation.tracked_tag import TagClock
 from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.recording import RecordingReader
@@ -127,6 +127,7 @@ def _forced(settings):
         line_hz, np.ones(1), settings.group_length, settings.waveform.snapshot_period_s
     )
     forced[NOISE_WEIGHTS] = replace(settings, room=noise)
-    size = len(settings.waveform.bins)
-    forced[COMPRESSION] = replace(settings, compression=Compression(np.zeros((size, size)), 0.0))
+    waveform = settings.waveform
+    image = image_operator(np.zeros(waveform.symbol_length), 0.0, waveform)
+    forced[COMPRESSION] = replace(settings, compression=Compression(image, 0.0))
     return forced

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.readings import WEAK_PHASE_DEG
-from gnuradio.wiforce.signal.waveform import FFT_LENGTH, sounding_waveform
+from gnuradio.wiforce.signal.waveform import sounding_waveform
 
 from .chain import SnapshotChain
 from .montecarlo import air_of, errors_of, plan_of
@@ -132,7 +132,9 @@ def _through_blocks(path, settings, snapshots, indices, folder):
             stream.write(_samples(group, item_type))
     flowgraph, sink, messages = _flowgraph(path, item_type, samples, settings, indices)
     flowgraph.run()
-    tones = np.array(sink.data(), np.complex64).reshape(-1, len(settings.table.tones), FFT_LENGTH)
+    tones = np.array(sink.data(), np.complex64).reshape(
+        -1, len(settings.table.tones), WAVEFORM.symbol_length
+    )
     return _group_indices(sink, len(tones)), tones, _incomplete(messages)
 
 
@@ -146,14 +148,16 @@ def _incomplete(messages):
         meta = pmt.to_python(pmt.car(message))
         mask = np.asarray(meta["mask"], bool)
         folded = np.array(pmt.c32vector_elements(pmt.cdr(message)), complex)
-        channel = np.fft.fft(folded.reshape(len(mask), FFT_LENGTH)) * WAVEFORM.equalizer()
+        channel = (
+            np.fft.fft(folded.reshape(len(mask), WAVEFORM.symbol_length)) * WAVEFORM.equalizer()
+        )
         found[int(meta["group"])] = channel[:, WAVEFORM.bins], mask
     return found
 
 
 def _samples(snapshots, item_type):
     """Frames whose fold and FFT give H (N, K)."""
-    spectrum = np.zeros((len(snapshots), FFT_LENGTH), complex)
+    spectrum = np.zeros((len(snapshots), WAVEFORM.symbol_length), complex)
     spectrum[:, WAVEFORM.bins] = snapshots / WAVEFORM.equalizer()[WAVEFORM.bins]
     symbol = np.fft.ifft(spectrum, axis=1)
     frames = np.zeros((len(snapshots), WAVEFORM.frame_length), complex)
@@ -193,7 +197,7 @@ def _flowgraph(path, item_type, samples, settings, indices):
             chain = [source, fold, doppler, wiforce.ofdm_channel_estimator(factors, rows)]
             if path == "channel first":
                 chain = [source, fold, wiforce.ofdm_channel_estimator(factors, 1), doppler]
-    sink = blocks.vector_sink_c(rows * FFT_LENGTH)
+    sink = blocks.vector_sink_c(rows * WAVEFORM.symbol_length)
     top.connect(*chain, sink)
     messages = blocks.message_debug(False)
     sender = next(block for block in chain if _has_incomplete_port(block))

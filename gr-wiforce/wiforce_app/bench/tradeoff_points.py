@@ -320,7 +320,9 @@ def _flowgraph(setting, recordings):
     factors = waveform.equalizer().astype(np.complex64)
     doppler = [] if setting.order == "tones first" else [wiforce.phase_group_doppler(**group)]
     if setting.order in _ROTATED:
-        rotation = table.derotation(waveform.sample_rate_hz).astype(np.complex64)
+        rotation = table.derotation(waveform.sample_rate_hz, waveform.symbol_length).astype(
+            np.complex64
+        )
         rows = len(table.tones)
         chain += [*doppler, wiforce.ofdm_channel_estimator(factors, rows, rotation)]
     else:

@@ -2,7 +2,6 @@
 """The channel of every snapshot of a capture, with nothing left out."""
 
 import numpy as np
-from gnuradio.wiforce.signal.waveform import FFT_LENGTH
 
 
 def snapshot_channels(recording, scene, path):
@@ -28,7 +27,7 @@ def snapshot_channels(recording, scene, path):
     flowgraph.connect(
         wiforce.capture_source(recording, scene),
         wiforce.ofdm_channel_estimator(factors=factors),
-        blocks.file_sink(FFT_LENGTH * gr.sizeof_gr_complex, str(path)),
+        blocks.file_sink(waveform.symbol_length * gr.sizeof_gr_complex, str(path)),
     )
     flowgraph.run()
-    return np.memmap(path, np.complex64, "r").reshape(-1, FFT_LENGTH)[:, waveform.bins]
+    return np.memmap(path, np.complex64, "r").reshape(-1, waveform.symbol_length)[:, waveform.bins]

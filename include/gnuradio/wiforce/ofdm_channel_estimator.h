@@ -13,9 +13,10 @@ namespace gr::wiforce {
  * \brief Estimates the channel on each subcarrier from folded preambles.
  * \ingroup wiforce
  *
- * Input and output: vectors of rows x 64 complex floats. Each row goes through a 64-point
- * FFT and is multiplied by \p factors: H[k] = FFT(x)[k] factors[k], k in natural FFT
- * order. Factors of zero leave unoccupied subcarriers at zero.
+ * Input and output: vectors of rows x N complex floats, N = 64 for the default
+ * waveform. Each row goes through an N-point FFT and is multiplied by \p factors: H[k] =
+ * FFT(x)[k] factors[k], k in natural FFT order. Factors of zero leave unoccupied
+ * subcarriers at zero.
  *
  * Folding, Doppler tones and this estimate are linear and commute. After preamble_fold
  * (rows = 1) it gives the channel of each snapshot; after phase_group_doppler (rows = M)
@@ -27,9 +28,9 @@ public:
     using sptr = std::shared_ptr<ofdm_channel_estimator>;
 
     /*!
-     * \param factors 64 factors, 1 / (X_k 64 / sqrt K) on occupied subcarriers, else 0
+     * \param factors N factors, 1 / (X_k N / sqrt K) on occupied subcarriers, else 0
      * \param rows rows per vector
-     * \param rotation rows x 64 values by which the samples are multiplied before the
+     * \param rotation rows x N values by which the samples are multiplied before the
      *        FFT, or none: the phase of a tone at f advances by 2 pi f / sample_rate from
      *        one folded sample to the next, which leaks into neighbouring subcarriers
      * \throws std::invalid_argument naming parameter, rule and value

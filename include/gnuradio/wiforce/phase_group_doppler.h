@@ -14,8 +14,8 @@ namespace gr::wiforce {
  * \brief Doppler tones, or the whole Doppler spectrum, of each phase group of snapshots.
  * \ingroup wiforce
  *
- * Input: a vector of 64 complex floats per snapshot. Output: a vector of M x 64 per phase
- * group of N_g snapshots,
+ * Input: a vector of symbol_length complex floats per snapshot. Output: a vector of
+ * M x symbol_length per phase group of N_g snapshots,
  *
  *   P[m, k] = sum_n w[m, n] h[n, k].
  *
@@ -40,22 +40,26 @@ public:
     /*!
      * \param weights M x N_g weights, row by row
      * \param group_length snapshots per phase group, N_g
+     * \param symbol_length samples of a snapshot, 16 to 4096
+     * \param group_length snapshots per phase group, N_g
      * \throws std::invalid_argument naming parameter, rule and value
      */
-    static sptr make(const std::vector<std::complex<double>>& weights, int group_length);
+    static sptr make(const std::vector<std::complex<double>>& weights,
+                     int group_length,
+                     int symbol_length = 64);
 
     /*!
      * The discrete Fourier transform over the group, scaled by 1/N_g: M = N_g rows in
      * natural FFT order, w[m, n] = exp(-2 pi j m n / N_g) / N_g.
      */
-    static sptr spectrum(int group_length);
+    static sptr spectrum(int group_length, int symbol_length = 64);
 
     /*!
      * The snapshots of the group themselves, M = N_g rows, absent ones as zeros. None is
      * rejected and nothing is published: the output's tag `noise` holds two floats for
      * each snapshot, and the tag `mask` of an incomplete group shows which are present.
      */
-    static sptr collected(int group_length);
+    static sptr collected(int group_length, int symbol_length = 64);
 
     //! Rows per output item, M.
     virtual int rows() const = 0;

@@ -16,9 +16,9 @@ namespace gr::wiforce {
  * \ingroup wiforce
  *
  * Input: samples, complex float (fc32) or complex int16 (sc16, scaled by 1/32768).
- * Output, first form: one vector of 64 complex floats per frame, the mean over the
- * repetitions. Output, second form (tones): that of phase_group_doppler, with its tags
- * and message port `incomplete`, computed in one thread, which is faster.
+ * Output, first form: one vector of symbol_length complex floats per frame, the mean over
+ * the repetitions. Output, second form (tones): that of phase_group_doppler, with its
+ * tags and message port `incomplete`, computed in one thread, which is faster.
  *
  * Frames lie on a grid that starts at \p frame_offset; the block does not search for the
  * first one. A tag `rx_time` later than the samples before it account for reports lost
@@ -46,20 +46,20 @@ public:
     using sptr = std::shared_ptr<preamble_fold>;
 
     /*!
-     * \param frame_length samples per frame, at least first_averaged + 64 repetitions
-     * \param first_averaged first averaged sample of a frame
-     * \param repetitions repetitions of 64 samples that are averaged
-     * \param sample_rate samples per second, to interpret `rx_time`
-     * \param frame_offset samples before the first frame
-     * \param item_type "fc32" or "sc16"
-     * \throws std::invalid_argument naming parameter, rule and value
+     * \param frame_length samples per frame, at least first_averaged + symbol_length
+     * repetitions \param first_averaged first averaged sample of a frame \param
+     * repetitions repetitions of the symbol that are averaged \param sample_rate samples
+     * per second, to interpret `rx_time` \param frame_offset samples before the first
+     * frame \param item_type "fc32" or "sc16" \param symbol_length samples of the symbol,
+     * 16 to 4096 \throws std::invalid_argument naming parameter, rule and value
      */
     static sptr make(int frame_length,
                      int first_averaged = 64,
                      int repetitions = 4,
                      double sample_rate = 12.5e6,
                      std::uint64_t frame_offset = 0,
-                     const std::string& item_type = "fc32");
+                     const std::string& item_type = "fc32",
+                     int symbol_length = 64);
 
     /*!
      * The second form.
@@ -73,7 +73,8 @@ public:
                       int repetitions = 4,
                       double sample_rate = 12.5e6,
                       std::uint64_t frame_offset = 0,
-                      const std::string& item_type = "fc32");
+                      const std::string& item_type = "fc32",
+                      int symbol_length = 64);
 
     /*!
      * The third form: output and tags are those of phase_group_doppler::collected.
@@ -85,7 +86,8 @@ public:
                           int repetitions = 4,
                           double sample_rate = 12.5e6,
                           std::uint64_t frame_offset = 0,
-                          const std::string& item_type = "fc32");
+                          const std::string& item_type = "fc32",
+                          int symbol_length = 64);
 
     //! Frames folded so far.
     virtual std::uint64_t snapshots() const = 0;

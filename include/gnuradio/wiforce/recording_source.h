@@ -15,10 +15,10 @@ namespace gr::wiforce {
  * \brief Reads the folded preambles of a recording.
  * \ingroup wiforce
  *
- * Equivalent to a file source followed by preamble_fold. Output: one vector of 64 complex
- * floats per frame, with the tag `snapshot` on the first one and on the first one after
- * every gap, the tag `saturated` on those of integer samples at full scale, and the tag
- * `noise` of preamble_fold.
+ * Equivalent to a file source followed by preamble_fold. Output: one vector of a symbol's
+ * complex floats per frame, with the tag `snapshot` on the first one and on the first one
+ * after every gap, the tag `saturated` on those of integer samples at full scale, and the
+ * tag `noise` of preamble_fold.
  *
  * Frame timing is monitored as in preamble_fold. A file that is shorter than its segments
  * say, or is cut short while it is read, is read as far as it goes.
@@ -35,11 +35,11 @@ public:
      * \param path data file
      * \param datatype "ci16_le" or "cf32_le"
      * \param segments unbroken runs of samples in order; between two, samples were lost
-     * \param frame_length samples per frame, at least first_averaged + 64 repetitions
-     * \param first_averaged first averaged sample of a frame
-     * \param repetitions repetitions of 64 samples that are averaged
-     * \param frame_offset samples from the first segment's start to the first frame
-     * \param header_bytes bytes of the file before its first sample
+     * \param frame_length samples per frame, at least first_averaged + symbol_length
+     * repetitions \param first_averaged first averaged sample of a frame \param
+     * repetitions repetitions of the symbol that are averaged \param frame_offset samples
+     * from the first segment's start to the first frame \param header_bytes bytes of the
+     * file before its first sample \param symbol_length samples of the symbol, 16 to 4096
      * \throws std::invalid_argument naming file or parameter, rule and value
      */
     static sptr make(const std::string& path,
@@ -49,7 +49,8 @@ public:
                      int first_averaged = 64,
                      int repetitions = 4,
                      std::uint64_t frame_offset = 0,
-                     std::uint64_t header_bytes = 0);
+                     std::uint64_t header_bytes = 0,
+                     int symbol_length = 64);
 
     //! Frames folded so far.
     virtual std::uint64_t snapshots() const = 0;

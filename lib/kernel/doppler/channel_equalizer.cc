@@ -20,6 +20,16 @@ int checked_rows(int rows)
     return rows;
 }
 
+std::size_t checked_length(const table& factors)
+{
+    require(factors.size() >= SHORTEST_SYMBOL && factors.size() <= LONGEST_SYMBOL,
+            WHERE,
+            "factors",
+            "must hold 16 to 4096 values",
+            std::to_string(factors.size()) + " values");
+    return factors.size();
+}
+
 std::vector<fc32>
 checked_table(const char* parameter, const table& values, std::size_t length)
 {
@@ -38,9 +48,9 @@ checked_table(const char* parameter, const table& values, std::size_t length)
 }
 
 // Written out: the operator of std::complex tests for NaN and infinity.
-void multiply(const fc32* x, const fc32* y, fc32* product)
+void multiply(const fc32* x, const fc32* y, int count, fc32* product)
 {
-    for (int k = 0; k < FFT_LENGTH; k++) {
+    for (int k = 0; k < count; k++) {
         const float a = x[k].real(), b = x[k].imag();
         const float c = y[k].real(), d = y[k].imag();
         product[k] = fc32(a * c - b * d, a * d + b * c);
@@ -53,22 +63,25 @@ channel_equalizer::channel_equalizer(const table& factors,
                                      int rows,
                                      const table& rotation)
     : d_rows(checked_rows(rows)),
-      d_factors(checked_table("factors", factors, FFT_LENGTH)),
+      d_factors(checked_table("factors", factors, checked_length(factors))),
       d_rotation(
           rotation.empty()
               ? std::vector<fc32>()
-              : checked_table("rotation", rotation, std::size_t(rows) * FFT_LENGTH)),
-      d_fft(FFT_LENGTH)
+              : checked_table("rotation", rotation, std::size_t(rows) * factors.size())),
+      d_fft(symbol_length())
 {
 }
 
 void channel_equalizer::equalize(int row, const fc32* samples, fc32* channel)
 {
     if (d_rotation.empty())
-        std::copy_n(samples, FFT_LENGTH, d_fft.input());
+        std::copy_n(samples, symbol_length(), d_fft.input());
     else
-        multiply(samples, &d_rotation[row * FFT_LENGTH], d_fft.input());
-    multiply(d_fft.execute(), d_factors.data(), channel);
+        multiply(samples,
+                 &d_rotation[std::size_t(row) * symbol_length()],
+                 symbol_length(),
+                 d_fft.input());
+    multiply(d_fft.execute(), d_factors.data(), symbol_length(), channel);
 }
 
 } // namespace gr::wiforce::kernel

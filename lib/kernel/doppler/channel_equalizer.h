@@ -15,19 +15,21 @@ namespace gr::wiforce::kernel {
 class channel_equalizer
 {
 public:
-    // Throws std::invalid_argument unless there are 64 finite factors and, where there is
-    // a rotation at all, 64 finite values a row.
+    // The factors are as many as a symbol has samples. Throws std::invalid_argument
+    // unless these are 16 to 4096 and finite and, where there is a rotation at all, it
+    // has as many finite values a row.
     explicit channel_equalizer(const std::vector<std::complex<double>>& factors,
                                int rows = 1,
                                const std::vector<std::complex<double>>& rotation = {});
 
     int rows() const { return d_rows; }
+    int symbol_length() const { return static_cast<int>(d_factors.size()); }
     void equalize(int row, const fc32* samples, fc32* channel);
 
 private:
     const int d_rows;
     const std::vector<fc32> d_factors;
-    const std::vector<fc32> d_rotation; // rows x 64, or none
+    const std::vector<fc32> d_rotation; // rows x symbol_length, or none
     fourier_transform d_fft;
 };
 

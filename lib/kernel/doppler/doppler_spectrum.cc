@@ -28,12 +28,13 @@ void doppler_spectrum::finish(const phase_group& group, fc32* out)
     const int length = rows();
     const float scale = 1.0f / length;
     const fc32* reference = group.reference();
-    for (int k = 0; k < FFT_LENGTH; k++) {
+    const int width = group.symbol_length();
+    for (int k = 0; k < width; k++) {
         for (int n = 0; n < length; n++)
             d_fft.input()[n] = group.slot(n)[k] - reference[k];
         const fc32* spectrum = d_fft.execute();
         for (int m = 0; m < length; m++)
-            out[m * FFT_LENGTH + k] = scale * spectrum[m];
+            out[std::size_t(m) * width + k] = scale * spectrum[m];
     }
     for (int n = 0; n < length; n++)
         d_fft.input()[n] = group.mask()[n];
@@ -42,8 +43,8 @@ void doppler_spectrum::finish(const phase_group& group, fc32* out)
         // A complete group's mask is constant: exactly zero outside bin 0.
         const fc32 weight =
             group.is_complete() ? fc32(m == 0 ? 1.0f : 0.0f) : scale * mask[m];
-        for (int k = 0; k < FFT_LENGTH; k++)
-            out[m * FFT_LENGTH + k] += weight * reference[k];
+        for (int k = 0; k < width; k++)
+            out[std::size_t(m) * width + k] += weight * reference[k];
     }
 }
 

@@ -5,7 +5,7 @@
 
 namespace gr::wiforce::kernel {
 
-// A linear transform over the snapshots of a phase group: rows() x 64 values.
+// A linear transform over the snapshots of a phase group: rows() x samples of a snapshot.
 class doppler_transform
 {
 public:

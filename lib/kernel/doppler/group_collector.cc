@@ -4,8 +4,11 @@
 namespace gr::wiforce::kernel {
 
 group_collector::group_collector(std::unique_ptr<doppler_transform> transform,
-                                 int group_length)
-    : d_transform(std::move(transform)), d_group(group_length), d_screen(group_length)
+                                 int group_length,
+                                 int symbol_length)
+    : d_transform(std::move(transform)),
+      d_group(group_length, symbol_length),
+      d_screen(group_length, symbol_length)
 {
 }
 

@@ -24,9 +24,13 @@ public:
     // until then.
     static constexpr int BATCH = 32;
 
-    group_collector(std::unique_ptr<doppler_transform> transform, int group_length);
+    group_collector(std::unique_ptr<doppler_transform> transform,
+                    int group_length,
+                    int symbol_length = DEFAULT_SYMBOL_LENGTH);
 
     int rows() const { return d_transform->rows(); }
+    // Values of a transformed group.
+    std::size_t size() const { return std::size_t(rows()) * d_group.symbol_length(); }
     bool passes_snapshots() const { return d_transform->passes_snapshots(); }
 
     // Whether the group must end before this snapshot can be added.

@@ -13,7 +13,8 @@ namespace {
 constexpr double LEVEL = 0.20, LOW = 0.10, HIGH = 0.25, FLOOR = 0.03;
 // Smallest difference above the level at which a snapshot is rejected. An edge of a
 // tag leaves the smaller of two differences, about twice the smallest of three. Noise has
-// a standard deviation of 15 to 20 % (of 128 smallest values), so that this is some seven
+// a standard deviation of 15 to 20 % (of 128 smallest values;
+// with fewer the spread is larger, and with it the limit), so that this is some seven
 // of them, and a burst 10 dB above the noise exceeds it by seven more.
 constexpr float SMALLEST_LIMIT = 5.0f;
 // The same of the largest difference, with a standard deviation of 8 %.
@@ -100,13 +101,13 @@ bool is_known(const snapshot_noise& noise)
 
 } // namespace
 
-interference_screen::interference_screen(int group_length)
+interference_screen::interference_screen(int group_length, int symbol_length)
     : d_length(group_length),
       d_smallest_limit(group_length),
       d_largest_limit(group_length),
       d_edge_share(group_length),
       d_marks(group_length),
-      d_narrow_band(group_length)
+      d_narrow_band(group_length, symbol_length)
 {
 }
 
@@ -235,9 +236,9 @@ float interference_screen::tag_level(const phase_group& group)
         const fc32* a = group.slot(d_slots[first]);
         const fc32* b = group.slot(d_slots[(first + 1 + i * 37 % FARTHEST) % count]);
         float sum = 0;
-        for (int k = 0; k < FFT_LENGTH; k++)
+        for (int k = 0; k < group.symbol_length(); k++)
             sum += std::norm(a[k] - b[k]);
-        d_values.push_back(sum / WIDTH);
+        d_values.push_back(sum / (2 * group.symbol_length()));
     }
     return quantile(d_values, TAG_QUANTILE);
 }

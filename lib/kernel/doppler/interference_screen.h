@@ -31,7 +31,8 @@ namespace gr::wiforce::kernel {
 class interference_screen
 {
 public:
-    explicit interference_screen(int group_length);
+    explicit interference_screen(int group_length,
+                                 int symbol_length = DEFAULT_SYMBOL_LENGTH);
 
     // Marks the snapshots of the next group that are to be rejected, 1 each; valid until
     // the next call.

@@ -24,26 +24,31 @@ constexpr float MEAN_OF_TYPICAL = 2.0f;
 // of two tags are beside seven snapshots of ten.
 constexpr double BAND_QUANTILE = 0.15;
 
-float median_of(std::array<float, FFT_LENGTH> powers)
+float mean_of(const std::vector<float>& powers)
 {
-    const auto middle = powers.begin() + FFT_LENGTH / 2;
-    std::nth_element(powers.begin(), middle, powers.end());
-    return *middle;
-}
-
-float mean_of(const std::array<float, FFT_LENGTH>& powers)
-{
-    return std::accumulate(powers.begin(), powers.end(), 0.0f) / FFT_LENGTH;
+    return std::accumulate(powers.begin(), powers.end(), 0.0f) / powers.size();
 }
 
 } // namespace
 
-narrow_band_screen::narrow_band_screen(int group_length)
+narrow_band_screen::narrow_band_screen(int group_length, int symbol_length)
     : d_length(group_length),
+      d_width(symbol_length),
       d_typical_median(group_length),
-      d_spectra(std::size_t(group_length) * FFT_LENGTH),
-      d_changes(group_length)
+      d_fourier(symbol_length),
+      d_spectra(std::size_t(group_length) * symbol_length),
+      d_changes(group_length),
+      d_powers(symbol_length),
+      d_candidate(symbol_length)
 {
+}
+
+float narrow_band_screen::median_of(const spectrum& powers)
+{
+    d_sorted = powers;
+    const auto middle = d_sorted.begin() + d_width / 2;
+    std::nth_element(d_sorted.begin(), middle, d_sorted.end());
+    return *middle;
 }
 
 int narrow_band_screen::keep(const phase_group& group, std::vector<std::uint8_t>& marks)
@@ -57,7 +62,7 @@ int narrow_band_screen::keep(const phase_group& group, std::vector<std::uint8_t>
         return of.median < std::max(limit, NARROW_MEDIAN * of.mean);
     };
     d_narrow.clear();
-    spectrum sums{};
+    spectrum sums(d_width);
     float level = 0;
     std::size_t summed = 0, quiet = 0;
     for (int n = 0; n < d_length; n++) {
@@ -69,7 +74,7 @@ int narrow_band_screen::keep(const phase_group& group, std::vector<std::uint8_t>
             continue;
         if (marks[n]) {
             measure_change(group, n);
-            for (int k = 0; k < FFT_LENGTH; k++)
+            for (int k = 0; k < d_width; k++)
                 sums[k] += d_powers[k];
             summed++;
         } else {
@@ -83,7 +88,7 @@ int narrow_band_screen::keep(const phase_group& group, std::vector<std::uint8_t>
     float kept = 0; // information, each subcarrier weighted by its own noise
     for (const float sum : sums) {
         const float excess = std::max(sum / (summed * level) - 1, 0.0f);
-        kept += 1 / (1 + excess * d_narrow.size() / d_length) / FFT_LENGTH;
+        kept += 1 / (1 + excess * d_narrow.size() / d_length) / d_width;
     }
     if (kept <= 1 - static_cast<float>(d_narrow.size()) / d_length)
         return 0;
@@ -99,8 +104,9 @@ float narrow_band_screen::measure_changes(const phase_group& group,
 {
     for (int n = 0; n < d_length; n++)
         if (group.mask()[n]) {
-            std::copy_n(group.slot(n), FFT_LENGTH, d_fourier.input());
-            std::copy_n(d_fourier.execute(), FFT_LENGTH, &d_spectra[n * FFT_LENGTH]);
+            std::copy_n(group.slot(n), d_width, d_fourier.input());
+            std::copy_n(
+                d_fourier.execute(), d_width, &d_spectra[std::size_t(n) * d_width]);
         }
     d_values.clear();
     for (int n = 0; n < d_length; n++) {
@@ -122,15 +128,15 @@ narrow_band_screen::change narrow_band_screen::measure_change(const phase_group&
     for (const int other : { n - 1, n + 1 }) {
         if (other < 0 || other >= d_length || !group.mask()[n] || !group.mask()[other])
             continue;
-        spectrum powers;
-        for (int k = 0; k < FFT_LENGTH; k++)
-            powers[k] = std::norm(d_spectra[n * FFT_LENGTH + k] -
-                                  d_spectra[other * FFT_LENGTH + k]);
-        const float median = median_of(powers);
+        const fc32* here = &d_spectra[std::size_t(n) * d_width];
+        const fc32* there = &d_spectra[std::size_t(other) * d_width];
+        for (int k = 0; k < d_width; k++)
+            d_candidate[k] = std::norm(here[k] - there[k]);
+        const float median = median_of(d_candidate);
         if (least.mean > 0 && median >= least.median)
             continue;
-        least = { median, mean_of(powers) };
-        d_powers = powers;
+        least = { median, mean_of(d_candidate) };
+        d_powers.swap(d_candidate);
     }
     return least;
 }

@@ -5,7 +5,6 @@
 #include "phase_group.h"
 #include "recent_level.h"
 
-#include <array>
 #include <vector>
 
 namespace gr::wiforce::kernel {
@@ -25,14 +24,15 @@ namespace gr::wiforce::kernel {
 class narrow_band_screen
 {
 public:
-    explicit narrow_band_screen(int group_length);
+    explicit narrow_band_screen(int group_length,
+                                int symbol_length = DEFAULT_SYMBOL_LENGTH);
 
     // Clears the marks of the snapshots that are kept; returns their number. To be called
     // for groups with marks.
     int keep(const phase_group& group, std::vector<std::uint8_t>& marks);
 
 private:
-    using spectrum = std::array<float, FFT_LENGTH>;
+    using spectrum = std::vector<float>;
     struct change { // of a snapshot against its neighbours, over the subcarriers
         float median;
         float mean;
@@ -41,14 +41,18 @@ private:
     float measure_changes(const phase_group& group,
                           const std::vector<std::uint8_t>& marks);
     change measure_change(const phase_group& group, int n);
+    float median_of(const spectrum& powers);
 
     const int d_length;
+    const int d_width;             // subcarriers
     recent_level d_typical_median; // over the subcarriers
-    fourier_transform d_fourier{ FFT_LENGTH };
+    fourier_transform d_fourier;
     std::vector<fc32> d_spectra;
     std::vector<change> d_changes;
     spectrum d_powers;           // of the change of one snapshot
     std::vector<float> d_values; // scratch
+    spectrum d_candidate;        // scratch
+    spectrum d_sorted;           // scratch
     std::vector<int> d_narrow;   // snapshots with interference on a few subcarriers
 };
 

@@ -8,10 +8,12 @@
 
 namespace gr::wiforce::kernel {
 
-phase_group::phase_group(int length) : d_length(length)
+phase_group::phase_group(int length, int symbol_length)
+    : d_length(length), d_symbol_length(symbol_length)
 {
     require(length >= 1, "phase_group_doppler", "group_length", "must be >= 1", length);
-    d_snapshots.resize(static_cast<std::size_t>(length) * FFT_LENGTH);
+    require_symbol_length(symbol_length, "phase_group_doppler");
+    d_snapshots.resize(offset_of(length));
     d_noise.resize(length);
     d_mask.resize(length);
 }
@@ -28,7 +30,7 @@ void phase_group::skip_to(int to)
     for (; d_decided < to; d_decided++) {
         d_mask[d_decided] = 0;
         if (d_present > 0)
-            std::copy_n(reference(), FFT_LENGTH, slot(d_decided));
+            std::copy_n(reference(), d_symbol_length, slot(d_decided));
     }
 }
 
@@ -42,7 +44,7 @@ void phase_group::accept(int count)
 {
     const auto are_finite = [this](int slots) {
         return fastest_kernels().are_finite(
-            reinterpret_cast<const float*>(slot(d_decided)), slots);
+            reinterpret_cast<const float*>(slot(d_decided)), 2 * offset_of(slots));
     };
     const bool all_finite = are_finite(count);
     for (int end = d_decided + count; d_decided < end;) {
@@ -53,7 +55,7 @@ void phase_group::accept(int count)
         if (d_present == 0) {
             d_reference = d_decided;
             for (int absent = 0; absent < d_decided; absent++)
-                std::copy_n(reference(), FFT_LENGTH, slot(absent));
+                std::copy_n(reference(), d_symbol_length, slot(absent));
         }
         d_mask[d_decided++] = 1;
         d_present++;
@@ -74,16 +76,16 @@ void phase_group::reject(const std::vector<std::uint8_t>& rejected)
         d_reference = std::find(d_mask.begin(), d_mask.end(), 1) - d_mask.begin();
     for (int n = 0; n < d_length; n++)
         if (!d_mask[n] && n != d_reference)
-            std::copy_n(reference(), FFT_LENGTH, slot(n));
+            std::copy_n(reference(), d_symbol_length, slot(n));
 }
 
 void phase_group::copy_to(fc32* out) const
 {
-    for (int n = 0; n < d_length; n++, out += FFT_LENGTH)
+    for (int n = 0; n < d_length; n++, out += d_symbol_length)
         if (d_mask[n])
-            std::copy_n(slot(n), FFT_LENGTH, out);
+            std::copy_n(slot(n), d_symbol_length, out);
         else
-            std::fill_n(out, FFT_LENGTH, fc32());
+            std::fill_n(out, d_symbol_length, fc32());
 }
 
 std::vector<fc32> phase_group::with_zeros() const
@@ -96,10 +98,10 @@ std::vector<fc32> phase_group::with_zeros() const
 std::vector<fc32> phase_group::present_snapshots() const
 {
     std::vector<fc32> snapshots;
-    snapshots.reserve(static_cast<std::size_t>(d_present) * FFT_LENGTH);
+    snapshots.reserve(offset_of(d_present));
     for (int n = 0; n < d_length; n++)
         if (d_mask[n])
-            snapshots.insert(snapshots.end(), slot(n), slot(n) + FFT_LENGTH);
+            snapshots.insert(snapshots.end(), slot(n), slot(n) + d_symbol_length);
     return snapshots;
 }
 

@@ -19,8 +19,9 @@ namespace gr::wiforce::kernel {
 class phase_group
 {
 public:
-    // Throws std::invalid_argument unless length >= 1.
-    explicit phase_group(int length);
+    // Throws std::invalid_argument unless length >= 1 and a snapshot has 16 to 4096
+    // samples.
+    explicit phase_group(int length, int symbol_length = DEFAULT_SYMBOL_LENGTH);
 
     void clear();
 
@@ -38,6 +39,7 @@ public:
     void reject(const std::vector<std::uint8_t>& rejected);
 
     int length() const { return d_length; }
+    int symbol_length() const { return d_symbol_length; } // samples of a snapshot
     // Slots that are known to be present or absent.
     int decided() const { return d_decided; }
     int present() const { return d_present; }
@@ -48,12 +50,12 @@ public:
 
     // Valid once present() + rejected() > 0.
     const fc32* reference() const { return slot(d_reference); }
-    const fc32* slot(int n) const { return d_snapshots.data() + n * FFT_LENGTH; }
+    const fc32* slot(int n) const { return d_snapshots.data() + offset_of(n); }
     const snapshot_noise& noise_of(int n) const { return d_noise[n]; }
     // Of all slots; of absent ones it means nothing.
     const std::vector<snapshot_noise>& noises() const { return d_noise; }
 
-    // All slots, absent ones as zeros: 64 * length values.
+    // All slots, absent ones as zeros: symbol_length * length values.
     void copy_to(fc32* out) const;
     std::vector<fc32> with_zeros() const;
     // The present ones only.
@@ -61,9 +63,14 @@ public:
 
 private:
     void skip_to(int slot);
-    fc32* slot(int n) { return d_snapshots.data() + n * FFT_LENGTH; }
+    fc32* slot(int n) { return d_snapshots.data() + offset_of(n); }
+    std::size_t offset_of(int n) const
+    {
+        return static_cast<std::size_t>(n) * d_symbol_length;
+    }
 
     const int d_length;
+    const int d_symbol_length;
     std::vector<fc32> d_snapshots;
     std::vector<snapshot_noise> d_noise;
     std::vector<std::uint8_t> d_mask;

@@ -44,8 +44,9 @@ bool are_conjugates(row a, row b, int length)
 } // namespace
 
 tone_accumulator::tone_accumulator(const std::vector<std::complex<double>>& weights,
-                                   int group_length)
-    : d_length(group_length), d_table(weights)
+                                   int group_length,
+                                   int symbol_length)
+    : d_length(group_length), d_width(2 * symbol_length), d_table(weights)
 {
     const char* where = "phase_group_doppler";
     require(group_length >= 1, where, "group_length", "must be >= 1", group_length);
@@ -106,7 +107,7 @@ void tone_accumulator::lay_out_rows()
         for (int n = 0; n < d_length; n++)
             d_weights[std::size_t(n) * d_padded_rows + r] =
                 static_cast<float>(parts[r](table_row(origins[r])[n]));
-    d_sums.resize(std::size_t(d_padded_rows) * WIDTH);
+    d_sums.resize(std::size_t(d_padded_rows) * d_width);
 }
 
 void tone_accumulator::clear()
@@ -130,6 +131,7 @@ void tone_accumulator::advance(const phase_group& group)
                 d_weights.data() + std::size_t(d_taken) * d_padded_rows,
                 count,
                 d_padded_rows,
+                d_width,
                 d_sums.data());
         d_taken += count;
     }
@@ -151,17 +153,17 @@ void tone_accumulator::finish(const phase_group& group, fc32* tones)
 {
     advance(group);
     // Real arithmetic: the complex product of the library looks for infinities.
-    const std::vector<float> none(WIDTH, 0.0f);
+    const std::vector<float> none(d_width, 0.0f);
     for (int m = 0; m < rows(); m++) {
         const tone& t = d_tones[m];
         const std::complex<double> weight = sum_of_weights(m, group);
         const fc32* h0 = group.reference();
-        const float* a = &d_sums[std::size_t(t.real) * WIDTH];
+        const float* a = &d_sums[std::size_t(t.real) * d_width];
         const float* b =
-            t.imaginary < 0 ? none.data() : &d_sums[std::size_t(t.imaginary) * WIDTH];
+            t.imaginary < 0 ? none.data() : &d_sums[std::size_t(t.imaginary) * d_width];
         const double re = weight.real(), im = weight.imag(), sign = t.sign;
-        fc32* out = tones + m * FFT_LENGTH;
-        for (int k = 0; k < FFT_LENGTH; k++) {
+        fc32* out = tones + std::size_t(m) * d_width / 2;
+        for (int k = 0; k < d_width / 2; k++) {
             const double x = h0[k].real(), y = h0[k].imag();
             // (a_re + j a_im) + j sign (b_re + j b_im) + (re + j im) (x + j y)
             out[k] = fc32(a[2 * k] - sign * b[2 * k + 1] + (re * x - im * y),

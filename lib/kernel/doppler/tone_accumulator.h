@@ -29,7 +29,9 @@ class tone_accumulator : public doppler_transform
 public:
     // weights: rows x group_length, row by row. Throws std::invalid_argument unless
     // group_length >= 1 and the table is finite and holds at least one whole row.
-    tone_accumulator(const std::vector<std::complex<double>>& weights, int group_length);
+    tone_accumulator(const std::vector<std::complex<double>>& weights,
+                     int group_length,
+                     int symbol_length = DEFAULT_SYMBOL_LENGTH);
 
     int rows() const override { return static_cast<int>(d_tones.size()); }
     int real_rows() const { return d_real_rows; } // sums taken over the snapshots
@@ -39,7 +41,8 @@ public:
     void finish(const phase_group& group, fc32* tones) override;
 
 private:
-    static constexpr int BLOCK = 32; // snapshots: 16 kB, stays in the first cache
+    static constexpr int BLOCK =
+        32; // snapshots: 16 kB for the default symbol, which stay in the first cache
 
     // P = sums[real] + j sign sums[imaginary]; a real row has imaginary < 0.
     struct tone {
@@ -52,13 +55,14 @@ private:
     std::complex<double> sum_of_weights(int tone, const phase_group& group) const;
 
     const int d_length;
+    const int d_width; // floats of a snapshot
     const std::vector<std::complex<double>> d_table;
     std::vector<tone> d_tones;
     std::vector<std::complex<double>> d_weight_sums; // of whole groups
     int d_real_rows = 0;
     int d_padded_rows = 0;
     std::vector<float> d_weights; // group_length x padded rows
-    std::vector<float> d_sums;    // padded rows x 128
+    std::vector<float> d_sums;    // padded rows x width
     int d_taken = 0;              // slots
 };
 

@@ -10,7 +10,7 @@ class tone_channel
 {
 public:
     // `bins` are the FFT bins to keep, in order. Throws std::invalid_argument as
-    // channel_equalizer does, and when a bin is not in 0..63.
+    // channel_equalizer does, and when a bin is not below the symbol's length.
     tone_channel(const std::vector<std::complex<double>>& factors,
                  int rows,
                  const std::vector<std::complex<double>>& rotation,
@@ -18,7 +18,10 @@ public:
 
     const std::vector<int>& bins() const { return d_bins; }
 
-    // Equalizes rows x 64 values in place, and appends the bins of each row to `tones`.
+    int symbol_length() const { return d_equalizer.symbol_length(); }
+
+    // Equalizes rows x symbol_length values in place, and appends the bins of each row to
+    // `tones`.
     void append(fc32* transform, std::vector<fc32>& tones);
 
 private:

@@ -11,10 +11,14 @@ namespace {
 constexpr std::int16_t FULL_SCALE = 32752;
 } // namespace
 
-preamble_folder::preamble_folder(int frame_length, int first_averaged, int repetitions)
+preamble_folder::preamble_folder(int frame_length,
+                                 int first_averaged,
+                                 int repetitions,
+                                 int symbol_length)
     : d_frame_length(frame_length),
       d_first_averaged(first_averaged),
-      d_repetitions(repetitions)
+      d_repetitions(repetitions),
+      d_symbol_length(symbol_length)
 {
     const char* where = "preamble_fold";
     require(first_averaged >= 0, where, "first_averaged", "must be >= 0", first_averaged);
@@ -24,11 +28,13 @@ preamble_folder::preamble_folder(int frame_length, int first_averaged, int repet
             "repetitions",
             "must be 1 to 65536",
             repetitions);
-    const long long end = first_averaged + 1LL * FFT_LENGTH * repetitions;
+    require_symbol_length(symbol_length, where);
+    const long long end = first_averaged + 1LL * symbol_length * repetitions;
     require(frame_length >= end,
             where,
             "frame_length",
-            "must be >= first_averaged + 64 repetitions = " + std::to_string(end),
+            "must be >= first_averaged + " + std::to_string(symbol_length) +
+                " repetitions = " + std::to_string(end),
             frame_length);
 }
 
@@ -41,6 +47,7 @@ void preamble_folder::fold(const fc32* averaged,
                                 2 * d_frame_length,
                                 frames,
                                 d_repetitions,
+                                2 * d_symbol_length,
                                 1.0f / d_repetitions,
                                 reinterpret_cast<float*>(folded),
                                 reinterpret_cast<float*>(noise));
@@ -55,6 +62,7 @@ void preamble_folder::fold(const sc16* averaged,
                                 2 * d_frame_length,
                                 frames,
                                 d_repetitions,
+                                2 * d_symbol_length,
                                 1.0f / (32768.0f * d_repetitions),
                                 reinterpret_cast<float*>(folded),
                                 reinterpret_cast<float*>(noise));
@@ -70,7 +78,7 @@ void preamble_folder::saturated(const sc16* averaged,
                                                d_frame_length,
                                        2 * d_frame_length,
                                        count,
-                                       d_repetitions,
+                                       2 * static_cast<std::size_t>(averaged_length()),
                                        FULL_SCALE);
     };
     found.clear();

@@ -9,9 +9,9 @@
 namespace gr::wiforce::kernel {
 
 /*
- * Folds the repeated part of each sounding frame into its mean: 64 samples per frame.
+ * Folds the repeated part of each sounding frame into its mean: one symbol per frame.
  *
- *   folded[n] = 1/R sum_r x[first_averaged + 64 r + n],  n = 0..63, r = 0..R-1
+ *   folded[n] = 1/R sum_r x[first_averaged + N r + n],  n = 0..N-1, r = 0..R-1
  *
  * sc16 samples are summed as integers, which is exact, and scaled by 1/32768, so that
  * both sample types give the same unit. It knows the layout of one frame only; frame_walk
@@ -20,16 +20,22 @@ namespace gr::wiforce::kernel {
 class preamble_folder
 {
 public:
-    // Throws std::invalid_argument unless 0 <= first_averaged, 1 <= repetitions and
-    // first_averaged + 64 repetitions <= frame_length.
-    preamble_folder(int frame_length, int first_averaged = 64, int repetitions = 4);
+    // Throws std::invalid_argument unless 0 <= first_averaged, 1 <= repetitions, the
+    // symbol has 16 to 4096 samples and first_averaged + symbol_length repetitions <=
+    // frame_length.
+    preamble_folder(int frame_length,
+                    int first_averaged = 64,
+                    int repetitions = 4,
+                    int symbol_length = DEFAULT_SYMBOL_LENGTH);
 
     int frame_length() const { return d_frame_length; }
     int first_averaged() const { return d_first_averaged; }
-    int averaged_length() const { return d_repetitions * FFT_LENGTH; }
+    int symbol_length() const { return d_symbol_length; }
+    int averaged_length() const { return d_repetitions * d_symbol_length; }
 
     // `averaged` is the first averaged sample of the first frame; frames follow each
-    // other at frame_length. Writes 64 * frames values, and the noise of each frame.
+    // other at frame_length. Writes symbol_length * frames values, and the noise of each
+    // frame.
     void fold(const fc32* averaged,
               std::size_t frames,
               fc32* folded,
@@ -48,6 +54,7 @@ private:
     const int d_frame_length;
     const int d_first_averaged;
     const int d_repetitions;
+    const int d_symbol_length;
 };
 
 } // namespace gr::wiforce::kernel

@@ -9,18 +9,20 @@ namespace gr::wiforce::kernel {
 
 /*
  * The inner loops, built once per instruction set from the same source (simd_loops.h) and
- * chosen when the program runs. "Vectors" are 128 floats: the real and imaginary parts of
- * 64 complex values.
+ * chosen when the program runs. "Vectors" are `width` floats, an even number: the real
+ * and imaginary parts of a folded symbol. The default width of 128 has loops of its own,
+ * which are unrolled.
  */
 struct simd_kernels {
     const char* name;
 
-    // folded[128 f + n] = scale sum_r in[stride f + 128 r + n], and in noise[2 f] and
+    // folded[width f + n] = scale sum_r in[stride f + width r + n], and in noise[2 f] and
     // noise[2 f + 1] the snapshot_noise of frame f for samples scale * repetitions * in.
     void (*fold_fc32)(const float* in,
                       std::size_t stride,
                       std::size_t frames,
                       int repetitions,
+                      int width,
                       float scale,
                       float* folded,
                       float* noise);
@@ -30,27 +32,29 @@ struct simd_kernels {
                       std::size_t stride,
                       std::size_t frames,
                       int repetitions,
+                      int width,
                       float scale,
                       float* folded,
                       float* noise);
 
-    // sums[128 r + c] += sum_n weights[rows n + r] (snapshots[128 n + c] - reference[c])
-    // for r < rows; rows is a multiple of ROW_BLOCK.
+    // sums[width r + c] += sum_n weights[rows n + r] (snapshots[width n + c] -
+    // reference[c]) for r < rows; rows is a multiple of ROW_BLOCK.
     void (*accumulate)(const float* snapshots,
                        const float* reference,
                        const float* weights,
                        int count,
                        int rows,
+                       int width,
                        float* sums);
 
-    // Whether all floats of `count` vectors of 128 are finite.
-    bool (*are_finite)(const float* vectors, int count);
+    // Whether `count` floats are finite.
+    bool (*are_finite)(const float* values, std::size_t count);
 
-    // Whether any in[stride f + 128 r + n] is `limit` or more, or -limit or less.
+    // Whether any in[stride f + n], n < count, is `limit` or more, or -limit or less.
     bool (*reach)(const std::int16_t* in,
                   std::size_t stride,
                   std::size_t frames,
-                  int repetitions,
+                  std::size_t count,
                   std::int16_t limit);
 
     static constexpr int ROW_BLOCK = 4;

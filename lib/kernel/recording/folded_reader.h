@@ -15,7 +15,7 @@ class folded_reader
 public:
     struct batch {
         std::vector<std::int64_t> snapshot; // indices on the frame grid
-        std::vector<fc32> folded;           // snapshots x 64
+        std::vector<fc32> folded;           // snapshots x symbol_length
         std::vector<snapshot_noise> noise;
         std::vector<std::uint8_t> saturated;
     };

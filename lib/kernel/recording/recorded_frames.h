@@ -37,6 +37,8 @@ public:
     // Of the frames last folded, those that hold samples at full scale.
     const std::vector<int>& saturated() const { return d_saturated; }
 
+    int symbol_length() const { return d_folder.symbol_length(); }
+
     std::uint64_t folded() const { return d_folded; } // frames
     std::uint64_t frames_moved() const { return d_frames_moved; }
     std::uint64_t samples_missing() const { return d_recording.samples_missing(); }

@@ -2,6 +2,7 @@
 #include "tone_reader.h"
 
 #include "../doppler/tone_accumulator.h"
+#include "../require.h"
 
 namespace gr::wiforce::kernel {
 
@@ -12,11 +13,19 @@ tone_reader::tone_reader(std::unique_ptr<recorded_frames> frames,
                          const std::vector<std::complex<double>>& rotation,
                          const std::vector<int>& bins)
     : d_frames(std::move(frames)),
-      d_collector(std::make_unique<tone_accumulator>(weights, group_length),
-                  group_length),
+      d_collector(std::make_unique<tone_accumulator>(
+                      weights, group_length, d_frames->symbol_length()),
+                  group_length,
+                  d_frames->symbol_length()),
       d_channel(factors, d_collector.rows(), rotation, bins),
-      d_transform(static_cast<std::size_t>(rows()) * FFT_LENGTH)
+      d_transform(d_collector.size())
 {
+    require(d_channel.symbol_length() == d_frames->symbol_length(),
+            "tone_reader",
+            "factors",
+            "must be as many as a symbol has samples, " +
+                std::to_string(d_frames->symbol_length()),
+            d_channel.symbol_length());
 }
 
 tone_reader::batch tone_reader::read(std::size_t max_groups)

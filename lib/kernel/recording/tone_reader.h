@@ -23,7 +23,7 @@ public:
     struct incomplete_group {
         std::size_t row;                // in the batch
         std::vector<std::uint8_t> mask; // of its snapshots, 1 = present
-        std::vector<fc32> folded;       // present snapshots x 64
+        std::vector<fc32> folded;       // present snapshots x symbol_length
     };
     struct batch {
         std::vector<std::int64_t> index; // snapshot index / N_g
@@ -36,7 +36,7 @@ public:
 
     // `weights` holds rows x group_length values, `bins` the FFT bins to keep, in order.
     // Throws std::invalid_argument as tone_accumulator and channel_equalizer do, and when
-    // a bin is not in 0..63.
+    // a bin or the number of factors does not fit the frames' symbol.
     tone_reader(std::unique_ptr<recorded_frames> frames,
                 const std::vector<std::complex<double>>& weights,
                 int group_length,
@@ -58,7 +58,7 @@ private:
     const std::unique_ptr<recorded_frames> d_frames;
     group_collector d_collector;
     tone_channel d_channel;
-    std::vector<fc32> d_transform; // rows x 64, of one group
+    std::vector<fc32> d_transform; // rows x symbol_length, of one group
     std::mutex d_mutex;
 };
 

@@ -43,9 +43,10 @@ static void bind_preamble_fold(py::module& m)
         m,
         "preamble_fold",
         "Averages the repeated part of each sounding frame.\n\n"
-        "Input: samples, fc32 or sc16 (scaled by 1/32768). Output: a vector of 64 "
-        "complex\n"
-        "per frame; the tag `snapshot` holds its index on the frame grid, on the first "
+        "Input: samples, fc32 or sc16 (scaled by 1/32768). Output: a vector of a "
+        "symbol's\n"
+        "samples per frame; the tag `snapshot` holds its index on the frame grid, on the "
+        "first "
         "one\n"
         "and after every gap that an `rx_time` tag reports.")
         .def(py::init(&preamble_fold::make),
@@ -54,7 +55,8 @@ static void bind_preamble_fold(py::module& m)
              "repetitions"_a = 4,
              "sample_rate"_a = 12.5e6,
              "frame_offset"_a = 0,
-             "item_type"_a = "fc32")
+             "item_type"_a = "fc32",
+             "symbol_length"_a = 64)
         .def_static(
             "tones",
             [](const complex_array& weights,
@@ -64,7 +66,8 @@ static void bind_preamble_fold(py::module& m)
                int repetitions,
                double sample_rate,
                std::uint64_t frame_offset,
-               const std::string& item_type) {
+               const std::string& item_type,
+               int symbol_length) {
                 return preamble_fold::tones(rows_of(weights, group_length),
                                             group_length,
                                             frame_length,
@@ -72,7 +75,8 @@ static void bind_preamble_fold(py::module& m)
                                             repetitions,
                                             sample_rate,
                                             frame_offset,
-                                            item_type);
+                                            item_type,
+                                            symbol_length);
             },
             "weights"_a,
             "group_length"_a,
@@ -82,6 +86,7 @@ static void bind_preamble_fold(py::module& m)
             "sample_rate"_a = 12.5e6,
             "frame_offset"_a = 0,
             "item_type"_a = "fc32",
+            "symbol_length"_a = 64,
             "Tones of phase groups: this block and phase_group_doppler in one.")
         .def_static("collected",
                     &preamble_fold::collected,
@@ -92,6 +97,7 @@ static void bind_preamble_fold(py::module& m)
                     "sample_rate"_a = 12.5e6,
                     "frame_offset"_a = 0,
                     "item_type"_a = "fc32",
+                    "symbol_length"_a = 64,
                     "Snapshots of phase groups: this block and "
                     "phase_group_doppler.collected in one.")
         .def("snapshots", &preamble_fold::snapshots, "Frames folded so far.")
@@ -126,9 +132,10 @@ static void bind_ofdm_channel_estimator(py::module& m)
                std::shared_ptr<ofdm_channel_estimator>>(
         m,
         "ofdm_channel_estimator",
-        "Estimates the channel on each subcarrier: 64-point FFT, times factors.\n\n"
+        "Estimates the channel on each subcarrier: FFT, times factors.\n\n"
         "Each row's samples are first multiplied by its row of `rotation`, if given.\n"
-        "Input and output: vectors of rows x 64 complex, bins in natural FFT order.")
+        "Input and output: vectors of rows x len(factors) complex, bins in natural FFT "
+        "order.")
         .def(py::init([](const complex_array& factors,
                          int rows,
                          const complex_array& rotation) {
@@ -148,29 +155,36 @@ static void bind_phase_group_doppler(py::module& m)
         m,
         "phase_group_doppler",
         "Doppler tones of each phase group: P[m, k] = sum_n weights[m, n] h[n, k].\n\n"
-        "Input: a vector of 64 complex per snapshot, its index in the tag `snapshot`. "
+        "Input: a vector of symbol_length complex per snapshot, its index in the tag "
+        "`snapshot`. "
         "Output: a\n"
-        "vector of M x 64 per group with the tag `group`; an incomplete one carries the "
+        "vector of M x symbol_length per group with the tag `group`; an incomplete one "
+        "carries the "
         "tag\n"
         "`missing`, and its snapshots and mask go out on the port `incomplete` before "
         "it.")
-        .def(py::init([](const complex_array& weights, int group_length) {
-                 return phase_group_doppler::make(rows_of(weights, group_length),
-                                                  group_length);
-             }),
+        .def(py::init(
+                 [](const complex_array& weights, int group_length, int symbol_length) {
+                     return phase_group_doppler::make(
+                         rows_of(weights, group_length), group_length, symbol_length);
+                 }),
              "weights"_a,
-             "group_length"_a)
+             "group_length"_a,
+             "symbol_length"_a = 64)
         .def_static(
             "spectrum",
             &phase_group_doppler::spectrum,
             "group_length"_a,
+            "symbol_length"_a = 64,
             "The Fourier transform over the group, scaled by 1/N_g; M = N_g rows in "
             "natural FFT order.")
         .def_static(
             "collected",
             &phase_group_doppler::collected,
             "group_length"_a,
-            "The snapshots of each group, N_g x 64, absent ones as zeros; the tag "
+            "symbol_length"_a = 64,
+            "The snapshots of each group, N_g x symbol_length, absent ones as zeros; the "
+            "tag "
             "`noise` holds\ntwo values for each, and `mask` of an incomplete group "
             "which are present.")
         .def("rows", &phase_group_doppler::rows, "Rows per output item, M.")
@@ -192,7 +206,7 @@ static void bind_recording_source(py::module& m)
         "Reads the folded preambles of a recording.\n\n"
         "Segments are tuples (file sample, index in the stream, length) of unbroken "
         "runs.\n"
-        "Output: a vector of 64 complex per frame, as of preamble_fold.")
+        "Output: a vector of a symbol's samples per frame, as of preamble_fold.")
         .def(py::init(&recording_source::make),
              "path"_a,
              "datatype"_a,
@@ -201,7 +215,8 @@ static void bind_recording_source(py::module& m)
              "first_averaged"_a = 64,
              "repetitions"_a = 4,
              "frame_offset"_a = 0,
-             "header_bytes"_a = 0)
+             "header_bytes"_a = 0,
+             "symbol_length"_a = 64)
         .def("snapshots", &recording_source::snapshots, "Frames folded so far.")
         .def("frames_moved",
              &recording_source::frames_moved,

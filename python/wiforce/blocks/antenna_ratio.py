@@ -8,7 +8,8 @@ from gnuradio import gr
 from .. import names
 from ..estimation.antennas import folded_ratio, ratio_noise
 from ..estimation.groups import Array
-from ..signal.waveform import FFT_LENGTH, sounding_waveform
+from ..signal.waveform import Waveform
+from .frame_settings import frames_of
 from .noise_tags import NoiseTags, noise_value
 
 _NOISE = pmt.intern(names.NOISE)
@@ -21,18 +22,21 @@ class antenna_ratio(gr.sync_block):
     receiver's oscillator is the same on both antennas and cancels in the ratio. Connect the output
     to a ``reader`` with the input ``folded``.
 
-    Input 0 and 1: vectors of 64 complex, a frame each (``preamble_fold``, ``capture_source``), of
-    the same frames; gaps must be the same. Output: vectors of 64; tags are those of input 0, with
-    the noise of both.
+    Input 0 and 1: vectors of a symbol's samples, a frame each (``preamble_fold``,
+    ``capture_source``), of the same frames; gaps must be the same. Output: the like; tags are
+    those of input 0, with the noise of both.
 
     Parameters
     ----------
-    waveform : str
-        ``repeated`` or ``wifi``, as it was sent.
+    waveform : str or Waveform
+        A shipped waveform's name, or the ``.npy`` file of a symbol. A Waveform states its own
+        frame length and rate.
     frame_length : int
         Samples per frame.
     sample_rate : float
         Samples per second.
+    symbol_length, repetitions, averaged_repetitions : int
+        As the keys of a scene's ``sounding``; 0 for their defaults.
 
     Raises
     ------
@@ -45,11 +49,19 @@ class antenna_ratio(gr.sync_block):
     """
 
     def __init__(
-        self, waveform: str = "repeated", frame_length: int = 720, sample_rate: float = 12.5e6
+        self,
+        waveform: str | Waveform = "repeated",
+        frame_length: int = 720,
+        sample_rate: float = 12.5e6,
+        symbol_length: int = 0,
+        repetitions: int = 0,
+        averaged_repetitions: int = 0,
     ) -> None:
-        vector = (np.complex64, FFT_LENGTH)
+        self._waveform = frames_of(
+            waveform, frame_length, sample_rate, symbol_length, repetitions, averaged_repetitions
+        )
+        vector = (np.complex64, self._waveform.symbol_length)
         gr.sync_block.__init__(self, "antenna_ratio", in_sig=[vector, vector], out_sig=[vector])
-        self._waveform = sounding_waveform(waveform, frame_length, sample_rate)
         self.set_tag_propagation_policy(gr.TPP_DONT)
         self._noise = NoiseTags(), NoiseTags()
 

@@ -49,7 +49,7 @@ class backscatter_tag(gr.sync_block):
     center_frequency, sample_rate : float
         In Hz and samples per second.
     waveform : str
-        ``repeated`` or ``wifi``: what ``snr_db`` counts for.
+        As of ``sounding_source``: what ``snr_db`` counts for.
     frame_length : int
         Samples per frame.
     seed : int
@@ -57,6 +57,8 @@ class backscatter_tag(gr.sync_block):
     effects : dict, optional
         Further keys of a scene's ``simulation``, for rooms and components that are not ideal, such
         as ``{"bursts": {"share": 0.2}, "tags": [{"clock_jitter_s": 3e-7}]}``.
+    symbol_length, repetitions, averaged_repetitions : int
+        As the keys of a scene's ``sounding``; 0 for their defaults.
 
     Raises
     ------
@@ -88,6 +90,9 @@ class backscatter_tag(gr.sync_block):
         frame_length: int = 720,
         seed: int = 1,
         effects: dict[str, Any] | None = None,
+        symbol_length: int = 0,
+        repetitions: int = 0,
+        averaged_repetitions: int = 0,
     ) -> None:
         if not (np.isfinite(amplitude) and amplitude > 0):
             raise InputError("amplitude", "must be above 0", amplitude)
@@ -109,7 +114,13 @@ class backscatter_tag(gr.sync_block):
         scene = load_scene(
             {
                 "radio": {"center_frequency_hz": center_frequency, "sample_rate_hz": sample_rate},
-                "sounding": {"waveform": waveform, "frame_length": int(frame_length)},
+                "sounding": {
+                    "waveform": waveform,
+                    "frame_length": int(frame_length),
+                    "symbol_length": symbol_length or None,
+                    "repetitions": repetitions or None,
+                    "averaged_repetitions": averaged_repetitions or None,
+                },
                 "sensors": [
                     {
                         "name": "tag",

@@ -19,7 +19,7 @@ def capture_source(
 ) -> recording_source:
     """A ``recording_source`` for a capture of a scene.
 
-    Output: one vector of 64 complex per frame, for a ``reader`` with the input ``folded``.
+    Output: one vector of a symbol's samples per frame, for a ``reader`` with the input ``folded``.
 
     Parameters
     ----------

@@ -24,7 +24,8 @@ class clock_offset(gr.sync_block):
     sensors : int
         S.
     length : int
-        Complex numbers per input vector: 128 S after ``end_separation``.
+        Complex numbers per input vector: 2 S times the samples of a symbol after
+        ``end_separation``, 128 S for the default waveform.
 
     Raises
     ------

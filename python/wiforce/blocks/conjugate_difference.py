@@ -16,7 +16,7 @@ from .subcarriers import occupied_subcarriers, whole_spectra
 class conjugate_difference(GroupBlock):
     """V conj(V_ref) of every end and subcarrier.
 
-    Input and output: vectors 2S x 64, tagged ``state``. Scaled so that the average over
+    Input and output: vectors 2S x N, tagged ``state``. Scaled so that the average over
     subcarriers with the noise weights is R with its magnitude. The groups of the reference are
     held back until it is complete.
     Message port ``tare``: any message takes a new reference from the groups that follow.
@@ -35,10 +35,12 @@ class conjugate_difference(GroupBlock):
 
     def __init__(self, plan: Plan) -> None:
         self._ends = 2 * len(plan.clocks)
-        self._bins = plan.waveform.bins
+        self._bins, self._width = plan.waveform.bins, plan.waveform.symbol_length
         estimator = estimator_named(plan.estimator)
         self.stage = estimator.difference(len(plan.clocks), plan.reference_groups, plan.waveform)
-        GroupBlock.__init__(self, "conjugate_difference", self._ends * 64, self._ends * 64)
+        GroupBlock.__init__(
+            self, "conjugate_difference", self._ends * self._width, self._ends * self._width
+        )
         self.message_port_register_in(pmt.intern(names.TARE))
         self.set_msg_handler(pmt.intern(names.TARE), self._on_tare)
 
@@ -51,4 +53,4 @@ class conjugate_difference(GroupBlock):
         return len(items), self.stage.process(groups_of(tags).having(ends=ends))
 
     def vectors(self, groups: Groups) -> Array:
-        return whole_spectra(groups.changes, self._bins)
+        return whole_spectra(groups.changes, self._bins, self._width)

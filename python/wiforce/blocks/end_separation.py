@@ -17,9 +17,10 @@ from .tone_input import ToneInput
 class end_separation(GroupBlock):
     """Separates the ends of every tag in a group's tones, at the tracked clock.
 
-    Input: vectors M x 64, the channel at each tone (``phase_group_doppler`` with the plan's
+    Input: vectors M x N, the channel at each tone (``phase_group_doppler`` with the plan's
     weights, then ``ofdm_channel_estimator``), tagged ``group`` and ``missing``.
-    Output: vectors 2S x 64, V_i of each end with the clock taken out, tagged ``state``.
+    Output: vectors 2S x N, V_i of each end with the clock taken out, tagged ``state``. N are the
+    samples of a symbol.
     Message port ``incomplete``: snapshots of groups with gaps, from ``phase_group_doppler``.
 
     Parameters
@@ -37,13 +38,13 @@ class end_separation(GroupBlock):
 
     def __init__(self, plan: Plan, derotated: bool = True) -> None:
         plan.check_clocks()
-        self._bins = plan.waveform.bins
+        self._bins, self._width = plan.waveform.bins, plan.waveform.symbol_length
         self.stage = estimator_named(plan.estimator).separation(
             plan.table, plan.clocks, plan.waveform, derotated, plan.others
         )
-        outputs = 2 * len(plan.clocks) * 64
+        outputs = 2 * len(plan.clocks) * self._width
         self._input = ToneInput(plan, derotated)
-        GroupBlock.__init__(self, "end_separation", self._input.rows * 64, outputs)
+        GroupBlock.__init__(self, "end_separation", self._input.rows * self._width, outputs)
         self.message_port_register_in(pmt.intern(names.INCOMPLETE))
         self.set_msg_handler(pmt.intern(names.INCOMPLETE), self._on_incomplete)
 
@@ -58,4 +59,4 @@ class end_separation(GroupBlock):
         return count, self.stage.process(groups)
 
     def vectors(self, groups: Groups) -> Array:
-        return whole_spectra(groups.ends, self._bins)
+        return whole_spectra(groups.ends, self._bins, self._width)

@@ -6,8 +6,9 @@ from gnuradio import gr
 from ..errors import InputError
 from ..estimation.groups import Array
 from ..io.samples import item_type_named
-from ..signal.waveform import sounding_waveform
+from ..signal.waveform import Waveform
 from .frame_search import FrameSearch, Tag
+from .frame_settings import frames_of
 
 
 class frame_alignment(gr.basic_block):
@@ -22,8 +23,9 @@ class frame_alignment(gr.basic_block):
 
     Parameters
     ----------
-    waveform : str
-        ``repeated`` or ``wifi``.
+    waveform : str or Waveform
+        A shipped waveform's name, or the ``.npy`` file of a symbol. A Waveform states its own
+        frame length and rate.
     frame_length : int
         Samples per frame.
     sample_rate : float
@@ -32,6 +34,8 @@ class frame_alignment(gr.basic_block):
         ``fc32`` or ``sc16``.
     search_frames : int
         Frames that are averaged to find the offset.
+    symbol_length, repetitions, averaged_repetitions : int
+        As the keys of a scene's ``sounding``; 0 for their defaults.
 
     Attributes
     ----------
@@ -56,16 +60,21 @@ class frame_alignment(gr.basic_block):
 
     def __init__(
         self,
-        waveform: str = "repeated",
+        waveform: str | Waveform = "repeated",
         frame_length: int = 720,
         sample_rate: float = 12.5e6,
         item_type: str = "fc32",
         search_frames: int = 2000,
+        symbol_length: int = 0,
+        repetitions: int = 0,
+        averaged_repetitions: int = 0,
     ) -> None:
         item = item_type_named(item_type).item
         if search_frames < 1:
             raise InputError("search_frames", "must be 1 or more", search_frames)
-        frames = sounding_waveform(waveform, frame_length, sample_rate)
+        frames = frames_of(
+            waveform, frame_length, sample_rate, symbol_length, repetitions, averaged_repetitions
+        )
         gr.basic_block.__init__(self, "frame_alignment", in_sig=[item], out_sig=[item])
         self.set_tag_propagation_policy(gr.TPP_DONT)
         self.search = FrameSearch(frames, search_frames)

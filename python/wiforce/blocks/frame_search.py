@@ -9,7 +9,7 @@ import numpy as np
 import pmt
 
 from .. import names
-from ..estimation.frame import find_frame_offset
+from ..estimation.frame import find_frame_offset, searched_samples
 from ..estimation.groups import Array
 from ..io.samples import samples_of
 from ..signal.waveform import Waveform
@@ -30,8 +30,8 @@ class FrameSearch:
     ----------
     waveform : Waveform
         Whose frames are searched.
-    search_frames : int
-        Frames that are averaged to find the offset.
+    search_frames : int, optional
+        Frames that are averaged to find the offset; as many as for recordings unless given.
 
     Attributes
     ----------
@@ -55,9 +55,11 @@ class FrameSearch:
     92
     """
 
-    def __init__(self, waveform: Waveform, search_frames: int = 2000) -> None:
+    def __init__(self, waveform: Waveform, search_frames: int | None = None) -> None:
         self._waveform = waveform
-        self._needed = search_frames * waveform.frame_length
+        self._needed = searched_samples(waveform)
+        if search_frames is not None:
+            self._needed = search_frames * waveform.frame_length
         self.offset: int | None = None
         self.start_time: tuple[int, float] | None = None
         self.searches = 0

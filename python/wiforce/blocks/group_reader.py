@@ -12,7 +12,6 @@ from ..estimation.groups import Array, Groups
 from ..estimation.snapshot_group import SnapshotGroup
 from ..io.readings import Reading
 from ..planning.plan import Plan
-from ..signal.waveform import FFT_LENGTH
 from ..stream import StreamReader
 from .group_block import GroupBlock, Tags, count_of
 from .reading_port import ReadingPort
@@ -22,7 +21,7 @@ from .tare_port import TarePort
 class group_reader(ReadingPort, TarePort, GroupBlock):
     """Reads all groups that have arrived in one call of the :class:`StreamReader`.
 
-    Input: vectors N x 64, the snapshots of a group, from ``preamble_fold.collected`` or
+    Input: vectors N x symbol length, the snapshots of a group, from ``preamble_fold.collected`` or
     ``phase_group_doppler.collected``. Message ports: ``tare`` (in), ``readings`` and ``tare_state``
     (out).
 
@@ -52,12 +51,15 @@ class group_reader(ReadingPort, TarePort, GroupBlock):
         on_reading: Callable[[Reading], None] | None = None,
     ) -> None:
         self.stream = StreamReader(plan, tracked)
-        GroupBlock.__init__(self, "group_reader", plan.group_length * FFT_LENGTH, outputs=0)
+        self._width = plan.waveform.symbol_length
+        GroupBlock.__init__(self, "group_reader", plan.group_length * self._width, outputs=0)
         self.open_port(on_reading)
         self.open_tare_port(self.stream.tares)
 
     def take(self, items: Array, tags: Tags) -> tuple[int, Groups]:
-        received = [snapshot_group(item, own) for item, own in zip(items, tags, strict=True)]
+        received = [
+            snapshot_group(item, own, self._width) for item, own in zip(items, tags, strict=True)
+        ]
         self.publish(self.stream.process(received))
         return len(items), Groups(np.zeros(0, np.int64))
 
@@ -67,14 +69,16 @@ class group_reader(ReadingPort, TarePort, GroupBlock):
         self.end_tare("the run has ended")
 
 
-def snapshot_group(item: Array, tags: dict[str, Any]) -> SnapshotGroup:
+def snapshot_group(item: Array, tags: dict[str, Any], symbol_length: int = 64) -> SnapshotGroup:
     """The group that an item of collected snapshots holds.
 
     Parameters
     ----------
-    item : ndarray of complex64, shape (64 N,)
+    item : ndarray of complex64, shape (symbol_length N,)
     tags : dict
         Of the item, by name.
+    symbol_length : int
+        Samples of a snapshot.
 
     Returns
     -------
@@ -87,7 +91,7 @@ def snapshot_group(item: Array, tags: dict[str, Any]) -> SnapshotGroup:
     >>> snapshot_group(np.zeros(4 * 64, np.complex64), tags).snapshots.tolist()
     [28, 29, 30, 31]
     """
-    folded = item.reshape(-1, FFT_LENGTH)
+    folded = item.reshape(-1, symbol_length)
     present = np.ones(len(folded), bool)
     if names.MASK in tags:
         present = np.array(pmt.u8vector_elements(tags[names.MASK]), bool)

@@ -23,10 +23,7 @@ from .output_buffer import enlarge_output_buffer
 
 # Groups that the receiver may leave waiting, in seconds of signal.
 _BUFFERED_S = 2.0
-_ITEM_BYTES = {
-    **{name: kind.sample_bytes for name, kind in ITEM_TYPES.items()},
-    "folded": 64 * gr.sizeof_gr_complex,
-}
+_ITEM_BYTES = {name: kind.sample_bytes for name, kind in ITEM_TYPES.items()}
 
 
 class reader(gr.hier_block2):
@@ -78,8 +75,8 @@ class reader(gr.hier_block2):
         tracked: bool = False,
         on_reading: Callable[[Reading], None] | None = None,
     ) -> None:
-        if input_type not in _ITEM_BYTES:
-            rule = f"must be one of {', '.join(_ITEM_BYTES)}"
+        if input_type not in (*_ITEM_BYTES, "folded"):
+            rule = f"must be one of {', '.join((*_ITEM_BYTES, 'folded'))}"
             raise InputError("input_type", rule, input_type)
         if frame_offset < 0:
             raise InputError("frame_offset", "must be 0 or more", frame_offset)
@@ -88,10 +85,11 @@ class reader(gr.hier_block2):
         if antennas > 1 and input_type != "folded":
             rule = "must be 1 where samples come in; two antennas are folded, then antenna_ratio"
             raise InputError("environment.receive_antennas", rule, 2)
+        folded_bytes = settings.waveform.symbol_length * gr.sizeof_gr_complex
         gr.hier_block2.__init__(
             self,
             "reader",
-            gr.io_signature(1, 1, _ITEM_BYTES[input_type]),
+            gr.io_signature(1, 1, _ITEM_BYTES.get(input_type, folded_bytes)),
             gr.io_signature(0, 0, 0),
         )
         self.message_port_register_hier_out(names.READINGS)
@@ -100,7 +98,7 @@ class reader(gr.hier_block2):
         self.fold = None
         length = settings.group_length
         if input_type == "folded":
-            first = phase_group_doppler.collected(length)
+            first = phase_group_doppler.collected(length, settings.waveform.symbol_length)
         else:
             waveform = settings.waveform
             first = self.fold = preamble_fold.collected(

@@ -9,7 +9,8 @@ from gnuradio import blocks, gr
 from ..errors import InputError
 from ..estimation.groups import Array
 from ..io.samples import item_type_named
-from ..signal.waveform import sounding_waveform
+from ..signal.waveform import Waveform
+from .frame_settings import frames_of
 
 
 def largest_amplitude(frame: Array) -> float:
@@ -40,16 +41,19 @@ class sounding_source(gr.hier_block2):
 
     Parameters
     ----------
-    waveform : str
-        ``repeated`` or ``wifi``.
+    waveform : str or Waveform
+        A shipped waveform's name, or the ``.npy`` file of a symbol. A Waveform states its own
+        frame length and rate.
     frame_length : int
-        Samples per frame, at least 320.
+        Samples per frame, at least those of the preamble.
     sample_rate : float
         In samples per second.
     amplitude : float
         Root of the mean preamble power, above 0 and such that no component exceeds full scale.
     item_type : str
         ``fc32`` or ``sc16``.
+    symbol_length, repetitions, averaged_repetitions : int
+        As the keys of a scene's ``sounding``; 0 for their defaults.
 
     Raises
     ------
@@ -64,14 +68,19 @@ class sounding_source(gr.hier_block2):
 
     def __init__(
         self,
-        waveform: str = "repeated",
+        waveform: str | Waveform = "repeated",
         frame_length: int = 720,
         sample_rate: float = 12.5e6,
         amplitude: float = 0.5,
         item_type: str = "fc32",
+        symbol_length: int = 0,
+        repetitions: int = 0,
+        averaged_repetitions: int = 0,
     ) -> None:
         size = item_type_named(item_type).sample_bytes
-        self._frame = sounding_waveform(waveform, frame_length, sample_rate).frame()
+        self._frame = frames_of(
+            waveform, frame_length, sample_rate, symbol_length, repetitions, averaged_repetitions
+        ).frame()
         self._item_type = item_type
         data = self._data(amplitude)
         gr.hier_block2.__init__(

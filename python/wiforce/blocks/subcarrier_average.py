@@ -11,7 +11,7 @@ from .subcarriers import occupied_subcarriers
 class subcarrier_average(GroupBlock):
     """R of every end: the average over subcarriers, weighted by the noise of each.
 
-    Input: vectors 2S x 64 from ``conjugate_difference``; output: vectors 2S, R with its magnitude;
+    Input: vectors 2S x N from ``conjugate_difference``; output: vectors 2S, R with its magnitude;
     both tagged ``state``, to which the standard deviation of arg R is added.
 
     Parameters
@@ -27,9 +27,9 @@ class subcarrier_average(GroupBlock):
 
     def __init__(self, plan: Plan) -> None:
         self._ends = 2 * len(plan.clocks)
-        self._bins = plan.waveform.bins
+        self._bins, self._width = plan.waveform.bins, plan.waveform.symbol_length
         self.stage = SubcarrierAverage(plan.smoothing_groups)
-        GroupBlock.__init__(self, "subcarrier_average", self._ends * 64, self._ends)
+        GroupBlock.__init__(self, "subcarrier_average", self._ends * self._width, self._ends)
 
     def take(self, items: Array, tags: Tags) -> tuple[int, Groups]:
         changes = occupied_subcarriers(items, self._ends, self._bins)

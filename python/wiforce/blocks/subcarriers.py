@@ -4,7 +4,6 @@
 import numpy as np
 
 from ..estimation.groups import Array
-from ..signal.waveform import FFT_LENGTH
 
 
 def occupied_subcarriers(items: Array, rows: int, bins: Array) -> Array:
@@ -12,8 +11,8 @@ def occupied_subcarriers(items: Array, rows: int, bins: Array) -> Array:
 
     Parameters
     ----------
-    items : ndarray of complex, shape (G, 64 rows)
-        A spectrum of 64 subcarriers per row.
+    items : ndarray of complex, shape (G, N rows)
+        A spectrum of N subcarriers per row.
     rows : int
         Tones or ends.
     bins : ndarray of int, shape (K,)
@@ -29,10 +28,10 @@ def occupied_subcarriers(items: Array, rows: int, bins: Array) -> Array:
     >>> occupied_subcarriers(np.arange(128.0)[None], 2, np.array([1, 63])).real.tolist()
     [[[1.0, 63.0], [65.0, 127.0]]]
     """
-    return items.reshape(-1, rows, FFT_LENGTH)[:, :, bins].astype(complex)
+    return items.reshape(len(items), rows, -1)[:, :, bins].astype(complex)
 
 
-def whole_spectra(values: Array, bins: Array) -> Array:
+def whole_spectra(values: Array, bins: Array, symbol_length: int) -> Array:
     """Vectors of occupied subcarriers, zeros in the others.
 
     Parameters
@@ -40,17 +39,19 @@ def whole_spectra(values: Array, bins: Array) -> Array:
     values : ndarray of complex, shape (G, rows, K)
     bins : ndarray of int, shape (K,)
         FFT bins of the occupied subcarriers.
+    symbol_length : int
+        All subcarriers, N.
 
     Returns
     -------
-    ndarray of complex, shape (G, 64 rows)
+    ndarray of complex, shape (G, N rows)
 
     Examples
     --------
-    >>> vectors = whole_spectra(np.ones((5, 2, 1)), np.array([3]))
+    >>> vectors = whole_spectra(np.ones((5, 2, 1)), np.array([3]), 64)
     >>> vectors.shape, np.flatnonzero(vectors[0]).tolist()
     ((5, 128), [3, 67])
     """
-    items = np.zeros((*values.shape[:2], FFT_LENGTH), complex)
+    items = np.zeros((*values.shape[:2], symbol_length), complex)
     items[:, :, bins] = values
     return items.reshape(len(values), -1)

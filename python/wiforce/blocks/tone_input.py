@@ -46,14 +46,14 @@ class ToneInput:
         meta = pmt.to_python(pmt.car(message))
         present = np.asarray(meta[names.MASK], bool)
         folded = np.array(pmt.c32vector_elements(pmt.cdr(message)), complex)
-        self._messages[int(meta[names.GROUP])] = (present, folded.reshape(len(present), 64))
+        self._messages[int(meta[names.GROUP])] = (present, folded.reshape(len(present), -1))
 
     def collect(self, items: Array, tags: Tags) -> tuple[int, Groups]:
         """Collect a batch of items whose messages have arrived.
 
         Parameters
         ----------
-        items : ndarray of complex, shape (G, 64 M)
+        items : ndarray of complex, shape (G, N M)
             Vectors of tones.
         tags : sequence of dict
             Of each item, by name.

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..signal.waveform import FFT_LENGTH, Waveform
+from ..signal.waveform import Waveform
 from .groups import Array
 
 
@@ -82,14 +82,14 @@ def folded_ratio(first: Array, second: Array, waveform: Waveform) -> Array:
 
     Parameters
     ----------
-    first, second : ndarray of complex, shape (n, 64)
+    first, second : ndarray of complex, shape (n, symbol_length)
         Folded frames of the two antennas.
     waveform : Waveform
         As it was sent.
 
     Returns
     -------
-    ndarray of complex, shape (n, 64)
+    ndarray of complex, shape (n, symbol_length)
 
     Examples
     --------
@@ -102,7 +102,7 @@ def folded_ratio(first: Array, second: Array, waveform: Waveform) -> Array:
     """
     bins = waveform.bins
     channels = [np.fft.fft(folded, axis=1)[:, bins] for folded in (first, second)]
-    spectrum = np.zeros((len(first), FFT_LENGTH), complex)
+    spectrum = np.zeros((len(first), waveform.symbol_length), complex)
     spectrum[:, bins] = channel_ratio(*channels) / waveform.equalizer()[bins]
     return np.fft.ifft(spectrum, axis=1)
 
@@ -112,11 +112,11 @@ def ratio_noise(antennas: tuple[Array, Array], noise: tuple[Array, Array], ratio
 
     Parameters
     ----------
-    antennas : tuple of ndarray of complex, shape (n, 64)
+    antennas : tuple of ndarray of complex, shape (n, symbol_length)
         Folded frames of the two antennas.
     noise : tuple of ndarray, shape (n, 2)
         Their noise: smallest and largest difference of the repetitions, as a power per sample.
-    ratio : ndarray of complex, shape (n, 64)
+    ratio : ndarray of complex, shape (n, symbol_length)
         Folded frames of the ratio.
 
     Returns

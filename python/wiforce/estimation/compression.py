@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..signal.waveform import FFT_LENGTH, PREAMBLE_LENGTH, Waveform
+from ..signal.waveform import Waveform
 from .frame import whole_frames
 from .groups import Array, Groups
 
@@ -22,6 +22,8 @@ from .groups import Array, Groups
 _ECHOES = 160
 _RINGING = 64
 _QUIET = 96
+# Largest mean of a symbol, over its rms, that sends nothing on subcarrier 0: rounding.
+_SILENT = 1e-6
 # Share of compression at the largest static sample below which it is neither certain nor of
 # consequence: 0.1 deg of a reading.
 _LEAST = 0.003
@@ -33,13 +35,45 @@ _SIGNIFICANT = 2.5
 
 
 @dataclass(frozen=True, eq=False)
+class Image:
+    """What c s^2 conj(v) adds to the channel, v being the samples that a tag's channel stands for.
+
+    Attributes
+    ----------
+    product : ndarray of complex, shape (symbol_length,)
+        c s^2 at each sample of the symbol.
+    factors : ndarray of complex, shape (K,)
+        Equalizer of the occupied subcarriers.
+    bins : ndarray of int, shape (K,)
+        Their FFT bins.
+
+    Examples
+    --------
+    >>> Image(np.full(4, -0.5), np.ones(4), np.arange(4)).of(np.array([1, 0, 0, 0])).real.tolist()
+    [-0.5, 0.0, 0.0, 0.0]
+    """
+
+    product: Array = field(repr=False)
+    factors: Array = field(repr=False)
+    bins: Array = field(repr=False)
+
+    def of(self, channel: Array) -> Array:
+        """The image of channels, shape (..., K)."""
+        spectrum = np.zeros((*channel.shape[:-1], len(self.product)), complex)
+        spectrum[..., self.bins] = channel / self.factors
+        samples = self.product * np.fft.ifft(spectrum).conj()
+        image: Array = np.fft.fft(samples)[..., self.bins] * self.factors
+        return image
+
+
+@dataclass(frozen=True, eq=False)
 class Compression:
     """What compression by the static path adds to the channels of the tags' ends.
 
     Attributes
     ----------
-    image : ndarray of complex, shape (K, K)
-        A of :func:`image_operator`.
+    image : Image
+        Of the tags' channels.
     std : float
         Standard deviation of what remains of the image, relative to the channel.
 
@@ -47,12 +81,13 @@ class Compression:
     --------
     >>> from gnuradio.wiforce.estimation.groups import Groups
     >>> groups = Groups([0], ends=np.ones((1, 2, 3)), gain=np.ones((1, 2)), noise=np.ones((1, 3)))
-    >>> corrected = Compression(-0.01 * np.eye(3), 0.001).correct(groups)
-    >>> corrected.ends[0, 0].tolist(), corrected.gain[0].round(6).tolist()
+    >>> image = Image(np.full(3, -0.01), np.ones(3), np.arange(3))
+    >>> corrected = Compression(image, 0.001).correct(groups)
+    >>> corrected.ends[0, 0].real.tolist(), corrected.gain[0].round(6).tolist()
     ([1.01, 1.01, 1.01], [1.000006, 1.000006])
     """
 
-    image: Array = field(repr=False)
+    image: Image = field(repr=False)
     std: float
 
     def correct(self, groups: Groups) -> Groups:
@@ -62,7 +97,7 @@ class Compression:
         power = groups.ends.real**2 + groups.ends.imag**2
         energy = np.einsum("gek,gk->ge", power, 1 / groups.noise)
         return groups.having(
-            ends=groups.ends - groups.ends.conj() @ self.image.T,
+            ends=groups.ends - self.image.of(groups.ends),
             gain=groups.gain + 2 * self.std**2 * energy,
         )
 
@@ -76,7 +111,7 @@ def measure_compression(samples: Array, waveform: Waveform) -> Compression | Non
         Whole frames; some hundred of them, so that noise does not matter. The static path is by
         far the strongest.
     waveform : Waveform
-        Subcarrier 0 is not occupied.
+        Nothing is sent on subcarrier 0; without that nothing is said.
 
     Returns
     -------
@@ -97,13 +132,16 @@ def measure_compression(samples: Array, waveform: Waveform) -> Compression | Non
     >>> measure_compression(np.tile(waveform.frame(), 3), waveform) is None  # a linear receiver
     True
     """
+    if not _is_silent_at_zero(waveform):
+        return None
     frame = _mean_frame(samples, waveform)
     quiet = None if frame is None else _quiet_part(frame, waveform)
-    if frame is None or quiet is None or 0 in waveform.bins or not np.isfinite(frame).all():
+    if frame is None or quiet is None or not np.isfinite(frame).all():
         return None
     offset = complex(np.mean(quiet))
     first, count = waveform.first_averaged, waveform.repetitions
-    repetitions = frame[first : first + count * FFT_LENGTH].reshape(count, FFT_LENGTH)
+    width = waveform.symbol_length
+    repetitions = frame[first : first + count * width].reshape(count, width)
     symbol = repetitions[count // 4 : count - count // 4].mean(axis=0).astype(complex)
     before, behind = _compression(symbol, offset), _compression(symbol - offset, 0j)
     uncertain = float(np.std(quiet)) / np.sqrt(len(quiet))
@@ -129,6 +167,11 @@ def _cubed(symbol: Array, offset: complex) -> complex:
     return complex(np.mean(np.abs(symbol) ** 2 * symbol) - abs(offset) ** 2 * offset)
 
 
+def _is_silent_at_zero(waveform: Waveform) -> bool:
+    symbol = waveform.symbol
+    return bool(abs(np.mean(symbol)) <= _SILENT * np.sqrt(np.mean(np.abs(symbol) ** 2)))
+
+
 def _mean_frame(samples: Array, waveform: Waveform) -> Array | None:
     length = waveform.frame_length
     if len(samples) < length:
@@ -140,16 +183,16 @@ def _mean_frame(samples: Array, waveform: Waveform) -> Array | None:
 
 def _quiet_part(frame: Array, waveform: Waveform) -> Array | None:
     """Samples of the guard behind the echoes; None where it is too short."""
-    quiet = slice(PREAMBLE_LENGTH + _ECHOES, waveform.frame_length - _RINGING)
+    quiet = slice(waveform.preamble_length + _ECHOES, waveform.frame_length - _RINGING)
     return None if quiet.stop - quiet.start < _QUIET else frame[quiet]
 
 
-def image_operator(symbol: Array, coefficient: float, waveform: Waveform) -> Array:
-    """Matrix A with which compression adds A conj(V) to the channel V of a tag's end.
+def image_operator(symbol: Array, coefficient: float, waveform: Waveform) -> Image:
+    """The image that compression by a symbol adds to the channel of a tag's end.
 
     Parameters
     ----------
-    symbol : ndarray of complex, shape (64,)
+    symbol : ndarray of complex, shape (symbol_length,)
         Mean folded symbol.
     coefficient : float
         c.
@@ -157,19 +200,16 @@ def image_operator(symbol: Array, coefficient: float, waveform: Waveform) -> Arr
 
     Returns
     -------
-    ndarray of complex, shape (K, K)
+    Image
 
     Examples
     --------
     >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
     >>> waveform = sounding_waveform()
     >>> sent = waveform.preamble[64:128]  # a single static path without delay
-    >>> image = image_operator(sent, -0.01, waveform) @ np.ones(62)
+    >>> image = image_operator(sent, -0.01, waveform).of(np.ones(62))
     >>> round(np.mean(image).real, 3)
     -0.011
     """
-    factors, bins = waveform.equalizer()[waveform.bins], waveform.bins
-    transform = np.exp(-2j * np.pi * np.outer(bins, np.arange(FFT_LENGTH)) / FFT_LENGTH)
-    received = transform.conj().T / (FFT_LENGTH * factors)
-    operator: Array = (factors[:, None] * transform * (coefficient * symbol**2)) @ received.conj()
-    return operator
+    bins = waveform.bins
+    return Image(coefficient * symbol**2, waveform.equalizer()[bins], bins)

@@ -44,7 +44,9 @@ class FoldedGroups:
         self._table = table
         self._bins = waveform.bins
         self._factors = waveform.equalizer()[self._bins]
-        rotation = table.derotation(waveform.sample_rate_hz) if derotated else np.zeros(0)
+        rotation = np.zeros(0)
+        if derotated:
+            rotation = table.derotation(waveform.sample_rate_hz, waveform.symbol_length)
         self._rotation = rotation if derotated else 1.0
         self._kernel = tone_transform(table.weights, waveform.equalizer(), rotation, waveform.bins)
 
@@ -55,7 +57,7 @@ class FoldedGroups:
         ----------
         present : ndarray of bool, shape (N,)
             Which snapshots were received and are to be used.
-        folded : ndarray of complex, shape (count of present, 64)
+        folded : ndarray of complex, shape (count of present, symbol_length)
             Folded frames of these snapshots.
 
         Returns

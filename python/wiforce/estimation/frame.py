@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..signal.waveform import PREAMBLE_LENGTH, Waveform
+from ..signal.waveform import Waveform
 from .groups import Array
 
 # Samples from the frame's start to the strongest path: weaker paths may arrive up to 8 samples
@@ -13,11 +13,14 @@ from .groups import Array
 MARGIN = 8
 # Averaging this many frames raises the preamble by 33 dB over what changes from frame to frame.
 SEARCHED_FRAMES = 2000
+# Samples after which longer frames are no longer averaged: 92 MB, and 2000 frames of up to 2880.
+_SEARCHED_SAMPLES = 5_760_000
+_FEWEST_FRAMES = 16
 # Ratio of the best match to the rms match of noise that counts as a preamble. The largest of 720
 # matches of Gaussian noise exceeds 4.3 times their rms once in 10^5 searches.
 _CLEAR = 12.0
 # Shifts by more than a preamble and its echoes see noise only.
-_QUIET_DISTANCE = PREAMBLE_LENGTH + 10
+_ECHOES = 10
 _LEAST_QUIET = 8
 
 
@@ -40,6 +43,30 @@ def whole_frames(samples: Array, frame_length: int) -> Array:
     [[0, 1, 2], [3, 4, 5]]
     """
     return samples[: len(samples) // frame_length * frame_length].reshape(-1, frame_length)
+
+
+def searched_samples(waveform: Waveform) -> int:
+    """Samples at the start of a stream in which frames are searched.
+
+    Parameters
+    ----------
+    waveform : Waveform
+        As it was sent.
+
+    Returns
+    -------
+    int
+        ``SEARCHED_FRAMES`` frames; fewer of long ones, whose preambles have as much energy.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
+    >>> searched_samples(sounding_waveform()) // 720
+    2000
+    """
+    length = waveform.frame_length
+    frames = min(SEARCHED_FRAMES, max(_FEWEST_FRAMES, _SEARCHED_SAMPLES // length))
+    return frames * length
 
 
 def find_frame_offset(samples: Array, waveform: Waveform) -> int | None:
@@ -84,17 +111,17 @@ def find_frame_offset(samples: Array, waveform: Waveform) -> int | None:
     if not match[best] > 0:
         return None
     # Partial overlaps match as well: only shifts without any overlap measure the noise.
-    quiet = _quiet(match, best)
+    quiet = _quiet(match, best, waveform.preamble_length)
     if quiet is not None and match[best] < _CLEAR * np.sqrt(np.mean(quiet**2)):
         return None
     return (best - MARGIN) % length
 
 
-def _quiet(match: Array, best: int) -> Array | None:
+def _quiet(match: Array, best: int, preamble: int) -> Array | None:
     """Matches at shifts that do not overlap the preamble, None when the guard is too short."""
     length = len(match)
     distance = np.minimum((np.arange(length) - best) % length, (best - np.arange(length)) % length)
-    quiet = match[distance > _QUIET_DISTANCE]
+    quiet = match[distance > preamble + _ECHOES]
     return quiet if len(quiet) >= _LEAST_QUIET else None
 
 
@@ -116,7 +143,7 @@ def has_quiet_samples(waveform: Waveform) -> bool:
     >>> has_quiet_samples(sounding_waveform()), has_quiet_samples(sounding_waveform("wifi", 400))
     (True, False)
     """
-    return waveform.frame_length - 2 * _QUIET_DISTANCE - 1 >= _LEAST_QUIET
+    return waveform.frame_length - 2 * (waveform.preamble_length + _ECHOES) - 1 >= _LEAST_QUIET
 
 
 def keeps_alignment(offset: int, waveform: Waveform) -> bool:
@@ -150,7 +177,7 @@ def frame_offset_in(samples: Array, waveform: Waveform) -> int:
     Parameters
     ----------
     samples : ndarray of complex, shape (n,)
-        The recording's first samples, ``SEARCHED_FRAMES`` frames if it is that long.
+        The recording's first samples, :func:`searched_samples` if it is that long.
     waveform : Waveform
         As it was sent.
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..signal.waveform import FFT_LENGTH, PREAMBLE_LENGTH, Waveform
+from ..signal.waveform import Waveform
 from .frame import whole_frames
 from .groups import Array
 
@@ -121,10 +121,10 @@ def find_frame_period(
     """
     if symbol is None:
         symbol = symbol_of(waveform)
-    if len(samples) < PREAMBLE_LENGTH + 2 * FFT_LENGTH:
+    if len(samples) < waveform.preamble_length + 2 * waveform.symbol_length:
         return FramePeriod(None, False)
     likeness = _likeness(samples, symbol)
-    period, agrees = _period_in(_coherence_of_lags(likeness), waveform.frame_length)
+    period, agrees = _period_in(_coherence_of_lags(likeness), waveform)
     if period is None:
         return FramePeriod(None, False)
     return FramePeriod(period, agrees, round(float(_mean_frame(likeness, period).max()), 6))
@@ -139,7 +139,7 @@ def symbol_of(waveform: Waveform) -> Array:
 
     Returns
     -------
-    ndarray of complex, shape (64,)
+    ndarray of complex, shape (symbol_length,)
 
     Examples
     --------
@@ -147,14 +147,15 @@ def symbol_of(waveform: Waveform) -> Array:
     >>> symbol_of(sounding_waveform()).shape
     (64,)
     """
-    return waveform.preamble[waveform.first_averaged :][:FFT_LENGTH]
+    return waveform.symbol
 
 
-def _period_in(coherence: Array, expected: int) -> tuple[float | None, bool]:
+def _period_in(coherence: Array, waveform: Waveform) -> tuple[float | None, bool]:
     """The period that shows in the coherence of all lags, and whether it is the expected one."""
+    expected, preamble = waveform.frame_length, waveform.preamble_length
     if coherence[0] < _LEAST_VARIANCE:
         return None, False
-    strength, spread = _strength_of_periods(coherence)
+    strength, spread = _strength_of_periods(coherence, preamble)
     best = float(strength.max())
     if best < max(_CLEAR * spread, 1e-6 * coherence[0]):
         return None, False
@@ -163,7 +164,7 @@ def _period_in(coherence: Array, expected: int) -> tuple[float | None, bool]:
     nearby = float(strength[: 2 * expected + 1].max())
     least = max(_same(nearby, spread), _LEAST_SHARE * best)
     if expected < len(strength) and strength[expected] >= least:
-        for part in range(expected // PREAMBLE_LENGTH, 1, -1):
+        for part in range(expected // preamble, 1, -1):
             # Within a true frame nothing repeats at these lags: their coherence is zero.
             shorter = expected // part
             if expected % part == 0 and strength[shorter] >= _LEAST_SAME * strength[expected]:
@@ -171,8 +172,8 @@ def _period_in(coherence: Array, expected: int) -> tuple[float | None, bool]:
         return expected, True
     first = int(np.argmax(strength >= _same(best, spread)))
     # The flank of a wide peak may be as high: the period is the highest lag nearby.
-    period = first + int(np.argmax(strength[first : first + FFT_LENGTH // 8]))
-    return _fraction_of(period, coherence, best), False
+    period = first + int(np.argmax(strength[first : first + waveform.symbol_length // 8]))
+    return _fraction_of(period, coherence, best, preamble), False
 
 
 def _same(strength: float, spread: float) -> float:
@@ -180,9 +181,9 @@ def _same(strength: float, spread: float) -> float:
     return max(_SAME * strength - _NOISE * spread, _LEAST_SAME * strength)
 
 
-def _fraction_of(period: int, coherence: Array, best: float) -> float:
+def _fraction_of(period: int, coherence: Array, best: float, preamble: int) -> float:
     """The part of a period after which frames repeat that do not take whole samples."""
-    for parts in range(period // PREAMBLE_LENGTH, 1, -1):
+    for parts in range(period // preamble, 1, -1):
         lags = np.rint(np.arange(1, parts) * period / parts).astype(int)
         if coherence[lags].min() >= _FRACTION_SAME * best:
             return period / parts
@@ -218,15 +219,15 @@ def _mean_frame(values: Array, period: float) -> Array:
     return np.mean([values[start : start + length] for start in starts], axis=0)
 
 
-def _strength_of_periods(coherence: Array) -> tuple[Array, float]:
+def _strength_of_periods(coherence: Array, preamble: int) -> tuple[Array, float]:
     """Least coherence at the multiples of every lag, and the spread of lags without signal."""
     lags = np.arange(len(coherence) // 2 + 1)
     strength = coherence[: len(lags)].copy()
-    strength[:PREAMBLE_LENGTH] = 0
+    strength[:preamble] = 0
     for multiple in range(2, _MULTIPLES + 1):
         inside = lags[: (len(coherence) - 1) // multiple + 1]
         strength[inside] = np.minimum(strength[inside], coherence[inside * multiple])
-    beyond = coherence[PREAMBLE_LENGTH:]
+    beyond = coherence[preamble:]
     return strength, 1.4826 * float(np.median(np.abs(beyond - np.median(beyond))))
 
 
@@ -304,7 +305,7 @@ def likeness_of_mean(samples: Array, waveform: Waveform) -> float:
         return 0.0
     with np.errstate(over="ignore", invalid="ignore"):
         mean = frames.mean(axis=0)
-    cyclic = np.concatenate([mean, mean[: PREAMBLE_LENGTH - 1]])
+    cyclic = np.concatenate([mean, mean[: waveform.preamble_length - 1]])
     return float(_likeness(cyclic, waveform.preamble).max())
 
 

@@ -88,6 +88,8 @@ class ToneModel:
         In the order in which the table was designed.
     sample_rate_hz : float or None
         Given when the tones are derotated (``ToneTable.derotation``).
+    symbol_length : int
+        Samples of the symbol that they are derotated within.
 
     Examples
     --------
@@ -102,14 +104,18 @@ class ToneModel:
     """
 
     def __init__(
-        self, table: ToneTable, tags: Sequence[TrackedTag], sample_rate_hz: float | None
+        self,
+        table: ToneTable,
+        tags: Sequence[TrackedTag],
+        sample_rate_hz: float | None,
+        symbol_length: int = 64,
     ) -> None:
         self.table = table
         self.tags = tags
         self.group_period_s = table.group_length * table.snapshot_period_s
         self._line_gain = np.ones((len(table.tones), 1))
         if sample_rate_hz is not None:
-            self._line_gain = 1 / table.symbol_gain(sample_rate_hz)[:, None]
+            self._line_gain = 1 / table.symbol_gain(sample_rate_hz, symbol_length)[:, None]
 
     @cached_property
     def _complete(self) -> GroupWeights:

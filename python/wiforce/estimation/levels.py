@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..signal.waveform import PREAMBLE_LENGTH, Waveform
+from ..signal.waveform import Waveform
 from .frame import MARGIN, whole_frames
 from .groups import Array
 
@@ -69,17 +69,17 @@ def measure_levels(samples: Array, waveform: Waveform) -> Levels:
     >>> round(measure_levels(samples, waveform).preamble_dbfs, 2)
     -20.0
     """
-    length = waveform.frame_length
+    length, preamble = waveform.frame_length, waveform.preamble_length
     frames = whole_frames(samples, length)
     parts = np.abs(samples.real), np.abs(samples.imag)
     clipped = np.mean((parts[0] >= _CLIPPED) | (parts[1] >= _CLIPPED))
-    guard = frames[:, PREAMBLE_LENGTH + MARGIN + _ECHOES : length - MARGIN]
+    guard = frames[:, preamble + MARGIN + _ECHOES : length - MARGIN]
     quiet = guard if guard.size else frames
     # Static samples in the guard (late echoes, DC offset) are not noise.
     noise = np.mean(np.abs(guard - guard.mean(axis=0)) ** 2) if guard.size else None
     return Levels(
         peak_dbfs=_db(max(part.max() for part in parts) ** 2),
-        preamble_dbfs=_db(np.mean(np.abs(frames[:, MARGIN : MARGIN + PREAMBLE_LENGTH]) ** 2)),
+        preamble_dbfs=_db(np.mean(np.abs(frames[:, MARGIN : MARGIN + preamble]) ** 2)),
         noise_dbfs=None if noise is None else _db(noise),
         dc_dbfs=_db(np.abs(quiet.mean()) ** 2),
         clipped=float(clipped),

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from ..signal.waveform import FFT_LENGTH, Waveform
+from ..signal.waveform import Waveform
 from .groups import Array
 
 # Delays relative to the tag's own at which a room reflects: 45 m before, 75 m behind.
@@ -40,7 +40,7 @@ def image_of(channel: Array, waveform: Waveform) -> Array:
     ----------
     channel : ndarray of complex, shape (..., K)
     waveform : Waveform
-        Subcarriers -k and k are both occupied.
+        The image is 0 on a subcarrier k where -k is not occupied.
 
     Returns
     -------
@@ -58,8 +58,9 @@ def image_of(channel: Array, waveform: Waveform) -> Array:
     >>> np.abs(image).round(6).tolist() == [1.0] * 62, round(abs(image.sum()) / 62, 2)
     (True, 0.16)
     """
-    reference = waveform.reference
-    return channel[..., ::-1].conj() * (reference[::-1].conj() / reference)
+    reference, mirrored = waveform.reference, waveform.mirrored
+    factors = np.where(mirrored >= 0, reference[mirrored].conj() / reference, 0)
+    return np.asarray(channel[..., mirrored].conj() * factors)
 
 
 class ProfileCheck:
@@ -91,7 +92,7 @@ class ProfileCheck:
 
     def __init__(self, waveform: Waveform, ends: int) -> None:
         self._waveform = waveform
-        frequency_hz = waveform.subcarriers * (waveform.sample_rate_hz / FFT_LENGTH)
+        frequency_hz = waveform.subcarriers * waveform.spacing_hz
         delays = np.exp(-2j * np.pi * np.outer(frequency_hz, _DELAYS_S))
         profiles, singular, _ = np.linalg.svd(delays, full_matrices=False)
         self._delays = profiles[:, singular > _LEAST_SINGULAR * singular[0]]

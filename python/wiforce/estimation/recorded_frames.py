@@ -9,13 +9,13 @@ import numpy as np
 
 from ..errors import InputError
 from ..io.capture import Capture
-from ..signal.waveform import FFT_LENGTH, Waveform, sounding_waveform
+from ..signal.waveform import WAVEFORMS, Waveform, sounding_waveform
 from .frame import (
-    SEARCHED_FRAMES,
     describe_frames,
     find_frame_offset,
     frame_offset_in,
     has_quiet_samples,
+    searched_samples,
 )
 from .frame_period import (
     SEARCHED_SAMPLES,
@@ -85,7 +85,7 @@ sounding.frame_length is 720
         if _agrees(recording, waveform, place, samples):
             return place
     # Before weak frames are searched in more samples: strong ones of another kind may explain why.
-    samples = recording.read_span(start, max(_LONG_SEARCH, SEARCHED_FRAMES * waveform.frame_length))
+    samples = recording.read_span(start, max(_LONG_SEARCH, searched_samples(waveform)))
     _check_kind(recording, waveform, samples[:needed])
     if _agrees(recording, waveform, start, samples[: max(_LONG_SEARCH, needed)]):
         return start
@@ -181,7 +181,7 @@ def first_frame(recording: Capture, waveform: Waveform, place: int = 0) -> int:
     length = waveform.frame_length
     # On the grid that begins with the first sample, frames are where they are at the start.
     place -= place % length
-    return frame_offset_in(recording.read_span(place, SEARCHED_FRAMES * length), waveform)
+    return frame_offset_in(recording.read_span(place, searched_samples(waveform)), waveform)
 
 
 def _places(start: int, span: int, needed: int) -> Iterator[int]:
@@ -222,7 +222,7 @@ def _agrees(recording: Capture, waveform: Waveform, place: int, samples: Array) 
         return True
     # The second reader may also be the stronger one: the mean of many frames shows ours.
     if has_quiet_samples(waveform) and not _commensurate(found.samples, expected):
-        samples = recording.read_span(place, SEARCHED_FRAMES * expected)
+        samples = recording.read_span(place, searched_samples(waveform))
         if _stands_out(samples, waveform):
             return True
     rule = (
@@ -244,10 +244,9 @@ def _check_kind(
 ) -> None:
     """Refuse preambles that another waveform or another sample rate explains far better."""
     clear = max(_UNLIKELY, 2 * likeness)
-    for name in ("repeated", "wifi"):
-        other = sounding_waveform(name, waveform.frame_length, waveform.sample_rate_hz)
-        if name != waveform.name and find_frame_period(samples, other).likeness > clear:
-            rule = f"the preambles are those of {name!r}, but sounding.waveform is"
+    for other in _other_waveforms(waveform):
+        if find_frame_period(samples, other).likeness > clear:
+            rule = f"the preambles are those of {other.name!r}, but sounding.waveform is"
             raise InputError(recording.path, f"{rule} {waveform.name!r}")
     symbol = symbol_of(waveform)
     if find_frame_period(samples, waveform, symbol.conj()).likeness > clear:
@@ -256,12 +255,23 @@ def _check_kind(
         found = find_frame_period(samples, waveform, _resampled(symbol, ratio))
         if found.samples is not None and found.likeness > clear:
             rule = (
-                f"symbols have {FFT_LENGTH * ratio:g} samples instead of {FFT_LENGTH}, and frames "
-                f"repeat every {found.samples:.6g} samples: the receiver's sample rate was "
+                f"symbols have {len(symbol) * ratio:g} samples instead of {len(symbol)}, and "
+                f"frames repeat every {found.samples:.6g} samples: the receiver's sample rate was "
                 f"{ratio:g} times that of the transmitter "
                 f"(radio.sample_rate_hz is {waveform.sample_rate_hz:.12g})"
             )
             raise InputError(recording.path, rule)
+
+
+def _other_waveforms(waveform: Waveform) -> Iterator[Waveform]:
+    """Shipped waveforms, as they are sent by default, whose frames are as long."""
+    for name in WAVEFORMS:
+        try:
+            other = sounding_waveform(name, waveform.frame_length, waveform.sample_rate_hz)
+        except InputError:
+            continue  # its preamble is longer than the frame
+        if name != waveform.name:
+            yield other
 
 
 def _resampled(symbol: Array, ratio: float) -> Array:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..io.capture import Capture
-from ..signal.waveform import FFT_LENGTH, Waveform
+from ..signal.waveform import Waveform
 from ..signal.weights import ToneTable
 from ..wiforce_kernels import folded_reader, tone_reader
 from .antennas import folded_ratio, ratio_noise
@@ -18,8 +18,29 @@ from .folded_groups import FoldedGroups
 from .groups import Array, Groups, is_clipped
 from .snapshot_group import GroupScreen, SnapshotGroup
 
-# Groups that are read at a time. Larger batches are not faster, smaller ones are slower.
-_BATCH = 256
+# Groups that are read at a time, of the default symbol; fewer of a longer one, whose tones would
+# otherwise fill the memory. Larger batches are not faster, smaller ones are slower.
+_BATCH, _BATCH_SYMBOL = 256, 64
+
+
+def groups_at_once(waveform: Waveform) -> int:
+    """Groups that are read at a time; it changes no reading.
+
+    Parameters
+    ----------
+    waveform : Waveform
+
+    Returns
+    -------
+    int
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
+    >>> groups_at_once(sounding_waveform())
+    256
+    """
+    return max(1, _BATCH * _BATCH_SYMBOL // max(_BATCH_SYMBOL, waveform.symbol_length))
 
 
 def frame_settings(recording: Capture, waveform: Waveform, frame_offset: int) -> dict[str, Any]:
@@ -77,7 +98,7 @@ def first_frames(
     -------
     snapshots : ndarray of int, shape (n,)
         Their indices; fewer than wanted where a recording ends.
-    folded : ndarray of complex, shape (n, 64)
+    folded : ndarray of complex, shape (n, symbol_length)
 
     Examples
     --------
@@ -144,12 +165,13 @@ class RecordedGroups:
         self, recording: Capture, table: ToneTable, waveform: Waveform, frame_offset: int
     ) -> None:
         self._length = table.group_length
+        self._batch = groups_at_once(waveform)
         self._folded = FoldedGroups(table, waveform)
         self._kernel = tone_reader(
             **frame_settings(recording, waveform, frame_offset),
             weights=table.weights,
             factors=waveform.equalizer(),
-            rotation=table.derotation(waveform.sample_rate_hz),
+            rotation=table.derotation(waveform.sample_rate_hz, waveform.symbol_length),
             bins=waveform.bins,
         )
         self.captures: tuple[Capture, ...] = (recording,)
@@ -157,7 +179,7 @@ class RecordedGroups:
 
     def read(self) -> Groups:
         """Give the next groups; none at the end."""
-        found = self._kernel.read(_BATCH)
+        found = self._kernel.read(self._batch)
         groups = Groups(
             found["index"],
             found["tones"],
@@ -211,7 +233,7 @@ class RecordedRatio:
         self._length = table.group_length
         self._waveform = waveform
         self._folded = FoldedGroups(table, waveform)
-        self._screen = GroupScreen(table.group_length)
+        self._screen = GroupScreen(table.group_length, waveform.symbol_length)
         self.captures = recordings
         self.kernels = {
             each.path: folded_reader(**frame_settings(each, waveform, frame_offset))
@@ -241,7 +263,8 @@ class RecordedRatio:
         return int(np.searchsorted(self._kept[0], whole))
 
     def _read_frames(self) -> tuple[Array, ...]:
-        return _ratio_frames(self.kernels.values(), self._waveform, _BATCH * self._length // 4)
+        count = max(1, groups_at_once(self._waveform) // 4) * self._length
+        return _ratio_frames(self.kernels.values(), self._waveform, count)
 
     def _groups(self, count: int) -> Groups:
         """Groups of the first frames that are kept."""
@@ -262,6 +285,9 @@ class RecordedRatio:
         slots = snapshots % length
         present = np.zeros(length, bool)
         present[slots] = True
-        every = np.zeros((length, FFT_LENGTH), np.complex64), np.zeros((length, 2))
+        every = (
+            np.zeros((length, self._waveform.symbol_length), np.complex64),
+            np.zeros((length, 2)),
+        )
         every[0][slots], every[1][slots] = folded, noise
         return SnapshotGroup(int(snapshots[0] // length), *every, present, int(saturated.sum()))

@@ -84,7 +84,8 @@ class EndSeparator:
         every = enumerate((*clocks, *others))
         tags = [TrackedTag(table, i, clock, averaging_s) for i, clock in every]
         self._tags = len(clocks)
-        self._model = ToneModel(table, tags, waveform.sample_rate_hz if derotated else None)
+        rate_hz = waveform.sample_rate_hz if derotated else None
+        self._model = ToneModel(table, tags, rate_hz, waveform.symbol_length)
         self._noise = NoiseEstimate(self._model.group_period_s)
         self._coherence = CoherentResidual(2 * len(tags))
         self._search = ClockSearch(self._model, self._noise, averaging_s)

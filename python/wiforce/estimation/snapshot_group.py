@@ -19,7 +19,7 @@ class SnapshotGroup:
     ----------
     index : int
         On the grid of the run.
-    folded : ndarray of complex64, shape (N, 64)
+    folded : ndarray of complex64, shape (N, symbol_length)
         Folded frames.
     noise : ndarray, shape (N, 2)
         Smallest and largest difference of the averaged repetitions, as a power per sample.
@@ -64,6 +64,8 @@ class GroupScreen:
     ----------
     group_length : int
         Snapshots per group, N.
+    symbol_length : int
+        Samples of a snapshot.
 
     Examples
     --------
@@ -73,8 +75,8 @@ class GroupScreen:
     [True, True, False, True]
     """
 
-    def __init__(self, group_length: int) -> None:
-        self._kernel = interference_screen(group_length)
+    def __init__(self, group_length: int, symbol_length: int = 64) -> None:
+        self._kernel = interference_screen(group_length, symbol_length)
 
     def process(self, group: SnapshotGroup) -> SnapshotGroup:
         """Take the next group; give it with ``kept``."""

@@ -16,7 +16,7 @@ import numpy as np
 from ..signal.lines import aliased_hz
 from ..signal.room_noise import RoomNoise, room_noise
 from ..signal.switching import line_envelope
-from ..signal.waveform import FFT_LENGTH, Waveform
+from ..signal.waveform import Waveform
 from .clock_lines import ClockLine, find_clocks, vertex
 from .frame import whole_frames
 from .groups import Array
@@ -79,6 +79,8 @@ class Survey:
         Power of the static channel, per subcarrier and snapshot, in the same units.
     significant : float
         Power over the floor that noise does not reach.
+    subcarriers : int
+        Number of subcarriers, K.
 
     Examples
     --------
@@ -103,6 +105,7 @@ class Survey:
     snapshot_period_s: float
     static_power: float = 0.0
     significant: float = _SIGNIFICANT
+    subcarriers: int = 1
 
     @property
     def line_power(self) -> Array:
@@ -130,7 +133,7 @@ class Survey:
     def noise(
         self, group_length: int, clutter_hz: float, without: Sequence[Source] = ()
     ) -> RoomNoise:
-        """Noise of the room outside the clutter band.
+        """Noise of the room outside the clutter band, as it weighs in a reading.
 
         Parameters
         ----------
@@ -147,7 +150,7 @@ class Survey:
         """
         rows = (self.excess > 0) & (self.frequency_hz > clutter_hz + self.resolution_hz)
         lines = [
-            (line.frequency_hz, line.power, source.width_share)
+            (line.frequency_hz, line.power * self.weight(source), source.width_share)
             for source in self.sources
             if source not in without
             for line in (*source.lines, *source.masked)
@@ -163,6 +166,25 @@ class Survey:
             group_length,
             self.snapshot_period_s,
         )
+
+    def weight(self, source: Source) -> int:
+        """How often the power of a source counts, that of white noise counting once.
+
+        The light of lamps is reflected on a few paths, and thus nearly alike on all subcarriers.
+        The average over K of them divides white noise by K, but hardly that. Other lines, and what
+        is broader, may be the noise of the tag's own clock: to suppress it further would cost more
+        of the tag's lines than it gains.
+
+        Parameters
+        ----------
+        source : Source
+
+        Returns
+        -------
+        int
+            K for lamps, 1 otherwise.
+        """
+        return self.subcarriers if source.kind == "lamps" else 1
 
     def moving_hz(self) -> float:
         """Highest frequency up to which the spectrum stays above noise from zero on, in Hz."""
@@ -250,7 +272,16 @@ def survey_channel(
     sources = identify(lines, float(frequency_hz[1]), least, waveform, mains_hz)
     static_power = float(np.mean((still.real**2 + still.imag**2) / floor))
     return Survey(
-        frequency_hz, spectrum, own, excess, sources, found, period_s, static_power, significant
+        frequency_hz,
+        spectrum,
+        own,
+        excess,
+        sources,
+        found,
+        period_s,
+        static_power,
+        significant,
+        channel.shape[1],
     )
 
 
@@ -286,9 +317,10 @@ def survey_samples(
     True
     """
     length, first = waveform.frame_length, waveform.first_averaged
+    count, width = waveform.repetitions, waveform.symbol_length
     frames = whole_frames(samples, length)
-    averaged = frames[:, first : first + waveform.repetitions * FFT_LENGTH]
-    folded = averaged.reshape(-1, waveform.repetitions, FFT_LENGTH).mean(axis=1)
+    averaged = frames[:, first : first + count * width]
+    folded = averaged.reshape(-1, count, width).mean(axis=1)
     return survey_folded(folded, waveform, clocks, mains_hz)
 
 
@@ -302,7 +334,7 @@ def survey_folded(
 
     Parameters
     ----------
-    folded : ndarray of complex, shape (n, 64)
+    folded : ndarray of complex, shape (n, symbol_length)
         While nothing is touched.
     waveform, clocks, mains_hz
         As for :func:`survey_channel`.

@@ -8,7 +8,6 @@ import numpy as np
 
 from ..errors import InputError
 from ..scene import Scene
-from ..signal.waveform import PREAMBLE_LENGTH
 from .bands import outside_band
 from .clocks import ClockReport, assess_clocks
 from .expected import expect
@@ -243,16 +242,16 @@ def _changes(scene: Scene, plan: Plan) -> Iterator[tuple[str, str, Scene]]:
 
 
 def _guard_changes(scene: Scene) -> Iterator[tuple[str, str, Scene]]:
-    frame = scene.sounding.frame_length
-    if frame <= PREAMBLE_LENGTH:
+    frame, preamble = scene.sounding.frame_length, scene.waveform().preamble_length
+    if frame <= preamble:
         return
-    snapshots = round(scene.phase_group.snapshots * frame / PREAMBLE_LENGTH)
+    snapshots = round(scene.phase_group.snapshots * frame / preamble)
     yield (
-        f"sounding.frame_length: {PREAMBLE_LENGTH}, phase_group.snapshots: {snapshots}",
-        f"no guard: {frame / PREAMBLE_LENGTH:.2f} times the preambles, in groups as long as now",
+        f"sounding.frame_length: {preamble}, phase_group.snapshots: {snapshots}",
+        f"no guard: {frame / preamble:.2f} times the preambles, in groups as long as now",
         replace(
             scene,
-            sounding=replace(scene.sounding, frame_length=PREAMBLE_LENGTH),
+            sounding=replace(scene.sounding, frame_length=preamble),
             phase_group=replace(scene.phase_group, snapshots=snapshots),
         ),
     )

@@ -245,7 +245,7 @@ class _Report:
 
     def _finding(self, source: Source, others: Sequence[Source]) -> Finding:
         lines = (*source.lines, *source.masked)
-        handling, matters = self._handling(lines, self._is_solved(source))
+        handling, matters = self._handling(lines, source)
         if matters and not self._is_solved(source):
             handling += self._clashes(source, others)
         hertz = source.fundamental_hz / 2 if source.kind == "lamps" else source.fundamental_hz
@@ -279,13 +279,16 @@ class _Report:
             clock.clock_hz == source.fundamental_hz for clock in self._adapted.others
         )
 
-    def _handling(self, lines: Sequence[RoomLine], solved: bool = False) -> tuple[str, bool]:
-        """What the plan does about lines, and whether it matters."""
-        if solved:
+    def _handling(
+        self, lines: Sequence[RoomLine], source: Source | None = None
+    ) -> tuple[str, bool]:
+        """What the plan does about lines, perhaps of a source, and whether it matters."""
+        if source is not None and self._is_solved(source):
             return "solved for, like the scene's own tags", True
         if all(line.frequency_hz <= self._adapted.clutter_hz for line in lines):
             return f"rejected by the weights up to {self._adapted.clutter_hz:.0f} Hz", False
-        if added_noise(self._table, lines).max() < NEGLIGIBLE:
+        weight = 1 if source is None else self._survey.weight(source)
+        if weight * added_noise(self._table, lines).max() < NEGLIGIBLE:
             return "does not reach the lines of the tags", False
         if self._adapted.room is not None:
             return "treated as noise, which the weights suppress", True

@@ -18,8 +18,8 @@ from ..signal.switching import harmonics
 from ..signal.weights import ToneTable
 from .plan import Plan
 
-# Noise that the room adds to a tone, relative to white noise, below which the weights stay as they
-# are: it costs 0.2 dB in that tone.
+# Noise that the room adds to a tone, relative to white noise and averaged over the subcarriers,
+# below which the weights stay as they are: it costs 0.2 dB in that tone.
 NEGLIGIBLE = 0.05
 # Noise in a tone, relative to that with weights for the latest survey, up to which weights for an
 # earlier one are kept: 0.4 dB.
@@ -89,9 +89,12 @@ def adapted(plan: Plan, survey: Survey | None) -> Plan:
     room = survey.noise(length, clutter_hz, solved)
     if room_noise_of_tones(plan.table, room).max() < NEGLIGIBLE:
         return plan
-    colored = replace(plan, room=room)
-    # Where too many lines are disturbed, their residual says so.
-    return colored if colored.separable else plan
+    # Lines that are disturbed so much that none is left to read still tell a little.
+    for noise in (room, room.scaled(1 / survey.subcarriers)):
+        colored = replace(plan, room=noise)
+        if colored.separable:
+            return colored
+    return plan
 
 
 def expecting_snr(plan: Plan, survey: Survey | None) -> Plan:

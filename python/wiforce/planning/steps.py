@@ -8,11 +8,9 @@ import numpy as np
 
 from ..errors import InputError
 from ..signal.clutter import clutter_order
-from ..signal.waveform import FFT_LENGTH
 from .plan import ACCEPTED_LOSS_DB, HARMONICS, Plan
 
-# Real operations of a 64-point FFT, 5 n log2 n, and of one complex multiplication and addition.
-_FFT = 5 * FFT_LENGTH * 6
+# Real operations of one complex multiplication and addition.
 _MULTIPLY_ADD = 8
 # Real operations of one inversion: two Taylor expansions, covariance, checks.
 _INVERSION = 200
@@ -73,13 +71,15 @@ def _snapshot_steps(plan: Plan) -> Iterator[Step]:
     """Steps that run per snapshot: 17 000 times per second and more."""
     waveform, tones = plan.waveform, len(plan.table.tones)
     rate = 1 / waveform.snapshot_period_s
-    folded = waveform.repetitions * FFT_LENGTH
+    length = waveform.symbol_length
+    folded = waveform.repetitions * length
     skipped = waveform.frame_length - folded
     yield Step(
         "fold",
         True,
-        f"{waveform.repetitions} repetitions of a symbol are added: {folded} samples become 64",
-        2 * (folded - FFT_LENGTH) * rate,
+        f"{waveform.repetitions} repetitions of a symbol are added: {folded} samples become "
+        f"{length}",
+        2 * (folded - length) * rate,
     )
     yield Step(
         "guard and first repetition",
@@ -91,10 +91,10 @@ def _snapshot_steps(plan: Plan) -> Iterator[Step]:
         "channel per snapshot",
         False,
         "fold, tones and channel estimate are linear and commute: the FFT runs per tone and group",
-        (_FFT + 6 * FFT_LENGTH) * rate - _estimator_operations(plan),
+        (_transform_operations(length) + 6 * length) * rate - _estimator_operations(plan),
     )
     # The two tones of a pair share their products.
-    per_tone = _MULTIPLY_ADD * FFT_LENGTH / 2 * rate
+    per_tone = _MULTIPLY_ADD * length / 2 * rate
     yield Step("tones", True, _tones_reason(plan), per_tone * tones)
     more = with_more_lines(plan)
     if plan.loss_db and more is not None:
@@ -195,5 +195,10 @@ def _group_steps(plan: Plan) -> Iterator[Step]:
 
 
 def _estimator_operations(plan: Plan) -> float:
-    tones = len(plan.table.tones)
-    return (_FFT + 12 * FFT_LENGTH) * tones / plan.group_period_s
+    tones, length = len(plan.table.tones), plan.waveform.symbol_length
+    return (_transform_operations(length) + 12 * length) * tones / plan.group_period_s
+
+
+def _transform_operations(length: int) -> float:
+    """Real operations of a Fourier transform, 5 n log2 n."""
+    return float(5 * length * np.log2(length))

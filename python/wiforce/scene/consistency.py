@@ -44,6 +44,7 @@ def check_scene(scene: Scene, source: str) -> None:
 sensor's, got 'arm'
     """
     for check in (
+        _sounding,
         _reader_clock,
         _names,
         _clock_frequencies,
@@ -55,6 +56,14 @@ sensor's, got 'arm'
     ):
         for dotted, rule, *value in check(scene):
             raise KeyPath(source, dotted).error(rule, *value)
+
+
+def _sounding(scene: Scene) -> Iterator[Violation]:
+    """The frame must hold its preamble, and the keys must fit the waveform."""
+    try:
+        scene.waveform()
+    except InputError as error:
+        yield f"sounding.{error.where}", error.rule
 
 
 def _reader_clock(scene: Scene) -> Iterator[Violation]:

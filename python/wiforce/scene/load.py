@@ -12,8 +12,9 @@ from ..io.capture_files import SUFFIXES
 from ..io.schema import read
 from ..io.values import KeyPath
 from ..io.yamlfile import read_yaml
+from ..signal.symbols import decode_symbol, encode_symbol, read_symbol
 from .consistency import check_scene
-from .schema import Scene
+from .schema import Scene, Sounding
 from .simulated_tags import with_all_tags
 
 
@@ -102,10 +103,28 @@ def load_capture_scene(capture: Capture) -> Scene:
 
 def _checked(values: dict[str, Any], where: KeyPath, path: Path | None) -> Scene:
     scene = read(Scene, values, where, path=path)
+    scene = replace(scene, sounding=_with_symbol(scene.sounding, where, path))
     tagged = with_all_tags(scene.simulation, scene.sensors, where.key("simulation"))
     scene = replace(scene, simulation=tagged)
     check_scene(scene, where.source)
     return scene
+
+
+def _with_symbol(sounding: Sounding, where: KeyPath, path: Path | None) -> Sounding:
+    """The sounding with the symbol of its file, so that nothing else needs to read it."""
+    where = where.key("sounding")
+    if not sounding.waveform.lower().endswith(".npy"):
+        if sounding.symbol is not None:
+            raise where.key("symbol").error("applies to a waveform from a .npy file only")
+        return sounding
+    if sounding.symbol is None:
+        # Relative to the scene's file.
+        file = (path.parent if path else Path()) / sounding.waveform
+        key = where.key("waveform")
+        sounding = replace(sounding, symbol=encode_symbol(read_symbol(file, key)))
+    else:
+        decode_symbol(sounding.symbol, where.key("symbol"))
+    return sounding
 
 
 def shipped_scenes() -> list[str]:

@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 from ..io.schema import DRAFT_7, ListOf, Mapping, declared, json_schema, key, plain
 from ..io.values import AutomaticNumber, Choice, Integer, Number, Text
+from ..io.waveform_name import WaveformName
 from ..signal.bands import BANDS
 from ..signal.carrier import CARRIERS_HZ
-from ..signal.waveform import PREAMBLE_LENGTH, Waveform, sounding_waveform
+from ..signal.symbols import LONGEST_SYMBOL, SHORTEST_SYMBOL, decode_symbol
+from ..signal.waveform import Waveform, sounding_waveform
 from .mains import FREQUENCIES_HZ, Mains, MainsFrequency
 from .off_reflection import OffReflection
 from .simulated import Simulation
@@ -21,6 +23,11 @@ from .simulated_tags import MAX_SENSORS, MODEL_NAME_LENGTH
 
 if TYPE_CHECKING:
     from ..sensor import SensorModel
+
+# The kernels sum more without an overflow; 1000 are 5 ms of the default symbol.
+MAX_REPETITIONS = 1000
+# Characters of the longest symbol in base64.
+_SYMBOL_TEXT = (8 * LONGEST_SYMBOL + 2) // 3 * 4
 
 
 @declared
@@ -56,16 +63,51 @@ class Sounding:
     """
 
     waveform: str = key(
-        Choice(words=("repeated", "wifi")),
+        WaveformName(),
         default="repeated",
         doc="`repeated`: five repetitions of one symbol with 62 subcarriers. `wifi`: the 802.11 "
-        "preamble with 52.",
+        "preamble with 52. `chirp`, `fmcw`, `zadoff-chu`, or a file with one symbol: see "
+        "docs/waveforms.md.",
     )
     frame_length: int = key(
-        Integer(unit="samples", low=PREAMBLE_LENGTH, high=1_000_000),
+        Integer(unit="samples", low=SHORTEST_SYMBOL, high=1_000_000),
         default=720,
         doc="Length of a frame: the preamble and the zeros that follow it.",
     )
+    symbol_length: int | None = key(
+        Integer(unit="samples", low=SHORTEST_SYMBOL, high=LONGEST_SYMBOL, optional=True),
+        default=None,
+        doc="Length of the symbol of `repeated`, `chirp`, `fmcw` or `zadoff-chu`; 64, 128, 128 "
+        "and 63 unless given.",
+    )
+    repetitions: int | None = key(
+        Integer(low=1, high=MAX_REPETITIONS, optional=True),
+        default=None,
+        doc="Times that the symbol is sent per frame, 5 unless given. Not for `wifi`.",
+    )
+    averaged_repetitions: int | None = key(
+        Integer(low=1, high=MAX_REPETITIONS, optional=True),
+        default=None,
+        doc="The last of them, which are averaged to a snapshot; all but the first unless given.",
+    )
+    symbol: str | None = key(
+        Text(limit=_SYMBOL_TEXT, optional=True),
+        default=None,
+        doc="The symbol of a `.npy` file, complex64 in base64. Captures store it, so that they "
+        "can be read without the file.",
+    )
+
+    def waveform_at(self, sample_rate_hz: float) -> Waveform:
+        """The frame at a sample rate."""
+        return sounding_waveform(
+            self.waveform,
+            self.frame_length,
+            sample_rate_hz,
+            symbol_length=self.symbol_length,
+            repetitions=self.repetitions,
+            averaged_repetitions=self.averaged_repetitions,
+            symbol=None if self.symbol is None else decode_symbol(self.symbol),
+        )
 
 
 @declared
@@ -231,9 +273,7 @@ class Scene:
 
     def waveform(self) -> Waveform:
         """The sounding frame of this scene."""
-        return sounding_waveform(
-            self.sounding.waveform, self.sounding.frame_length, self.radio.sample_rate_hz
-        )
+        return self.sounding.waveform_at(self.radio.sample_rate_hz)
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -241,7 +281,10 @@ class Scene:
         folder = self.path.parent if self.path else Path()
         models = [sensor.model for sensor in self.sensors]
         models += [tag.truth_model for tag in self.simulation.tags]
-        paths = [folder / model for model in models if model.lower().endswith((".yaml", ".yml"))]
+        if self.sounding.waveform.lower().endswith(".npy"):
+            models.append(self.sounding.waveform)
+        suffixes = (".yaml", ".yml", ".npy")
+        paths = [folder / model for model in models if model.lower().endswith(suffixes)]
         return tuple(dict.fromkeys([*([self.path] if self.path else []), *paths]))
 
     @property

@@ -13,7 +13,7 @@ in either shows in the readings.
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .waveform import FFT_LENGTH, Waveform
+from .waveform import Waveform
 
 # Duty cycles of clocks 1 and 2, as parts of their own periods.
 DUTY = (0.25, 0.25)
@@ -84,7 +84,7 @@ def line_envelope(m: ArrayLike, clock_hz: float, waveform: Waveform) -> np.ndarr
     array([1.000e+00, 1.000e+00, 1.208e-02, 2.000e-05, 2.100e-04])
     """
     m = np.asarray(m)
-    spacing_hz = waveform.sample_rate_hz / FFT_LENGTH
+    spacing_hz = waveform.spacing_hz
     distance_hz = np.abs(m * clock_hz - spacing_hz * np.rint(m * clock_hz / spacing_hz))
     rolled = np.maximum(np.pi * distance_hz * waveform.averaging_s, 1.0)
     # Pulses of 1/8 and 1/4 period: 2 / (pi m) at most, relative to c1[1] = 0.225.

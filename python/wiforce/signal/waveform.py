@@ -5,13 +5,26 @@ This definition is all of the signal model that simulator and estimator share.
 """
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from ..errors import InputError
+from .symbols import (
+    LONGEST_SYMBOL,
+    SHORTEST_SYMBOL,
+    SYMBOLS,
+    peak_to_average_db,
+    read_symbol,
+    used_subcarriers,
+)
 
-FFT_LENGTH = 64
-PREAMBLE_LENGTH = 320
+# Names of the waveforms; anything else is a file.
+WAVEFORMS = ("repeated", "wifi", *(name for name in SYMBOLS if name != "repeated"))
+# What is sent of a symbol unless stated otherwise. The first repetition takes up echoes.
+_REPETITIONS = 5
+# Samples of a symbol of the 802.11 preamble, and of the whole.
+_WIFI_SYMBOL, _WIFI_PREAMBLE = 64, 320
 
 # Long training sequence of IEEE 802.11-2020, 17.3.3, subcarriers -26..26.
 _WIFI_LONG = np.array(
@@ -25,11 +38,11 @@ _WIFI_SHORT = {-24: 1, -20: -1, -16: 1, -12: -1, -8: -1, -4: 1}
 _WIFI_SHORT |= {4: -1, 8: -1, 12: 1, 16: 1, 20: 1, 24: 1}
 
 
-def _symbol(subcarriers: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Time samples of one OFDM symbol with unit mean power; complex128, shape (64,)."""
-    spectrum = np.zeros(FFT_LENGTH, complex)
-    spectrum[np.asarray(subcarriers) % FFT_LENGTH] = values
-    return np.fft.ifft(spectrum) * FFT_LENGTH / np.sqrt(np.sum(np.abs(values) ** 2))
+def _symbol(subcarriers: np.ndarray, values: np.ndarray, length: int) -> np.ndarray:
+    """Time samples of one OFDM symbol with unit mean power; complex128, shape (length,)."""
+    spectrum = np.zeros(length, complex)
+    spectrum[np.asarray(subcarriers) % length] = values
+    return np.fft.ifft(spectrum) * length / np.sqrt(np.sum(np.abs(values) ** 2))
 
 
 @dataclass(frozen=True)
@@ -39,20 +52,24 @@ class Waveform:
     Attributes
     ----------
     name : str
-        ``repeated`` or ``wifi``.
+        One of :data:`WAVEFORMS`, or the file of the symbol.
     frame_length : int
-        Samples per frame, at least 320.
+        Samples per frame, at least those of the preamble.
     sample_rate_hz : float
         In Hz.
     subcarriers : ndarray of int, shape (K,)
         Occupied subcarriers in ascending order, negative ones included.
     reference : ndarray of complex, shape (K,)
         X_k on the occupied subcarriers.
-    preamble : ndarray of complex, shape (320,)
+    preamble : ndarray of complex, shape (preamble_length,)
         Transmit samples.
     first_averaged, repetitions : int
-        The samples ``first_averaged .. first_averaged + 64 repetitions - 1`` of a frame are
-        folded into their mean of 64 samples.
+        The samples ``first_averaged .. first_averaged + symbol_length repetitions - 1`` of a
+        frame are folded into their mean of ``symbol_length`` samples.
+    symbol_length : int
+        Samples of the symbol, and points of its Fourier transform, N.
+    used_share : float
+        Share of the symbol's energy that lies on ``subcarriers``.
 
     Examples
     --------
@@ -69,6 +86,34 @@ class Waveform:
     preamble: np.ndarray = field(repr=False)
     first_averaged: int = 64
     repetitions: int = 4
+    symbol_length: int = 64
+    used_share: float = 1.0
+
+    @property
+    def preamble_length(self) -> int:
+        """Samples of the preamble."""
+        return len(self.preamble)
+
+    @property
+    def symbol(self) -> np.ndarray:
+        """The symbol whose repetitions are averaged; complex, shape (symbol_length,)."""
+        return self.preamble[self.first_averaged :][: self.symbol_length]
+
+    @property
+    def spacing_hz(self) -> float:
+        """Distance of neighbouring subcarriers, in Hz."""
+        return self.sample_rate_hz / self.symbol_length
+
+    @cached_property
+    def mirrored(self) -> np.ndarray:
+        """Index of subcarrier -k for each k, -1 where it is not occupied; shape (K,)."""
+        order = {k: index for index, k in enumerate(self.subcarriers.tolist())}
+        return np.array([order.get(-k, -1) for k in self.subcarriers.tolist()])
+
+    @cached_property
+    def peak_to_average_db(self) -> float:
+        """Peak to average power ratio of the symbol while it repeats, in dB."""
+        return peak_to_average_db(self.symbol)
 
     @property
     def snapshot_period_s(self) -> float:
@@ -78,39 +123,44 @@ class Waveform:
     @property
     def averaging_s(self) -> float:
         """Time spanned by the averaged samples, Ta, in s."""
-        return self.repetitions * FFT_LENGTH / self.sample_rate_hz
+        return self.repetitions * self.symbol_length / self.sample_rate_hz
 
     @property
     def bins(self) -> np.ndarray:
         """FFT bin of each occupied subcarrier; shape (K,)."""
-        return self.subcarriers % FFT_LENGTH
+        return self.subcarriers % self.symbol_length
 
     @property
     def outermost_hz(self) -> tuple[float, float]:
         """Lowest and highest occupied frequency against the carrier, in Hz."""
-        spacing_hz = self.sample_rate_hz / FFT_LENGTH
+        spacing_hz = self.spacing_hz
         return float(self.subcarriers[0] * spacing_hz), float(self.subcarriers[-1] * spacing_hz)
 
     @property
     def channel_noise_gain(self) -> float:
-        """sigma_H^2 / sigma^2: noise variance in H over that of a sample, K / (64 repetitions)."""
-        return len(self.subcarriers) / (self.repetitions * FFT_LENGTH)
+        """sigma_H^2 / sigma^2: noise variance in H over that of a sample, K / (N repetitions).
+
+        Where the subcarriers differ in power it is the harmonic mean over them, so that K times
+        the SNR of a subcarrier is the same energy for any symbol.
+        """
+        used_samples = self.repetitions * self.symbol_length * self.used_share
+        return len(self.subcarriers) / used_samples
 
     def equalizer(self) -> np.ndarray:
         """Factors that turn the FFT of a folded vector into the channel.
 
         Returns
         -------
-        ndarray of complex, shape (64,)
+        ndarray of complex, shape (symbol_length,)
             0 on unoccupied subcarriers.
 
         Notes
         -----
-        H[k] = FFT64(folded)[k] / (X_k 64 / sqrt(K)).
+        H[k] = FFT(folded)[k] / (X_k N / sqrt(K)) for N samples and |X_k| = 1.
         """
-        factors = np.zeros(FFT_LENGTH, complex)
-        power = np.sum(np.abs(self.reference) ** 2)
-        factors[self.bins] = np.sqrt(power) / (FFT_LENGTH * self.reference)
+        factors = np.zeros(self.symbol_length, complex)
+        power = np.sum(np.abs(self.reference) ** 2) / self.used_share
+        factors[self.bins] = np.sqrt(power) / (self.symbol_length * self.reference)
         return factors
 
     @property
@@ -120,6 +170,7 @@ class Waveform:
             "frame_length": self.frame_length,
             "first_averaged": self.first_averaged,
             "repetitions": self.repetitions,
+            "symbol_length": self.symbol_length,
         }
 
     def frame(self) -> np.ndarray:
@@ -131,25 +182,41 @@ class Waveform:
             Unit mean power over the preamble.
         """
         samples = np.zeros(self.frame_length, complex)
-        samples[:PREAMBLE_LENGTH] = self.preamble
+        samples[: self.preamble_length] = self.preamble
         return samples
 
 
 def sounding_waveform(
-    name: str = "repeated", frame_length: int = 720, sample_rate_hz: float = 12.5e6
+    name: str = "repeated",
+    frame_length: int = 720,
+    sample_rate_hz: float = 12.5e6,
+    *,
+    symbol_length: int | None = None,
+    repetitions: int | None = None,
+    averaged_repetitions: int | None = None,
+    symbol: np.ndarray | None = None,
 ) -> Waveform:
     """The waveform of a scene's ``sounding`` section.
 
     Parameters
     ----------
     name : str
-        ``repeated``: five repetitions of one symbol on k = -31..31 without 0,
-        X_k = exp(j pi k^2 / 64). ``wifi``: the 802.11 legacy preamble (160 short, 32 guard,
-        2 x 64 long training samples) on 52 subcarriers.
+        ``repeated``: a symbol on k = -31..31 without 0, X_k = exp(j pi k^2 / 64). ``wifi``: the
+        802.11 legacy preamble (160 short, 32 guard, 2 x 64 long training samples) on 52
+        subcarriers. ``chirp``, ``fmcw`` or ``zadoff-chu``: see :mod:`.symbols`. Or a ``.npy``
+        file with one symbol.
     frame_length : int
-        Samples per frame, 320 or more.
+        Samples per frame, those of the preamble or more.
     sample_rate_hz : float
         In Hz.
+    symbol_length : int, optional
+        Samples of the symbol, for waveforms that are formulas; 64, 128, 128 and 63 unless given.
+    repetitions : int, optional
+        Symbols sent per frame, 5 unless given. Not for ``wifi``.
+    averaged_repetitions : int, optional
+        The last of them, which are averaged; all but the first unless given.
+    symbol : ndarray of complex, optional
+        The symbol, where ``name`` only says where it came from.
 
     Returns
     -------
@@ -158,7 +225,8 @@ def sounding_waveform(
     Raises
     ------
     InputError
-        For an unknown name, a frame shorter than its preamble, or a rate that is not positive.
+        For an unknown name, a frame shorter than its preamble, or a rate that is not positive;
+        for a symbol that cannot be used, and for repetitions that contradict each other.
 
     Examples
     --------
@@ -170,22 +238,105 @@ def sounding_waveform(
     >>> channel = np.fft.fft(folded) * waveform.equalizer()
     >>> bool(np.allclose(channel[waveform.bins], 0.5j))
     True
+    >>> chirp = sounding_waveform("chirp", 1200, symbol_length=256, repetitions=4)
+    >>> chirp.preamble_length, chirp.repetitions, len(chirp.subcarriers)
+    (1024, 3, 254)
     """
-    if int(frame_length) != frame_length or frame_length < PREAMBLE_LENGTH:
-        raise InputError("frame_length", f"must be an integer >= {PREAMBLE_LENGTH}", frame_length)
     if not (np.isfinite(sample_rate_hz) and sample_rate_hz > 0):
         raise InputError("sample_rate_hz", "must be positive", sample_rate_hz)
-    common = name, int(frame_length), float(sample_rate_hz)
-    if name == "repeated":
-        k = np.r_[-31:0, 1:32]
-        x = np.exp(1j * np.pi * k**2 / FFT_LENGTH)
-        return Waveform(*common, k, x, np.tile(_symbol(k, x), 5), 64, 4)
     if name == "wifi":
-        k = np.r_[-26:0, 1:27]
-        x = _WIFI_LONG[_WIFI_LONG != 0].astype(complex)
-        short_k = np.array(list(_WIFI_SHORT))
-        short = _symbol(short_k, (1 + 1j) * np.array(list(_WIFI_SHORT.values())))
-        long = _symbol(k, x)
-        preamble = np.concatenate([np.tile(short, 3)[:160], long[-32:], long, long])
-        return Waveform(*common, k, x, preamble, 192, 2)
-    raise InputError("waveform", "must be 'repeated' or 'wifi'", name)
+        for key, value in (
+            ("symbol_length", symbol_length),
+            ("repetitions", repetitions),
+            ("averaged_repetitions", averaged_repetitions),
+        ):
+            if value is not None:
+                raise InputError(key, "does not apply to the waveform 'wifi'", value)
+        _check_frame_length(frame_length, _WIFI_PREAMBLE)
+        return _wifi(name, int(frame_length), float(sample_rate_hz))
+    sent, averaged = _checked_repetitions(repetitions, averaged_repetitions)
+    if symbol is None and name in SYMBOLS:
+        formula, default = SYMBOLS[name]
+        symbol = formula(_checked_length(default if symbol_length is None else symbol_length))
+    elif symbol_length is not None:
+        raise InputError("symbol_length", "does not apply to a symbol from a file", symbol_length)
+    if symbol is None:
+        if not name.lower().endswith(".npy"):
+            rule = " or ".join(f"'{each}'" for each in WAVEFORMS)
+            raise InputError("waveform", f"must be {rule} or a .npy file", name)
+        symbol = read_symbol(name)
+    _check_frame_length(frame_length, sent * len(symbol))
+    first = (sent - averaged) * len(symbol)
+    if first == 0 and frame_length > sent * len(symbol):
+        rule = (
+            f"must be below {sent}, the symbols that are sent: behind a guard the first one takes "
+            f"up echoes"
+        )
+        raise InputError("averaged_repetitions", rule, averaged)
+    return _of_symbol(name, int(frame_length), float(sample_rate_hz), symbol, sent, averaged)
+
+
+def _wifi(name: str, frame_length: int, sample_rate_hz: float) -> Waveform:
+    k = np.r_[-26:0, 1:27]
+    x = _WIFI_LONG[_WIFI_LONG != 0].astype(complex)
+    short_k = np.array(list(_WIFI_SHORT))
+    short_x = (1 + 1j) * np.array(list(_WIFI_SHORT.values()))
+    short = _symbol(short_k, short_x, _WIFI_SYMBOL)
+    long = _symbol(k, x, _WIFI_SYMBOL)
+    preamble = np.concatenate([np.tile(short, 3)[:160], long[-32:], long, long])
+    return Waveform(name, frame_length, sample_rate_hz, k, x, preamble, 192, 2)
+
+
+def _of_symbol(
+    name: str,
+    frame_length: int,
+    sample_rate_hz: float,
+    symbol: np.ndarray,
+    sent: int,
+    averaged: int,
+) -> Waveform:
+    """The waveform that repeats a symbol, with unit mean power."""
+    length = len(symbol)
+    if name == "repeated":
+        # By definition and not by its transform, whose last digits would differ.
+        k = used_subcarriers(symbol)
+        x, share = np.exp(1j * np.pi * k**2 / length), 1.0
+    else:
+        symbol = symbol.astype(complex)
+        symbol = symbol / np.sqrt(np.mean(np.abs(symbol) ** 2))
+        k = used_subcarriers(symbol)
+        spectrum = np.fft.fft(symbol)
+        x = spectrum[k % length] / np.sqrt(length)
+        share = float(np.sum(np.abs(x) ** 2)) / length
+    first = (sent - averaged) * length
+    preamble = np.tile(symbol, sent)
+    return Waveform(
+        name, frame_length, sample_rate_hz, k, x, preamble, first, averaged, length, share
+    )
+
+
+def _check_frame_length(frame_length: int, least: int) -> None:
+    if int(frame_length) != frame_length or frame_length < least:
+        rule = f"must be an integer >= {least}, the samples of the preamble"
+        raise InputError("frame_length", rule, frame_length)
+
+
+def _checked_length(length: int) -> int:
+    if int(length) != length or not SHORTEST_SYMBOL <= length <= LONGEST_SYMBOL:
+        rule = f"must be an integer from {SHORTEST_SYMBOL} to {LONGEST_SYMBOL}"
+        raise InputError("symbol_length", rule, length)
+    return int(length)
+
+
+def _checked_repetitions(sent: int | None, averaged: int | None) -> tuple[int, int]:
+    """Symbols sent, and the last of them that are averaged."""
+    if sent is None:
+        sent = _REPETITIONS if averaged is None else max(_REPETITIONS, int(averaged) + 1)
+    if int(sent) != sent or sent < 1:
+        raise InputError("repetitions", "must be a positive integer", sent)
+    if averaged is None:
+        averaged = max(int(sent) - 1, 1)
+    if int(averaged) != averaged or not 1 <= averaged <= sent:
+        rule = f"must be an integer from 1 to repetitions ({sent})"
+        raise InputError("averaged_repetitions", rule, averaged)
+    return int(sent), int(averaged)

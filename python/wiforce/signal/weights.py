@@ -23,7 +23,6 @@ from .partial_weights import (
     whitener_of,
 )
 from .room_noise import RoomNoise
-from .waveform import FFT_LENGTH
 
 # Noise of a tone, relative to that of a Fourier sum over the whole group, above which a scene is
 # refused (15 dB).
@@ -89,7 +88,7 @@ class ToneTable:
         """
         return whitener_of(self.weights, self.room.covariance() if self.room else None)
 
-    def derotation(self, sample_rate_hz: float) -> np.ndarray:
+    def derotation(self, sample_rate_hz: float, symbol_length: int = 64) -> np.ndarray:
         """Factors that undo each line's rotation within a symbol, applied before the FFT.
 
         A line at f rotates by 2 pi f / sample_rate from one folded sample to the next and would
@@ -99,28 +98,32 @@ class ToneTable:
         ----------
         sample_rate_hz : float
             In Hz.
+        symbol_length : int
+            Samples of the symbol (``Waveform.symbol_length``).
 
         Returns
         -------
-        ndarray of complex, shape (M, 64)
+        ndarray of complex, shape (M, symbol_length)
         """
-        offset_s = centered_times_s(FFT_LENGTH, 1 / sample_rate_hz)
+        offset_s = centered_times_s(symbol_length, 1 / sample_rate_hz)
         return np.exp(-2j * np.pi * np.outer(self._lines_hz, offset_s))
 
-    def symbol_gain(self, sample_rate_hz: float) -> np.ndarray:
+    def symbol_gain(self, sample_rate_hz: float, symbol_length: int = 64) -> np.ndarray:
         """Amplitude that the average over a symbol leaves of each line without derotation.
 
         Parameters
         ----------
         sample_rate_hz : float
             In Hz.
+        symbol_length : int
+            Samples of the symbol.
 
         Returns
         -------
         ndarray of float, shape (M,)
-            sinc(64 f / sample_rate), 1 at best.
+            sinc(symbol_length f / sample_rate), 1 at best.
         """
-        return np.sinc(self._lines_hz * FFT_LENGTH / sample_rate_hz)
+        return np.sinc(self._lines_hz * symbol_length / sample_rate_hz)
 
     @cached_property
     def _lines_hz(self) -> np.ndarray:

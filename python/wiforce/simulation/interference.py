@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..signal.waveform import FFT_LENGTH
 from .random_sources import RandomSources, Seeds
 
 if TYPE_CHECKING:
@@ -20,6 +19,8 @@ _SHORTEST_CELL_S = 1.0
 _BLOCK = 8192
 _KEPT_CELLS = 3
 _KEPT_BLOCKS = 8
+# Channels of a hopper in the sample rate.
+_HOPPER_CHANNELS = 64
 # Counters of Seeds: what is drawn.
 _TIMES, _SIGNAL = 0, 1
 
@@ -228,7 +229,7 @@ def _others(simulation: "Simulation") -> Iterator[tuple[str, float]]:
     if simulation.bursts:
         yield "bursts", 1.0
     if simulation.hopper:
-        yield "hopper", simulation.hopper.subcarriers / FFT_LENGTH
+        yield "hopper", simulation.hopper.subcarriers / _HOPPER_CHANNELS
 
 
 def _latest(kept: dict, count: int) -> dict:

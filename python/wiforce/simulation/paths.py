@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from ..signal.waveform import FFT_LENGTH, Waveform
+from ..signal.waveform import Waveform
 
 # Delay of the first path in samples, which leaves room for the interpolator, and of the last.
 BASE_DELAY = 2
@@ -82,7 +82,7 @@ def response(taps: np.ndarray, waveform: Waveform) -> np.ndarray:
     >>> bool(np.allclose(response(np.array([0.5]), sounding_waveform()), 0.5))
     True
     """
-    cycles = np.outer(waveform.subcarriers, np.arange(len(taps))) / FFT_LENGTH
+    cycles = np.outer(waveform.subcarriers, np.arange(len(taps))) / waveform.symbol_length
     return np.exp(-2j * np.pi * cycles) @ taps
 
 

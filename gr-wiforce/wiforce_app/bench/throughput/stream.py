@@ -12,7 +12,6 @@ from gnuradio.wiforce.blocks.group_block import GroupBlock
 from gnuradio.wiforce.blocks.group_reader import snapshot_group
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.snapshot_group import GroupScreen
-from gnuradio.wiforce.signal.waveform import FFT_LENGTH
 from gnuradio.wiforce.wiforce_kernels import tone_transform
 
 from .recording import GROUP_LENGTH, WAVEFORM
@@ -39,8 +38,8 @@ class ToneSink(GroupBlock):
     """
 
     def __init__(self, weights):
-        GroupBlock.__init__(self, "tone_sink", GROUP_LENGTH * FFT_LENGTH, outputs=0)
-        bins = range(FFT_LENGTH)
+        GroupBlock.__init__(self, "tone_sink", GROUP_LENGTH * WAVEFORM.symbol_length, outputs=0)
+        bins = range(WAVEFORM.symbol_length)
         self._kernel = tone_transform(weights, WAVEFORM.equalizer(), np.zeros(0), bins)
         self._screen = GroupScreen(GROUP_LENGTH)
         self.tones, self.times = [], []

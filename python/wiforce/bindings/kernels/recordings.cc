@@ -69,6 +69,7 @@ static auto make_reader(const std::string& path,
                         int first_averaged,
                         int repetitions,
                         std::uint64_t frame_offset,
+                        int symbol_length,
                         const Settings&... settings)
 {
     std::vector<recording::segment> runs;
@@ -78,7 +79,7 @@ static auto make_reader(const std::string& path,
         path,
         datatype,
         runs,
-        preamble_folder(frame_length, first_averaged, repetitions),
+        preamble_folder(frame_length, first_averaged, repetitions, symbol_length),
         frame_offset,
         0); // captures with a header are refused
     return reader_of(std::move(frames), settings...);
@@ -92,12 +93,13 @@ static py::dict read_folded(folded_reader& reader, std::size_t max_frames)
         frames = reader.read(max_frames);
     }
     const py::ssize_t count = frames.snapshot.size();
+    const py::ssize_t length = reader.frames().symbol_length();
     std::vector<float> noise;
     noise.reserve(2 * count);
     for (const snapshot_noise& of : frames.noise)
         noise.insert(noise.end(), { of.smallest, of.largest });
     return py::dict("snapshot"_a = owned(std::move(frames.snapshot)),
-                    "folded"_a = owned(std::move(frames.folded), { count, FFT_LENGTH }),
+                    "folded"_a = owned(std::move(frames.folded), { count, length }),
                     "noise"_a = owned(std::move(noise), { count, 2 }),
                     "saturated"_a = as_flags(std::move(frames.saturated)));
 }
@@ -111,11 +113,12 @@ static py::dict read_tones(tone_reader& reader, std::size_t max_groups)
     }
     py::list incomplete;
     for (auto& group : groups.incomplete) {
-        const py::ssize_t present = group.folded.size() / FFT_LENGTH;
+        const py::ssize_t length = reader.frames().symbol_length();
+        const py::ssize_t present = group.folded.size() / length;
         incomplete.append(
             py::make_tuple(group.row,
                            as_flags(std::move(group.mask)),
-                           owned(std::move(group.folded), { present, FFT_LENGTH })));
+                           owned(std::move(group.folded), { present, length })));
     }
     const py::ssize_t count = groups.index.size(), rows = reader.rows(),
                       bins = reader.bins().size();
@@ -159,13 +162,14 @@ void bind_recordings(py::module& m)
              "frame_length"_a,
              "first_averaged"_a = 64,
              "repetitions"_a = 4,
-             "frame_offset"_a = 0)
+             "frame_offset"_a = 0,
+             "symbol_length"_a = 64)
         .def("read",
              &read_folded,
              "max_frames"_a,
              "The next n <= max_frames snapshots, n = 0 at the end: dict of `snapshot` "
              "(n,)\n"
-             "int64, `folded` (n, 64) complex64, `noise` (n, 2) float32, smallest and\n"
+             "int64, `folded` (n, L) complex64, `noise` (n, 2) float32, smallest and\n"
              "largest difference of the averaged repetitions as a power per sample, and\n"
              "`saturated` (n,) bool. Releases the GIL.");
     bind_counters(folded);
@@ -176,9 +180,9 @@ void bind_recordings(py::module& m)
         "Reads the phase groups of a recording as Doppler tones, equal to "
         "recording_source,\n"
         "phase_group_doppler and ofdm_channel_estimator in a flowgraph.\n\n"
-        "weights: (M, N) tones x snapshots of a group. factors: (64,), 1 / (X_k 64 / "
-        "sqrt K).\n"
-        "rotation: (M, 64), or empty for none. bins: (K,) FFT bins to keep.");
+        "weights: (M, N) tones x snapshots of a group. factors: (L,), 1 / (X_k L / "
+        "sqrt K),\nL samples of the symbol.\n"
+        "rotation: (M, L), or empty for none. bins: (K,) FFT bins to keep.");
     tones
         .def(py::init(&make_reader<complex_array,
                                    complex_array,
@@ -191,6 +195,7 @@ void bind_recordings(py::module& m)
              "first_averaged"_a,
              "repetitions"_a,
              "frame_offset"_a,
+             "symbol_length"_a,
              "weights"_a,
              "factors"_a,
              "rotation"_a,
@@ -203,7 +208,7 @@ void bind_recordings(py::module& m)
              "`tones` (G, M, K) complex64, `missing`, `rejected` (for interference) and\n"
              "`saturated` (G,) int64 snapshots,\n"
              "and `incomplete`, a list of (row in this batch, mask (N,) bool, folded\n"
-             "(n_present, 64) complex64). Groups without a snapshot are left out. "
+             "(n_present, L) complex64). Groups without a snapshot are left out. "
              "Releases\n"
              "the GIL.");
     bind_counters(tones);

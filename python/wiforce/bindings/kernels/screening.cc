@@ -14,8 +14,8 @@ namespace {
 class group_screen
 {
 public:
-    explicit group_screen(int group_length)
-        : d_group(group_length), d_screen(group_length)
+    group_screen(int group_length, int symbol_length)
+        : d_group(group_length, symbol_length), d_screen(group_length, symbol_length)
     {
     }
 
@@ -25,11 +25,13 @@ public:
     {
         const auto received =
             std::count(present.data(), present.data() + present.size(), true);
-        if (present.size() != d_group.length() ||
-            folded.size() != received * FFT_LENGTH || noise.size() != 2 * received)
+        const int length = d_group.symbol_length();
+        if (present.size() != d_group.length() || folded.size() != received * length ||
+            noise.size() != 2 * received)
             throw std::invalid_argument("interference_screen: present must have "
-                                        "group_length values, folded 64 and "
-                                        "noise 2 for each snapshot that is present");
+                                        "group_length values, folded " +
+                                        std::to_string(length) +
+                                        " and noise 2 for each snapshot that is present");
         const auto noises = structures<snapshot_noise>(noise);
         py::array_t<std::uint8_t> marks(present.size());
         {
@@ -39,10 +41,10 @@ public:
             for (int n = 0, row = 0; n < d_group.length(); n++)
                 if (present.data()[n]) {
                     fc32* const slot = d_group.reserve(n);
-                    std::copy_n(from, FFT_LENGTH, slot);
+                    std::copy_n(from, length, slot);
                     *d_group.noise() = noises[row++];
                     d_group.accept(1);
-                    from += FFT_LENGTH;
+                    from += length;
                 }
             d_group.finish();
             const auto& found = d_screen.examine(d_group);
@@ -66,13 +68,13 @@ void bind_screening(py::module& m)
         "Finds snapshots that other transmitters interfered with, group by "
         "group, as the\n"
         "kernels for one antenna do.")
-        .def(py::init<int>(), "group_length"_a)
+        .def(py::init<int, int>(), "group_length"_a, "symbol_length"_a = 64)
         .def("examine",
              &group_screen::examine,
              "present"_a,
              "folded"_a,
              "noise"_a,
-             "present: (N,) bool. folded: (n, 64) complex64 and noise: (n, 2) float32 of "
+             "present: (N,) bool. folded: (n, L) complex64 and noise: (n, 2) float32 of "
              "the n\n"
              "present snapshots. Gives (N,) bool, true for snapshots to be rejected. "
              "Releases\n"

@@ -32,10 +32,10 @@ public:
                    const complex_array& factors,
                    const complex_array& rotation,
                    const std::vector<int>& bins)
-        : d_group(columns_of(weights)),
-          d_accumulator(flat(weights), weights.shape(1)),
+        : d_group(columns_of(weights), factors.size()),
+          d_accumulator(flat(weights), weights.shape(1), factors.size()),
           d_channel(flat(factors), d_accumulator.rows(), flat(rotation), bins),
-          d_transform(std::size_t(d_accumulator.rows()) * FFT_LENGTH)
+          d_transform(std::size_t(d_accumulator.rows()) * factors.size())
     {
     }
 
@@ -43,9 +43,10 @@ public:
     {
         const int length = d_group.length();
         if (folded.ndim() != 2 || folded.shape(0) != length ||
-            folded.shape(1) != FFT_LENGTH)
+            folded.shape(1) != d_group.symbol_length())
             throw std::invalid_argument("tone_transform: folded must have shape (" +
-                                        std::to_string(length) + ", 64)");
+                                        std::to_string(length) + ", " +
+                                        std::to_string(d_group.symbol_length()) + ")");
         std::vector<fc32> tones;
         {
             py::gil_scoped_release others_may_run;
@@ -66,7 +67,7 @@ private:
     phase_group d_group;
     tone_accumulator d_accumulator;
     tone_channel d_channel;
-    std::vector<fc32> d_transform; // rows x 64
+    std::vector<fc32> d_transform; // rows x symbol_length
 };
 
 } // namespace
@@ -78,9 +79,9 @@ void bind_tones(py::module& m)
         "tone_transform",
         "Computes the channel at each tone of complete phase groups, "
         "as tone_reader does.\n\n"
-        "weights: (M, N) tones x snapshots of a group. factors: (64,), "
-        "1 / (X_k 64 / sqrt K).\n"
-        "rotation: (M, 64), or empty for none. bins: (K,) FFT bins to "
+        "weights: (M, N) tones x snapshots of a group. factors: (L,), "
+        "1 / (X_k L / sqrt K),\nL samples of the symbol.\n"
+        "rotation: (M, L), or empty for none. bins: (K,) FFT bins to "
         "keep.")
         .def(py::init<const complex_array&,
                       const complex_array&,
@@ -93,6 +94,6 @@ void bind_tones(py::module& m)
         .def("transform",
              &tone_transform::transform,
              "folded"_a,
-             "folded: (N, 64) complex64, the snapshots of one group. Gives (M, K) "
+             "folded: (N, L) complex64, the snapshots of one group. Gives (M, K) "
              "complex64.\nReleases the GIL.");
 }

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The sounding frame that a block's parameters describe."""
+
+from typing import Any
+
+from ..errors import InputError
+from ..scene import Scene, load_scene
+from ..signal.symbols import LONGEST_SYMBOL
+from ..signal.waveform import WAVEFORMS, Waveform, sounding_waveform
+
+
+def frames_of(
+    waveform: str | Waveform,
+    frame_length: int,
+    sample_rate: float,
+    symbol_length: int = 0,
+    repetitions: int = 0,
+    averaged_repetitions: int = 0,
+) -> Waveform:
+    """The frame of a block.
+
+    Parameters
+    ----------
+    waveform : str or Waveform
+        Name or file; a Waveform is taken as it is.
+    frame_length : int
+        Samples per frame.
+    sample_rate : float
+        Samples per second.
+    symbol_length, repetitions, averaged_repetitions : int
+        As the keys of a scene's ``sounding``; 0 for their defaults.
+
+    Returns
+    -------
+    Waveform
+
+    Raises
+    ------
+    InputError
+        Naming parameter, rule and value.
+
+    Examples
+    --------
+    >>> frames_of("chirp", 1024, 12.5e6, repetitions=8).symbol_length
+    128
+    """
+    if isinstance(waveform, Waveform):
+        return waveform
+    stated = {
+        "symbol_length": symbol_length,
+        "repetitions": repetitions,
+        "averaged_repetitions": averaged_repetitions,
+    }
+    for name, value in stated.items():
+        if value < 0:
+            raise InputError(name, "must be positive, or 0 for the default", value)
+    given: dict[str, Any] = {name: value for name, value in stated.items() if value}
+    return sounding_waveform(str(waveform), frame_length, sample_rate, **given)
+
+
+def symbol_length_of(waveform: str | Waveform | Scene, symbol_length: int = 0) -> int:
+    """Samples of the symbol of a waveform or of a scene: the length of folded vectors.
+
+    Parameters
+    ----------
+    waveform : str, Waveform or Scene
+        A waveform's name or file, or a scene, by its file as well.
+    symbol_length : int
+        As stated; 0 for the waveform's default.
+
+    Returns
+    -------
+    int
+
+    Raises
+    ------
+    InputError
+        Naming parameter, rule and value.
+
+    Examples
+    --------
+    >>> symbol_length_of("wifi"), symbol_length_of("chirp", 256), symbol_length_of("demo")
+    (64, 256, 64)
+    """
+    if isinstance(waveform, Waveform):
+        return waveform.symbol_length
+    if isinstance(waveform, Scene):
+        return waveform.waveform().symbol_length
+    name = str(waveform)
+    if name in WAVEFORMS or name.lower().endswith(".npy"):
+        return frames_of(name, _LONGEST_FRAME, 1.0, symbol_length).symbol_length
+    return load_scene(name).waveform().symbol_length
+
+
+# Holds the preamble of any symbol.
+_LONGEST_FRAME = 5 * LONGEST_SYMBOL

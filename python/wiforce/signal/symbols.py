@@ -1,0 +1,340 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Symbols that a sounding frame repeats: the shipped formulas, and symbols from files.
+
+A symbol is sent several times in a row, so that the channel is estimated from one period of a
+periodic signal: by its Fourier transform, divided by that of the symbol. Any symbol serves whose
+energy is spread over the subcarriers.
+"""
+
+import base64
+import binascii
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError
+
+# Samples of a symbol: K = 14 subcarriers are few enough for the weakest statistics of the receiver,
+# and the kernels' tables of 4096 fill the second cache.
+SHORTEST_SYMBOL, LONGEST_SYMBOL = 16, 4096
+# A subcarrier is used when its power is at least this share of the strongest one's. The noise of
+# its channel is 20 dB higher there, so that each one left out adds less than 1 % of what the
+# strongest adds to a reading.
+LEAST_POWER = 0.01
+# A delay and a phase, of two ends, cannot be told apart on fewer.
+LEAST_SUBCARRIERS = 4
+# Part of the sample rate that the sweep covers: the flat part of a USRP's half-band filters.
+_SWEPT_BAND = 0.8
+# Root over length of the Zadoff-Chu sequence: that of the primary synchronisation signal of LTE, 25
+# of 63 (3GPP TS 36.211, 6.11.1).
+_ROOT = 25 / 63
+# Samples between two of a symbol at which its analogue envelope is evaluated.
+_OVERSAMPLING = 8
+
+
+def repeated_symbol(length: int) -> np.ndarray:
+    """The symbol of the waveform ``repeated``: X_k = exp(j pi k^2 / N) without k = 0 and N/2.
+
+    Parameters
+    ----------
+    length : int
+        N, in samples.
+
+    Returns
+    -------
+    ndarray of complex, shape (N,)
+
+    Examples
+    --------
+    >>> round(peak_to_average_db(repeated_symbol(64)), 1)
+    3.4
+    """
+    k = np.arange(-((length - 1) // 2), (length + 1) // 2)
+    k = k[k != 0]
+    spectrum = np.zeros(length, complex)
+    spectrum[k % length] = np.exp(1j * np.pi * k**2 / length)
+    return np.fft.ifft(spectrum) * length / np.sqrt(len(k))
+
+
+def up_chirp(length: int) -> np.ndarray:
+    """Up-chirp over the whole sample rate, as LoRa sends in its preamble.
+
+    Parameters
+    ----------
+    length : int
+        N, in samples; 2^SF for the spreading factor SF.
+
+    Returns
+    -------
+    ndarray of complex, shape (N,)
+
+    Notes
+    -----
+    x[n] = exp(j 2 pi (n^2 / (2 N) - n / 2)), L. Vangelista, Frequency Shift Chirp Modulation: The
+    LoRa Modulation, IEEE Signal Processing Letters 24(12), 2017, eq. (2).
+
+    Examples
+    --------
+    >>> bool(np.allclose(np.abs(np.fft.fft(up_chirp(128))), 128**0.5))
+    True
+    """
+    n = np.arange(length)
+    return np.exp(2j * np.pi * (n**2 / (2 * length) - n / 2))
+
+
+def fmcw_sweep(length: int) -> np.ndarray:
+    """Linear sweep over 80 % of the sample rate, continuous from one repetition to the next.
+
+    Parameters
+    ----------
+    length : int
+        N, in samples.
+
+    Returns
+    -------
+    ndarray of complex, shape (N,)
+
+    Notes
+    -----
+    x[n] = exp(j pi B (n^2 / N - n)), B = 0.8: the sawtooth of A. G. Stove, Linear FMCW radar
+    techniques, IEE Proceedings F 139(5), 1992.
+
+    Examples
+    --------
+    >>> len(used_subcarriers(fmcw_sweep(1024)))
+    920
+    """
+    n = np.arange(length)
+    return np.exp(1j * np.pi * _SWEPT_BAND * (n**2 / length - n))
+
+
+def zadoff_chu(length: int) -> np.ndarray:
+    """Zadoff-Chu sequence: constant envelope at the samples, and a flat spectrum.
+
+    Parameters
+    ----------
+    length : int
+        N, in samples.
+
+    Returns
+    -------
+    ndarray of complex, shape (N,)
+
+    Notes
+    -----
+    x[n] = exp(-j pi u n (n + N mod 2) / N), u coprime to N: D. C. Chu, Polyphase codes with good
+    periodic correlation properties, IEEE Transactions on Information Theory 18(4), 1972. u is the
+    first such number from 25/63 N on, 25 for the 63 samples of LTE.
+
+    Examples
+    --------
+    >>> bool(np.allclose(np.abs(np.fft.fft(zadoff_chu(63))), 63**0.5))
+    True
+    """
+    root = round(_ROOT * length)
+    while math.gcd(root, length) > 1:
+        root += 1
+    n = np.arange(length)
+    return np.exp(-1j * np.pi * root * n * (n + length % 2) / length)
+
+
+# Name in a scene: formula, and default length.
+SYMBOLS: dict[str, tuple[Callable[[int], np.ndarray], int]] = {
+    "repeated": (repeated_symbol, 64),
+    "chirp": (up_chirp, 128),
+    "fmcw": (fmcw_sweep, 128),
+    "zadoff-chu": (zadoff_chu, 63),
+}
+
+
+def used_subcarriers(symbol: np.ndarray) -> np.ndarray:
+    """Subcarriers on which a symbol has enough energy to estimate the channel.
+
+    Parameters
+    ----------
+    symbol : ndarray of complex, shape (N,)
+
+    Returns
+    -------
+    ndarray of int, shape (K,)
+        Ascending, negative ones included. Never 0, where receivers add an offset and the leakage
+        of their oscillator, nor -N/2, where the edges of the band alias into each other.
+
+    Examples
+    --------
+    >>> used_subcarriers(up_chirp(16)).tolist()
+    [-7, -6, -5, -4, -3, -2, -1, 1, 2, 3, 4, 5, 6, 7]
+    """
+    length = len(symbol)
+    power = np.abs(np.fft.fft(symbol)) ** 2
+    k = np.arange(-((length - 1) // 2), (length + 1) // 2)
+    return k[(k != 0) & (power[k % length] >= LEAST_POWER * power.max())]
+
+
+def peak_to_average_db(symbol: np.ndarray) -> float:
+    """Peak to average power ratio of the analogue signal, while the symbol repeats.
+
+    Parameters
+    ----------
+    symbol : ndarray of complex, shape (N,)
+
+    Returns
+    -------
+    float
+        In dB, of the band-limited signal through the samples.
+
+    Examples
+    --------
+    >>> round(peak_to_average_db(np.exp(2j * np.pi * np.arange(16) / 16)), 3)
+    0.0
+    """
+    length = len(symbol)
+    spectrum, half = np.fft.fft(symbol), (length + 1) // 2
+    wide = np.zeros(_OVERSAMPLING * length, complex)
+    wide[:half], wide[half - length :] = spectrum[:half], spectrum[half:]
+    power = np.abs(np.fft.ifft(wide)) ** 2
+    return float(10 * np.log10(power.max() / power.mean()))
+
+
+def checked_symbol(values: np.ndarray, where: object) -> np.ndarray:
+    """A symbol as it is used: in single precision, its largest component 1.
+
+    Parameters
+    ----------
+    values : ndarray
+    where : object
+        Its file or key, for messages.
+
+    Returns
+    -------
+    ndarray of complex64, shape (N,)
+
+    Raises
+    ------
+    InputError
+        Unless it is one symbol of 16 to 4096 finite complex samples, with energy on four or more
+        subcarriers that can be used.
+
+    Examples
+    --------
+    >>> checked_symbol(np.ones(64), "symbol.npy")
+    Traceback (most recent call last):
+    gnuradio.wiforce.errors.InputError: symbol.npy: must hold complex samples, got 'float64'
+    """
+    if values.dtype.kind != "c":
+        raise InputError(where, "must hold complex samples", str(values.dtype))
+    if values.ndim != 1 or not SHORTEST_SYMBOL <= len(values) <= LONGEST_SYMBOL:
+        rule = f"must hold one symbol of {SHORTEST_SYMBOL} to {LONGEST_SYMBOL} samples"
+        raise InputError(where, rule, f"shape {values.shape}")
+    finite = np.isfinite(values)
+    if not finite.all():
+        first = int(np.argmin(finite))
+        raise InputError(where, f"must hold finite samples, sample {first} is", values[first])
+    symbol = values.astype(complex)
+    peak = max(np.abs(symbol.real).max(), np.abs(symbol.imag).max())
+    if not peak > 0:
+        raise InputError(where, "must not be zero at all samples")
+    # In two steps: the reciprocal of the smallest floats is infinite.
+    symbol = (symbol / peak).astype(np.complex64)
+    used = used_subcarriers(symbol)
+    if len(used) < LEAST_SUBCARRIERS:
+        rule = (
+            f"must have energy on {LEAST_SUBCARRIERS} or more subcarriers beside 0 and half the "
+            f"sample rate, within {-10 * np.log10(LEAST_POWER):.0f} dB of the strongest"
+        )
+        raise InputError(where, rule, len(used))
+    return symbol
+
+
+def read_symbol(path: str | Path, where: object = None) -> np.ndarray:
+    """Read the symbol of a ``.npy`` file.
+
+    Parameters
+    ----------
+    path : str or Path
+    where : object, optional
+        The key that names it, for messages.
+
+    Returns
+    -------
+    ndarray of complex64, shape (N,)
+
+    Raises
+    ------
+    InputError
+        When there is no such file, it is no ``.npy`` file, or :func:`checked_symbol` refuses it.
+        Objects are never unpickled.
+
+    Examples
+    --------
+    >>> np.save("symbol.npy", up_chirp(32))
+    >>> read_symbol("symbol.npy").shape
+    (32,)
+    """
+    name = str(path) if where is None else f"{where}: {path}"
+    if not Path(path).is_file():
+        raise InputError(name, "is no file" if Path(path).exists() else "does not exist")
+    try:
+        # Of a mapped file the shape is known before anything is read, and objects are refused.
+        values = np.lib.format.open_memmap(str(path), mode="r")
+    except OSError as error:
+        raise InputError(name, f"cannot be read ({error.strerror or error})") from None
+    except Exception:
+        # A damaged header raises errors of any kind from the parser.
+        raise InputError(name, "must be a .npy file of complex samples") from None
+    return checked_symbol(values, name)
+
+
+def encode_symbol(symbol: np.ndarray) -> str:
+    """A symbol as text, as captures store it.
+
+    Parameters
+    ----------
+    symbol : ndarray of complex64, shape (N,)
+
+    Returns
+    -------
+    str
+        Little-endian complex64 samples in base64 (RFC 4648).
+
+    Examples
+    --------
+    >>> encode_symbol(np.ones(1, np.complex64))
+    'AACAPwAAAAA='
+    """
+    return base64.b64encode(symbol.astype("<c8").tobytes()).decode("ascii")
+
+
+def decode_symbol(text: str, where: object = "symbol") -> np.ndarray:
+    """The inverse of :func:`encode_symbol`.
+
+    Parameters
+    ----------
+    text : str
+    where : object
+        Its key, for messages.
+
+    Returns
+    -------
+    ndarray of complex64, shape (N,)
+
+    Raises
+    ------
+    InputError
+        When it is no symbol (see :func:`checked_symbol`).
+
+    Examples
+    --------
+    >>> decode_symbol(encode_symbol(up_chirp(16))).shape
+    (16,)
+    """
+    rule = "must be samples of complex64 in base64"
+    try:
+        content = base64.b64decode(text, validate=True)
+    except (binascii.Error, ValueError):
+        raise InputError(where, rule) from None
+    if len(content) % 8:
+        raise InputError(where, rule, f"{len(content)} bytes")
+    return checked_symbol(np.frombuffer(content, "<c8"), where)
