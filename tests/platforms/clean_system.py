@@ -66,9 +66,7 @@ def _environment() -> dict[str, str]:
     kept = {
         name: value
         for name, value in os.environ.items()
-        if name.startswith("PIP_")
-        or name.lower().endswith("_proxy")
-        or name == "DEB_BUILD_OPTIONS"
+        if name.startswith("PIP_") or name.lower().endswith("_proxy") or name == "DEB_BUILD_OPTIONS"
     }
     if _host_certificates() is not None:
         kept |= dict.fromkeys(_CERTIFICATE_VARIABLES, _CERTIFICATES)

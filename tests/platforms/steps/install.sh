@@ -5,11 +5,12 @@
 set -euo pipefail
 export DEBIAN_FRONTEND=noninteractive
 apt-get update -q
-apt-get install -q -y --no-install-recommends xvfb xauth x11-utils >/dev/null
+# What the steps and debian/tests/control ask for.
+apt-get install -q -y --no-install-recommends xvfb xauth x11-utils cmake g++ make >/dev/null
 for package in /packages/*.deb; do
     case $package in
     *-dbgsym_*) rm "$package" ;;
-    *) dpkg-deb --field "$package" Depends | tr ',' '\n' | grep -v wiforce ;;
+    *) dpkg-deb --field "$package" Depends | tr ',' '\n' | sed 's/^ *//; /wiforce/d; /^$/d' ;;
     esac
 done | sort --unique | paste --serial --delimiters=, >/packages/others
 apt-get satisfy -q -y --no-install-recommends "$(cat /packages/others)"
