@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.sensor.tables import read_touchstone_index
 from wiforce_app.workers import _connect
 
 LIVE = ("live", "--scene", "demo", "--args", "addr=127.0.0.9")
@@ -33,7 +34,6 @@ FEATURES = [
     ([*LIVE, "--web", "8080"], "bokeh", "--web: needs bokeh: pip install bokeh"),
     (["status", "5556"], "zmq", f"needs {ZMQ}"),
     (["keys", "keys"], "zmq", f"keys: needs {ZMQ}"),
-    (["simulate", "tabletop", "made"], "sigmf", "needs sigmf: pip install sigmf"),
 ]
 
 
@@ -65,3 +65,23 @@ def test_missing_package_of_clusters_is_named_before_anything_is_connected(monke
     rule = "--scheduler: needs distributed: apt install python3-distributed, or pip install"
     with pytest.raises(InputError, match=rule):
         _connect("tcp://127.0.0.1:8786")
+
+
+@pytest.mark.parametrize("module", ["SoapySDR", "gnuradio.soapy"])
+def test_missing_soapy_is_named_in_one_line(monkeypatch, module):
+    """It is imported in the process of the radio, whose traceback would end in nobody's hands."""
+    from wiforce_app import soapy_radio
+
+    if module in sys.modules:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(InputError, match=r"^--driver: 'soapy' needs .*python3-soapysdr") as raised:
+        soapy_radio._libraries()
+    assert "\n" not in str(raised.value)
+
+
+def test_missing_package_of_touchstone_files_is_named(tmp_path, monkeypatch):
+    remove("skrf", monkeypatch)
+    (tmp_path / "index.csv").write_text("file,force_n,location_mm\npress.s2p,2,40\n")
+    with pytest.raises(InputError, match='row 2: needs scikit-rf>=1.0: pip install "scikit-rf'):
+        read_touchstone_index(tmp_path / "index.csv", 900e6)

@@ -22,7 +22,8 @@ from gnuradio.wiforce.sensor import (
 )
 from gnuradio.wiforce.sensor.calibration import calibrate
 from gnuradio.wiforce.simulation.score import read_truth, score
-from gnuradio.wiforce.simulation.simulator import frame_count, simulate
+from gnuradio.wiforce.simulation.simulator import simulate
+from gnuradio.wiforce.simulation.truth_file import frame_count
 
 from .plots import plot_readings
 from .progress import progress

@@ -54,6 +54,8 @@ _MODULES = {
     "is_sensor": "blocks.rules",
     "is_carrier_of": "blocks.rules",
     "is_amplitude_of": "blocks.rules",
+    "is_waveform": "blocks.rules",
+    "symbol_length_of": "blocks.frame_settings",
 }
 
 __all__ = list(_MODULES)

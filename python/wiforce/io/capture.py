@@ -10,14 +10,12 @@ import numpy as np
 
 from ..errors import InputError
 from ..signal.carrier import same_carrier
-from .capture_files import files_of, require_sigmf
+from .capture_files import files_of
 from .samples import DATATYPES, samples_of
-from .textfile import read_bytes
+from .sigmf_metadata import read_metadata
 
 if TYPE_CHECKING:
     from ..scene import Scene
-
-MAX_METADATA_BYTES = 8_000_000
 
 
 @dataclass(frozen=True)
@@ -253,7 +251,7 @@ def _open_sigmf(meta: Path, data: Path) -> Capture:
     # The size is taken first: while a recorder writes, metadata read later then covers every gap
     # in the samples counted here.
     size = data.stat().st_size
-    fields, captures = _metadata(meta)
+    fields, captures = read_metadata(meta)
     datatype = fields.get("core:datatype")
     if datatype not in DATATYPES:
         rule = f"core:datatype must be one of {', '.join(DATATYPES)}"
@@ -269,41 +267,6 @@ def _open_sigmf(meta: Path, data: Path) -> Capture:
     segments = _segments(meta, captures, total)
     scene, sha512 = fields.get("wiforce:scene"), fields.get("core:sha512")
     return Capture(data, datatype, rate, carrier, segments, scene, sha512)
-
-
-def _metadata(meta: Path) -> tuple[Mapping[str, Any], Sequence[Mapping[str, Any]]]:
-    """Global and capture fields of a metadata file, validated by SigMF's own schema."""
-    import json
-
-    require_sigmf(meta)
-    import sigmf
-    from sigmf.error import SigMFError
-
-    try:
-        parsed = json.loads(read_bytes(meta, MAX_METADATA_BYTES))
-        if not isinstance(parsed, dict):
-            raise InputError(meta, "must hold a SigMF object", type(parsed).__name__)
-        checked = sigmf.SigMFFile(metadata=parsed)
-        checked.validate()
-    except (OSError, UnicodeDecodeError, ValueError, RecursionError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(meta, f"is not valid SigMF ({_first_line(error)})") from error
-    except KeyError as error:
-        raise InputError(meta, f"is not valid SigMF (key {error} is missing)") from error
-    except (SigMFError, TypeError, AttributeError) as error:
-        raise InputError(meta, f"is not valid SigMF ({_first_line(error)})") from error
-    except Exception as error:
-        # jsonschema's errors have no common base class with SigMF's.
-        if type(error).__module__.split(".")[0] != "jsonschema":
-            raise
-        keys = "".join(f"{key}: " for key in getattr(error, "absolute_path", ()))
-        raise InputError(meta, f"{keys}is not valid SigMF ({_first_line(error)})") from error
-    return parsed.get("global", {}), parsed.get("captures", [])
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).strip().splitlines()[0][:120] if str(error).strip() else "no reason given"
 
 
 def _positive(meta: Path, name: str, value: Any) -> float:

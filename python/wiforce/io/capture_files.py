@@ -5,7 +5,6 @@ import os
 from pathlib import Path
 
 from ..errors import InputError
-from .optional import optional_module
 
 SUFFIXES = (".sigmf-data", ".sigmf-meta")
 
@@ -69,25 +68,6 @@ def second_antenna(name: str | Path) -> str:
     'press.antenna2'
     """
     return f"{name}.antenna2"
-
-
-def require_sigmf(where: object) -> None:
-    """Check that the package ``sigmf`` is installed, before any work is done for a capture.
-
-    Parameters
-    ----------
-    where : object
-        What needs it, for the message.
-
-    Raises
-    ------
-    InputError
-
-    Examples
-    --------
-    >>> require_sigmf("press.sigmf-meta")
-    """
-    optional_module("sigmf", where)
 
 
 def files_of(data: Path) -> tuple[Path, ...]:

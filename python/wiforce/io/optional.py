@@ -11,6 +11,7 @@ from ..errors import InputError
 # By the name of the module: the package of Debian, where it has one, and that of PyPI.
 _PACKAGES = {
     "bokeh": (None, "bokeh"),
+    "csiread": (None, "csiread"),
     "distributed": ("python3-distributed", "distributed"),
     "foxglove": (None, "foxglove-sdk"),
     "matplotlib": ("python3-matplotlib", "matplotlib"),
@@ -20,7 +21,8 @@ _PACKAGES = {
     "pyarrow": (None, '"pyarrow<24"'),
     "pylsl": (None, "pylsl"),
     "serial": ("python3-serial", "pyserial"),
-    "sigmf": (None, "sigmf"),
+    # Debian 12 has an older release, which reads Touchstone files otherwise.
+    "skrf": (None, '"scikit-rf>=1.0"'),
     "tornado": (None, "bokeh"),
     "zmq": ("python3-zmq", "pyzmq"),
 }

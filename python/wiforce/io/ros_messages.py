@@ -134,6 +134,7 @@ def reading_messages(row: Mapping[str, Any]) -> Iterator[RosMessage]:
 
     The origin is at port 1; x runs along the line to port 2, and z away from the surface that is
     pressed. A press of F newton at l mm is the force (0, 0, -F) with the torque (0, F l/1000, 0).
+    A press at (x, y) on a surface has the torque (-F y/1000, F x/1000, 0).
     A wrench cannot state that it is doubtful or unknown: those of readings with flags, or without
     force or location, have a topic of their own.
 
@@ -177,8 +178,11 @@ def reading_messages(row: Mapping[str, Any]) -> Iterator[RosMessage]:
     untouched = touch == 0
     force_n = 0.0 if untouched else fields["force_n"]
     torque_nm = 0.0 if untouched else force_n * fields["location_mm"] / 1000
-    wrench = {"force": _vector(z=0.0 - force_n), "torque": _vector(y=torque_nm)}
-    flagged = bool(words) or not math.isfinite(torque_nm)
+    across_nm = 0.0
+    if "y_mm" in row and not untouched:
+        across_nm = 0.0 - force_n * _number(row["y_mm"]) / 1000
+    wrench = {"force": _vector(z=0.0 - force_n), "torque": _vector(across_nm, torque_nm)}
+    flagged = bool(words) or not math.isfinite(torque_nm + across_nm)
     topic = topic_of(sensor, _FLAGGED if flagged else _CLEAR)
     yield RosMessage(topic, WRENCH, {"header": header, "wrench": wrench}, stamp_ns)
 
@@ -303,5 +307,5 @@ def _number(value: float | None) -> float:
     return math.nan if value is None else float(value)
 
 
-def _vector(y: float = 0.0, z: float = 0.0) -> dict[str, float]:
-    return {"x": 0.0, "y": y, "z": z}
+def _vector(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> dict[str, float]:
+    return {"x": x, "y": y, "z": z}

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from ..io.optional import optional_module
 from ..io.textfile import read_bytes, read_csv
 from ..signal.carrier import same_carrier
 
@@ -232,8 +233,7 @@ def _beside(index: str | Path, name: str, where: str) -> Path:
 
 def _touchstone_phases(path: Path, frequency_hz: float, where: str) -> list[float]:
     """Phases (deg) of S11 and S22 at the carrier."""
-    import skrf
-
+    skrf = optional_module("skrf", where)
     try:
         text = read_bytes(
             path,  # A two-port file with 100 000 frequencies.
