@@ -10,6 +10,8 @@ install(DIRECTORY gr-wiforce/ DESTINATION ${WIFORCE_DATA_DIR}
   PATTERN systemd EXCLUDE ${without_caches})
 install(DIRECTORY grc/ DESTINATION ${GRC_BLOCKS_DIR} FILES_MATCHING PATTERN *.yml)
 install(DIRECTORY include/gnuradio/wiforce DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/gnuradio)
+install(DIRECTORY lib/kernel DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/gnuradio/wiforce
+  FILES_MATCHING PATTERN *.h PATTERN simd_loops.h EXCLUDE PATTERN clones.h EXCLUDE)
 
 install(FILES docs/gr-wiforce.1 DESTINATION ${CMAKE_INSTALL_MANDIR}/man1)
 install(FILES gr-wiforce/completions/gr-wiforce.bash RENAME gr-wiforce
@@ -45,6 +47,16 @@ write_basic_package_version_file(
 install(FILES ${PROJECT_BINARY_DIR}/install/gnuradio-wiforceConfig.cmake
   ${PROJECT_BINARY_DIR}/install/gnuradio-wiforceConfigVersion.cmake DESTINATION ${config_dir})
 install(EXPORT gnuradio-wiforceTargets NAMESPACE gnuradio:: DESTINATION ${config_dir})
+
+# The build tree as a package: -Dgnuradio-wiforce_DIR=.../build/package
+set(tree_package ${PROJECT_BINARY_DIR}/package)
+configure_package_config_file(cmake/gnuradio-wiforceConfig.cmake.in
+  ${tree_package}/gnuradio-wiforceConfig.cmake INSTALL_DESTINATION ${tree_package}
+  INSTALL_PREFIX ${PROJECT_BINARY_DIR})
+configure_file(${PROJECT_BINARY_DIR}/install/gnuradio-wiforceConfigVersion.cmake
+  ${tree_package}/gnuradio-wiforceConfigVersion.cmake COPYONLY)
+export(EXPORT gnuradio-wiforceTargets NAMESPACE gnuradio::
+  FILE ${tree_package}/gnuradio-wiforceTargets.cmake)
 
 configure_file(cmake/SayPaths.cmake.in ${PROJECT_BINARY_DIR}/install/SayPaths.cmake @ONLY)
 install(SCRIPT ${PROJECT_BINARY_DIR}/install/SayPaths.cmake)

@@ -6,7 +6,7 @@ import math
 import os
 import socket
 import time
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 
 import pylsl
 import pytest
@@ -82,7 +82,7 @@ def test_lsl_samples_have_the_time_of_the_measurement():
     inlet = pylsl.StreamInlet(info, recover=False)
     inlet.open_stream(timeout=30)
     measured_s = time.time() - 0.1
-    utc = datetime.fromtimestamp(measured_s, UTC).isoformat()
+    utc = datetime.fromtimestamp(measured_s, timezone.utc).isoformat()
     before_s = pylsl.local_clock()
     outlets.push(Reading(0.018, name, 1, 4.0, flags=("gap", "weak"), group=7), utc)
     outlets.push(Reading(0.054, name), "")

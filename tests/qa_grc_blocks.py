@@ -220,7 +220,7 @@ REFUSED = [
     ("wiforce_preamble_fold", {"repetitions": 65537, "frame_length": 10**7}),
     ("wiforce_preamble_fold", {"sample_rate": 0}),
     ("wiforce_ofdm_channel_estimator", {"rows": 0}),
-    ("wiforce_ofdm_channel_estimator", {"factors": "[1] * 63"}),
+    ("wiforce_ofdm_channel_estimator", {"factors": "[1] * 15"}),
     ("wiforce_ofdm_channel_estimator", {"rotation": "[[1] * 63]"}),
     ("wiforce_phase_group_doppler", {"group_length": 0}),
     ("wiforce_phase_group_doppler", {"weights": "[[1, 2, 3]]", "group_length": 2}),

@@ -16,11 +16,12 @@ APPLICATION = ROOT / "gr-wiforce"
 LAYERS = (
     {"blocks"},
     {"recording", "stream"},
+    {"snapshot_recording"},
     {"receiver"},
     {"planning"},
     {"simulation"},
     {"scene", "gui"},
-    {"estimation", "sensor"},
+    {"estimation", "sensor", "surface"},
     {"io"},
     {"signal"},
     {"errors", "names", "_config", "wiforce_kernels", "wiforce_python"},

@@ -19,7 +19,9 @@ def test_session_counts_no_samples_until_its_flowgraph_runs():
         asked.append(True)
         return 7
 
-    session.source = SimpleNamespace(nitems_written=count, received=0, attach=lambda _: None)
+    session.source = SimpleNamespace(
+        nitems_written=count, received=0, attach=lambda stream, aligned: None
+    )
 
     def start():
         seen.append((session.samples, session.samples_received, session.behind_s))
@@ -27,6 +29,6 @@ def test_session_counts_no_samples_until_its_flowgraph_runs():
     session._flowgraph = SimpleNamespace(start=start)
     ours, theirs = socket.socketpair()
     with ours, theirs:
-        session.attach(SimpleNamespace(take_samples=lambda: ours))
+        session.attach(SimpleNamespace(take_samples=lambda: ours, aligned=False))
     assert seen == [(0, 0, 0.0)] and not asked
     assert session.samples == 7

@@ -145,7 +145,11 @@ def test_captures_of_one_name_and_bad_outputs_are_refused(captures, tmp_path):
         "scene: must be a .yaml file": [folder, "--scene", "nope", "-o", tmp_path / "out"],
         "--plot takes one capture": [folder, "-o", tmp_path, "--plot", "a.png"],
         "--jobs needs several captures": [folder / "day1" / "a", "--jobs", 2],
-        "contains no captures: no .sigmf-meta files": [tmp_path / "*.none", "-o", tmp_path / "out"],
+        "contains no captures: no .sigmf-meta or .npz files": [
+            tmp_path / "*.none",
+            "-o",
+            tmp_path / "out",
+        ],
     }
     for message, arguments in cases.items():
         done = run_command("read", *arguments)

@@ -67,6 +67,19 @@ def test_missing_package_of_clusters_is_named_before_anything_is_connected(monke
         _connect("tcp://127.0.0.1:8786")
 
 
+@pytest.mark.parametrize("module", ["SoapySDR", "gnuradio.soapy"])
+def test_missing_soapy_is_named_in_one_line(monkeypatch, module):
+    """It is imported in the process of the radio, whose traceback would end in nobody's hands."""
+    from wiforce_app import soapy_radio
+
+    if module in sys.modules:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(InputError, match=r"^--driver: 'soapy' needs .*python3-soapysdr") as raised:
+        soapy_radio._libraries()
+    assert "\n" not in str(raised.value)
+
+
 def test_missing_package_of_touchstone_files_is_named(tmp_path, monkeypatch):
     remove("skrf", monkeypatch)
     (tmp_path / "index.csv").write_text("file,force_n,location_mm\npress.s2p,2,40\n")

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The clock designer against square waves drawn point by point."""
+"""The assessment of clocks against square waves drawn point by point."""
 
 import numpy as np
 import pytest
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.planning.clocks import assess_clocks
-from gnuradio.wiforce.planning.proposed_clocks import propose_clocks
 from gnuradio.wiforce.planning.pulses import (
     double_rate_pulses,
     line_coefficients,
@@ -151,14 +150,3 @@ def test_assess_clocks_complementary_switches_are_not_readable():
 def test_pulses_overlapping_raise(build, parameter):
     with pytest.raises(InputError, match=parameter):
         build()
-
-
-def test_propose_clocks_are_readable_beside_those_taken():
-    proposed = propose_clocks(2, WAVEFORM, 625, taken=[1000])
-    assert len(proposed) == 2
-    report = assess_clocks([1000, *proposed], WAVEFORM, 625)
-    assert report.readable and report.worst_loss_db < 1.2
-
-
-def test_propose_clocks_clutter_leaves_no_room_returns_empty():
-    assert propose_clocks(1, WAVEFORM, 64, clutter_hz=2000) == []

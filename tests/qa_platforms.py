@@ -91,6 +91,7 @@ def test_packages_depend_on_what_the_code_imports():
     # pyqtgraph come with gnuradio.
     optional = {"PyQt5", "pyqtgraph", "zmq", "serial", "distributed", "pyarrow", "pylsl", "skrf"}
     optional |= {"bokeh", "tornado", "mcap", "mcap_ros2", "foxglove"}
+    optional |= {"typing_extensions"}  # of type checkers
     found = set()
     for folder in ("python/wiforce", "gr-wiforce/wiforce_app", "gr-wiforce/software_n210"):
         for path in (ROOT / folder).rglob("*.py"):

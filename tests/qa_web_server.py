@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 import pytest
 from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.readings import COLUMNS
+from gnuradio.wiforce.io.readings import COLUMNS, SURFACE_COLUMNS
 from gnuradio.wiforce.io.writers import open_writer
 from web_pages import RUN, RawViewer, free_port, publishing, serving, touched, untouched
 from wiforce_app.web import live_page
@@ -216,7 +216,7 @@ def test_page_state_begins_anew_with_another_run(row):
 
 
 def test_page_row_takes_numbers_as_text_and_unknown_ones_as_none():
-    assert set(ROW) <= set(COLUMNS)
+    assert set(ROW) <= {*COLUMNS, *SURFACE_COLUMNS}
     row = dict(zip(ROW, page_row(touched(1.5).row()), strict=True))
     assert row["force_n"] == 3.0 and row["interference"] == 0.25
     text = {key: "" if value is None else str(value) for key, value in touched(1.5).row().items()}

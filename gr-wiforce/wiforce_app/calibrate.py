@@ -79,8 +79,36 @@ _STEPS = ("nearest", "given", "line")
     "--refine", "refined", metavar="SENSOR", help="Refine this sensor with TABLE instead."
 )
 @click.option("--plot", "plot_path", type=click.Path(), help="Picture of data and curves, PNG.")
+@click.option(
+    "--surface",
+    metavar="SCENE",
+    help="Calibrate how the skin of this scene's surface spreads presses, instead of a sensor.",
+)
+@click.option(
+    "--readings",
+    type=click.Path(),
+    help="With --surface: what `read` gave for the presses of TABLE.",
+)
+@click.option(
+    "--law",
+    type=click.Choice(["strips", "table", "gaussian"]),
+    help="With --surface: form of the spreading law; strips: a table for each. Default: strips.",
+)
 @guided_options
-def calibrate(table, output, frequency_hz, kind, name, refined, plot_path, guided, **settings):
+def calibrate(
+    table,
+    output,
+    frequency_hz,
+    kind,
+    name,
+    refined,
+    plot_path,
+    surface,
+    readings,
+    law,
+    guided,
+    **settings,
+):
     """Make a sensor model of a TABLE of known presses.
 
     TABLE is a VNA's CSV (freq_mhz, location_mm, port, force_n, phase_deg; rows with force 0 and no
@@ -91,11 +119,24 @@ def calibrate(table, output, frequency_hz, kind, name, refined, plot_path, guide
     With --live, a person with a ruler and a force gauge is led through the measurements at a UHD
     device. They are stored in TABLE (by default SENSOR.taps.csv) as they are taken; the same
     command continues after an interruption.
+
+    With --surface, TABLE lists presses on the skin of a surface (start_s, end_s, force_n, x_mm,
+    y_mm), and the spreading law is written to OUTPUT.
     """
     from gnuradio.wiforce import sensor
 
+    if surface is None and (readings, law) != (None, None):
+        raise InputError("--readings" if readings else "--law", "is for --surface only")
     if Path(output).suffix.lower() not in (".yaml", ".yml"):
         raise InputError(output, "sensor file must end in .yaml")
+    if surface is not None:
+        from .calibrate_surface import calibrate_surface
+
+        others = {"--live": guided, "--refine": refined, "--plot": plot_path, "--kind": kind}
+        for option, value in others.items():
+            if value is not None:
+                raise InputError(option, "cannot be given with --surface")
+        return calibrate_surface(table, surface, readings, law or "strips", output)
     table = table_of(table, output, guided)
     settings = complete_settings(settings, guided)
     inputs = [table, *([refined] if refined else [])]

@@ -2,10 +2,11 @@
 """The files of readings that ``gr-wiforce read`` writes at a time."""
 
 from contextlib import ExitStack
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 from pathlib import Path
 
 from gnuradio.wiforce.errors import InputError, OutputError
+from gnuradio.wiforce.io.readings import SURFACE_COLUMNS
 from gnuradio.wiforce.io.writers import open_writer
 
 from .interrupts import uninterrupted
@@ -36,7 +37,7 @@ def open_mcap(path, inputs, metadata, sensors):
 
     if Path(path).is_dir():
         # Names with milliseconds differ, however often a run is started again.
-        now = f"{datetime.now(UTC):%Y%m%dT%H%M%S.%f}"[:-3]
+        now = f"{datetime.now(timezone.utc):%Y%m%dT%H%M%S.%f}"[:-3]
         path = Path(path) / f"{now}Z.mcap"
     elif Path(path).suffix.lower() != ".mcap":
         raise InputError("--mcap", "must be FILE.mcap or an existing folder", str(path))
@@ -64,9 +65,10 @@ class FileOutputs:
     def __init__(self, output, mcap, inputs, scene):
         described = mcap is not None or str(output).lower().endswith(".parquet")
         metadata = provenance(scene) if described else {}
-        self._writers = [open_writer(output, inputs, metadata=metadata)]
+        also = SURFACE_COLUMNS if scene.surface is not None else ()
+        self._writers = [open_writer(output, inputs, also, metadata=metadata)]
         if mcap is not None:
-            self._writers.append(open_mcap(mcap, inputs, metadata, scene.sensor_names))
+            self._writers.append(open_mcap(mcap, inputs, metadata, scene.reading_names))
         self._closing = ExitStack()
 
     def __enter__(self):

@@ -3,8 +3,10 @@
 
 import difflib
 import importlib
+from contextlib import contextmanager
 
 import click
+from gnuradio.wiforce.errors import InputError, gnuradio_rule
 
 
 class LazyGroup(click.Group):
@@ -30,7 +32,12 @@ class LazyGroup(click.Group):
     def get_command(self, ctx, name):
         if name not in self._helps:
             return None
-        return getattr(importlib.import_module(self._module(name)), name.replace("-", "_"))
+        with _gnuradio_named(name):
+            return getattr(importlib.import_module(self._module(name)), name.replace("-", "_"))
+
+    def invoke(self, ctx):
+        with _gnuradio_named(ctx):
+            return super().invoke(ctx)
 
     def resolve_command(self, ctx, args):
         try:
@@ -49,3 +56,16 @@ class LazyGroup(click.Group):
 
     def _module(self, name):
         return self._elsewhere.get(name, f"{self._package}.{name.replace('-', '_')}")
+
+
+@contextmanager
+def _gnuradio_named(where):
+    """Report in one line that a subcommand, or an option of it, needs GNU Radio."""
+    try:
+        yield
+    except ImportError as error:
+        rule = gnuradio_rule(error)
+        if rule is None:
+            raise
+        name = where if isinstance(where, str) else where.invoked_subcommand
+        raise InputError(name, rule) from error

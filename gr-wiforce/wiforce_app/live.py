@@ -11,6 +11,7 @@ import click
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.addresses import host_and_port
 from gnuradio.wiforce.io.capture_files import recording_stem
+from gnuradio.wiforce.io.readings import SURFACE_COLUMNS
 from gnuradio.wiforce.io.rotation import Rotation, open_rotating
 from gnuradio.wiforce.io.zmq_keys import ServerKeys
 from gnuradio.wiforce.io.zmq_sockets import endpoint_of, is_loopback
@@ -155,9 +156,10 @@ def live(
     request = radio_request(args, scene, receive_s=RECEIVE_S[latency], **radio)
     rotation = Rotation.of(rotate, keep)
     metadata = provenance(scene)
+    also = (*(SURFACE_COLUMNS if scene.surface is not None else ()), *STAMP_COLUMNS)
     try:
         with (
-            open_rotating(output, rotation, scene.files, STAMP_COLUMNS, append, metadata) as writer,
+            open_rotating(output, rotation, scene.files, also, append, metadata) as writer,
             LiveOutputs() as outputs,
         ):
             if zmq_endpoint is not None:
@@ -196,10 +198,10 @@ def _checked_keys(zmq_endpoint, control, folder):
 def _add_robotics_and_laboratory(outputs, scene, mcap, foxglove, lsl, metadata):
     if mcap is not None:
         most_bytes = MCAP_FILE_BYTES if Path(mcap).is_dir() else None
-        open_next = partial(open_mcap, mcap, scene.files, metadata, scene.sensor_names)
+        open_next = partial(open_mcap, mcap, scene.files, metadata, scene.reading_names)
         outputs.add(McapFile(open_next, most_bytes))
     if foxglove is not None:
-        outputs.add(FoxgloveMessages(foxglove, scene.sensor_names))
+        outputs.add(FoxgloveMessages(foxglove, scene.reading_names))
         host, _ = host_and_port(foxglove, "--foxglove")
         if not is_loopback(f"tcp://{host}:0"):
             log.warning(f"--foxglove {foxglove}: everybody who reaches this address can read")
@@ -230,6 +232,7 @@ def _warn_of_strangers(zmq_endpoint):
 
 def radio_request(args, scene, tx_gain, rx_gain, **settings):
     """The radio that a command's options ask for."""
+    _check_transmitter(scene, settings)
     return RadioRequest.of_scene(
         scene,
         args,
@@ -238,6 +241,21 @@ def radio_request(args, scene, tx_gain, rx_gain, **settings):
         rx_antenna=settings.pop("antenna"),
         **settings,
     )
+
+
+def _check_transmitter(scene, settings):
+    """Refuse a transmitter on a clock of its own, unless the scene says so."""
+    shares = scene.environment.reader_clock == "shared"
+    needs = "needs reader_clock: free and receive_antennas: 2 under environment in the scene"
+    if settings["receive_only"]:
+        if settings["tx_args"] is not None:
+            raise InputError("--receive-only", "must be given without --tx-args")
+        if shares:
+            raise InputError("--receive-only", needs)
+    elif settings["tx_args"] is not None and shares:
+        if settings["reference"] in (None, "internal"):
+            rule = f"{needs}, or one clock for both devices (--reference external)"
+            raise InputError("--tx-args", rule, settings["tx_args"])
 
 
 def warn_of_oscillators(link):
@@ -312,7 +330,7 @@ def _run(session, request, outputs, endpoints, duration, reconnect):
                 session.stop()
         if session.failure is not None:
             raise session.failure
-        ending.failure = session.recorder and session.recorder.failure
+        ending.failure = session.recording_failure
     finally:
         service.close()
         health.look()

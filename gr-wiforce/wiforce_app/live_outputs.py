@@ -169,7 +169,13 @@ class LslStreams(Output):
         from gnuradio.wiforce.io.lsl_outlets import LslOutlets
 
         network = reach == "network"
-        self._outlets = LslOutlets(scene.sensor_names, scene.group_period_s, network, details)
+        self._outlets = LslOutlets(
+            scene.sensor_names,
+            scene.group_period_s,
+            network,
+            details,
+            surfaces=scene.surface.names if scene.surface is not None else (),
+        )
 
     def take(self, reading: Reading, stamp: Mapping[str, Any]) -> None:
         """Send one sample."""

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The flowgraph of the live reader: receive, align, record, read."""
 
+import dataclasses
 import math
 import time
 from collections import deque
@@ -9,8 +10,10 @@ from pathlib import Path
 
 from gnuradio import gr, wiforce
 from gnuradio.wiforce.blocks.frame_search import FrameSearch
+from gnuradio.wiforce.blocks.free_fold import free_fold
 from gnuradio.wiforce.blocks.sample_receiver import sample_receiver
 from gnuradio.wiforce.estimation.groups import Groups
+from gnuradio.wiforce.io.capture_files import second_antenna
 from gnuradio.wiforce.io.readings import Reading
 from gnuradio.wiforce.io.samples import FULL_SCALE
 from gnuradio.wiforce.scene.schema import Scene
@@ -25,6 +28,8 @@ _BUFFER_SAMPLES = 1 << 18
 _LAST_READINGS_S = 2.0  # for the chain to process what has been received
 _KEPT_BATCHES = 64
 _BEHIND_S = 1.0
+# Frames of a transmitter on a clock of its own drift: by 50 ppm 0.04 samples of 720 in each.
+_FREE_SEARCHED_FRAMES = 50
 
 
 class LiveSession:
@@ -53,14 +58,26 @@ class LiveSession:
     ):
         self.waveform = scene.waveform()
         self._scene, self._request = scene, request
-        self.alignment = FrameSearch(self.waveform)
-        self.source = sample_receiver(request.sample_rate_hz, request.frame_length, self.alignment)
+        antennas = scene.environment.receive_antennas
+        free = scene.environment.reader_clock == "free"
+        self.alignment = FrameSearch(
+            self.waveform, _FREE_SEARCHED_FRAMES if free else None, antennas
+        )
+        self.source = sample_receiver(
+            request.sample_rate_hz, request.frame_length, self.alignment, antennas
+        )
         self._latest = deque(maxlen=_KEPT_BATCHES)
         self.reader = wiforce.reader(
-            scene, input_type="sc16", tracked=tracked, on_reading=on_reading
+            scene,
+            input_type="sc16" if antennas == 1 else "folded",
+            tracked=tracked,
+            on_reading=on_reading,
         )
         self.reader.stream.on_groups = self._latest.append
-        self.recorder = self._make_recorder(recording) if recording is not None else None
+        self.recorders = []
+        if recording is not None:
+            names = [recording, second_antenna(recording)][:antennas]
+            self.recorders = [self._make_recorder(name) for name in names]
         self._flowgraph = gr.top_block("gr-wiforce live", catch_exceptions=True)
         self._running, self._started_s = False, 0.0
         self._link, self._attached = None, 0
@@ -68,9 +85,17 @@ class LiveSession:
 
     def _connect(self):
         self.source.set_min_output_buffer(_BUFFER_SAMPLES)
-        self._flowgraph.connect(self.source, self.reader)
-        if self.recorder is not None:
-            self.tap(self.recorder)
+        self.fold = self.reader.fold
+        if self.fold is None:  # two antennas
+            self.fold, self._ratio = free_fold(self.waveform), wiforce.antenna_ratio(self.waveform)
+            for antenna in range(2):
+                self._flowgraph.connect((self.source, antenna), (self.fold, antenna))
+                self._flowgraph.connect((self.fold, antenna), (self._ratio, antenna))
+            self._flowgraph.connect(self._ratio, self.reader)
+        else:
+            self._flowgraph.connect(self.source, self.reader)
+        for antenna, recorder in enumerate(self.recorders):
+            self._flowgraph.connect((self.source, antenna), recorder)
 
     def _make_recorder(self, path):
         from gnuradio.wiforce._config import VERSION
@@ -89,8 +114,12 @@ class LiveSession:
         )
 
     def tap(self, *blocks) -> None:
-        """Connect further blocks to the aligned samples; before `attach`."""
-        self._flowgraph.connect(self.source, *blocks)
+        """Connect further blocks to the aligned samples of antenna 1; before `attach`."""
+        self._flowgraph.connect((self.source, 0), *blocks)
+
+    def next_request(self, request: RadioRequest) -> RadioRequest:
+        """The request for the next device, which continues the frames found so far."""
+        return dataclasses.replace(request, aligned=self.alignment.offset is not None)
 
     def attach(self, link: RadioLink) -> None:
         """Read the samples of a device, after those of the devices before.
@@ -100,10 +129,10 @@ class LiveSession:
         link : RadioLink
             Whose device is open.
         """
-        if self.recorder is not None:
+        for recorder in self.recorders:
             settings = {f"wiforce:{key}": value for key, value in link.settings.items()}
-            self.recorder.describe({"core:hw": link.hardware, **settings})
-        self.source.attach(link.take_samples())
+            recorder.describe({"core:hw": link.hardware, **settings})
+        self.source.attach(link.take_samples(), link.aligned)
         self._link = link
         self._attached += 1
         if not self._running:
@@ -152,6 +181,11 @@ class LiveSession:
         return self.reader.failure
 
     @property
+    def recording_failure(self) -> OSError | None:
+        """The error that stopped a recording, or None."""
+        return next((each.failure for each in self.recorders if each.failure is not None), None)
+
+    @property
     def samples(self) -> int:
         """Number of samples received since the first frame."""
         # GNU Radio replaces the counts of a block while it starts: reading them then may crash.
@@ -165,27 +199,27 @@ class LiveSession:
     @property
     def samples_lost(self) -> int:
         """Number of samples that gaps account for."""
-        return self.reader.fold.samples_lost()
+        return self.fold.samples_lost()
 
     @property
     def gaps(self) -> int:
         """Number of gaps in the stream."""
-        return self.reader.fold.gaps()
+        return self.fold.gaps()
 
     @property
     def frames_moved(self) -> int:
         """Times that the frame timing shifted without an ``rx_time`` tag."""
-        return self.reader.fold.frames_moved()
+        return self.fold.frames_moved()
 
     @property
     def times_ignored(self) -> int:
         """Number of implausible ``rx_time`` tags."""
-        return self.reader.fold.times_ignored()
+        return self.fold.times_ignored()
 
     @property
     def time_s(self) -> float:
         """Length of the stream since the first frame, lost samples included."""
-        samples = self.samples + self.samples_lost + self.reader.fold.samples_moved()
+        samples = self.samples + self.samples_lost + self.fold.samples_moved()
         return samples / self._scene.radio.sample_rate_hz
 
     @property

@@ -71,12 +71,35 @@ client_keys = click.option(
 )
 tracked_presses = click.option("--tracked", is_flag=True, help="Track each press over time.")
 
+_ARGS_HELP = "Device arguments: addr=192.168.10.2; with --driver soapy: driver=lime."
 _OF_A_RADIO = (
-    click.option("--args", required=True, help="UHD device arguments: addr=192.168.10.2."),
+    click.option("--args", required=True, help=_ARGS_HELP),
+    click.option(
+        "--driver",
+        type=click.Choice(["uhd", "soapy"]),
+        default="uhd",
+        show_default=True,
+        help="Library that opens the device: UHD, or SoapySDR for other radios.",
+    ),
+    click.option(
+        "--tx-args", help="Device arguments of the transmitter, where that is another device."
+    ),
+    click.option(
+        "--receive-only",
+        is_flag=True,
+        help="Transmit nothing: the frames come from a transmitter of their own.",
+    ),
     click.option("--tx-gain", type=Number(), metavar="DB", help="Default: the device's own."),
     click.option("--rx-gain", type=Number(), metavar="DB", help="Default: the device's own."),
     click.option("--antenna", help="Receive antenna, for example RX2."),
     click.option("--tx-antenna", help="Transmit antenna, for example TX/RX."),
+    click.option(
+        "--bandwidth",
+        "bandwidth_hz",
+        type=FiniteRange(0, min_open=True),
+        metavar="HZ",
+        help="Of the device's filters. Default: the device's own.",
+    ),
     click.option("--reference", help="Clock source: internal, external, ..."),
     click.option(
         "--amplitude",
@@ -104,7 +127,7 @@ def optional_radio_options(command):
     """Add the options that open a device, to a command that can do without one."""
     scene, args = (
         click.option("--scene", "scene_path", help="Scene file, or name of a shipped scene."),
-        click.option("--args", help="UHD device arguments: addr=192.168.10.2."),
+        click.option("--args", help=_ARGS_HELP),
     )
     for option in reversed((scene, args, *_OF_A_RADIO[1:])):
         command = option(command)

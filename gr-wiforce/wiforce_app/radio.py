@@ -1,22 +1,79 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A UHD device, opened and set up for a scene; every refusal is one line."""
+"""A radio, opened and set up for a scene by one of its drivers; every refusal is one line."""
 
+import importlib
 import os
 import time
+from abc import ABC, abstractmethod
 
 from gnuradio.wiforce.errors import InputError
 
-from .radio_request import DeviceAbsent, RadioRequest
+from .radio_request import RadioRequest
 
-# UHD prints dozens of lines that would hide our own. Users who need them set these variables.
-_QUIET = {"UHD_LOG_CONSOLE_LEVEL": "fatal", "UHD_LOG_FASTPATH_DISABLE": "1"}
 _LOCK_S = 1.0
 _RATE_TOLERANCE = 1e-6
 _CARRIER_TOLERANCE_HZ = 10.0
+# By the option --driver: module and class.
+_CLASSES = {"uhd": ("uhd_radio", "UhdRadio"), "soapy": ("soapy_radio", "SoapyRadio")}
 
 
-class Radio:
-    """One transmit and one receive channel of a device, 16-bit integers both ways.
+class End(ABC):
+    """One direction of a device: its transmitter or its receiver, with all channels in use.
+
+    Attributes
+    ----------
+    block : gr.block
+        The driver's source or sink.
+    """
+
+    def __init__(self, block):
+        self.block = block
+
+    @abstractmethod
+    def set_rate(self, rate_hz: float) -> float:
+        """Set the sample rate; the rate that the device takes."""
+
+    @abstractmethod
+    def set_carrier(self, carrier_hz: float) -> float:
+        """Tune; the carrier that the device takes."""
+
+    @abstractmethod
+    def carrier_limits_hz(self) -> tuple[float, float]: ...
+
+    @abstractmethod
+    def gain_limits_db(self) -> tuple[float, float]: ...
+
+    @abstractmethod
+    def set_gain(self, gain_db: float) -> None: ...
+
+    @abstractmethod
+    def gain_db(self) -> float: ...
+
+    @abstractmethod
+    def antennas(self) -> list[str]: ...
+
+    @abstractmethod
+    def set_antenna(self, antenna: str) -> None: ...
+
+    @abstractmethod
+    def antenna(self) -> str: ...
+
+    @abstractmethod
+    def bandwidth_limits_hz(self) -> tuple[float, float] | None:
+        """None where the device's filter cannot be set."""
+
+    @abstractmethod
+    def set_bandwidth(self, bandwidth_hz: float) -> None: ...
+
+    @abstractmethod
+    def locked(self) -> bool:
+        """Whether the oscillator has locked; true where the device does not report it."""
+
+
+class Radio(ABC):
+    """Receiver and transmitter of a device, 16-bit integers both ways.
+
+    A driver is a derived class: it opens the device, and says how time and streams are handled.
 
     Parameters
     ----------
@@ -24,151 +81,189 @@ class Radio:
 
     Attributes
     ----------
-    source, sink : uhd blocks
+    source : gr.block
+        With an output for each receive antenna.
+    sink : gr.block or None
+        None where only the receiver is used.
     hardware : str
-        Kind, daughterboard and serial number of the device.
+        Kind and serial number of the device.
     serial : str
         Serial number alone; empty when the device states none.
+    has_time : bool
+        Whether received samples are tagged with the device's time.
+    starts_together : bool
+        Whether both streams start at one device time.
 
     Raises
     ------
     DeviceAbsent
         When there is no such device.
     InputError
-        When it does not support a setting.
+        When it does not support a setting, or its driver is not installed.
     """
 
-    def __init__(self, request: RadioRequest):
-        self.source, self.sink = _open(request.args)
-        self._name = request.scene_name
-        if request.reference is not None:
-            self._set_reference(request.reference)
-        for block in (self.sink, self.source):
-            self._set_rate(block, request.sample_rate_hz)
-            self._set_carrier(block, request.center_frequency_hz)
-        _set_gain("--tx-gain", self.sink, request.tx_gain_db)
-        _set_gain("--rx-gain", self.source, request.rx_gain_db)
-        _set_antenna("--tx-antenna", self.sink, request.tx_antenna)
-        _set_antenna("--antenna", self.source, request.rx_antenna)
-        self.hardware = _describe(self.source)
-        self.serial = self.source.get_usrp_info().get("mboard_serial")
+    has_time = starts_together = True
+    serial = hardware = ""
 
-    def unlocked(self) -> list[str]:
-        """Directions (``tx``, ``rx``) whose oscillator has not locked after a second."""
-        blocks = {"tx": self.sink, "rx": self.source}
-        return [direction for direction, block in blocks.items() if not _locks(block)]
+    def __init__(self, request: RadioRequest):
+        self._name = request.scene_name
+        self._receiver, self._transmitter = self._open(request)
+        self.source = self._receiver.block
+        self.sink = None if self._transmitter is None else self._transmitter.block
+        if request.reference is not None:
+            known = self._clock_sources()
+            _require_known("--reference", request.reference, known)
+            self._set_clock_source(request.reference)
+        for end in self._ends.values():
+            self._set_rate(end, request.sample_rate_hz)
+            self._set_carrier(end, request.center_frequency_hz)
+        wanted = {
+            "tx": ("--tx-gain", request.tx_gain_db, "--tx-antenna", request.tx_antenna),
+            "rx": ("--rx-gain", request.rx_gain_db, "--antenna", request.rx_antenna),
+        }
+        for direction, end in self._ends.items():
+            gain_option, gain_db, antenna_option, antenna = wanted[direction]
+            _set_gain(gain_option, end, gain_db)
+            if antenna is not None:
+                _require_known(antenna_option, antenna, end.antennas())
+                end.set_antenna(antenna)
+            if request.bandwidth_hz is not None:
+                _set_bandwidth(end, request.bandwidth_hz)
+
+    @abstractmethod
+    def _open(self, request: RadioRequest) -> tuple[End, End | None]:
+        """Receiver and transmitter, the latter None where only the former is used."""
+
+    @abstractmethod
+    def _clock_sources(self) -> list[str]: ...
+
+    @abstractmethod
+    def _set_clock_source(self, name: str) -> None: ...
 
     @property
+    @abstractmethod
     def time_s(self) -> float:
-        """Device time."""
-        return self.source.get_time_now().get_real_secs()
+        """Device time; the host's where the device has none."""
 
+    def accepts_time(self, time_s: float) -> bool:
+        """Whether a time of received samples is the device's; decided by the first one."""
+        return True
+
+    @abstractmethod
     def start_together(self, lead_s: float) -> float:
-        """Schedule both streams to start `lead_s` from now.
-
-        Parameters
-        ----------
-        lead_s : float
+        """Schedule the start of both streams `lead_s` from now, where the driver can.
 
         Returns
         -------
         float
-            Device time of the start.
+            Time of the start, as ``time_s``.
         """
-        from gnuradio import uhd
 
-        start_s = self.time_s + lead_s
-        for block in (self.source, self.sink):
-            block.set_start_time(uhd.time_spec(start_s))
-        return start_s
+    @abstractmethod
+    def collect(self, samples: int, timeout_s: float) -> None:
+        """Say how samples are handed over.
+
+        Parameters
+        ----------
+        samples : int
+            Number of samples that are handed over together; 0 for single packets.
+        timeout_s : float
+            How long to wait for them.
+        """
+
+    @property
+    def _ends(self) -> dict[str, End]:
+        ends = {"tx": self._transmitter, "rx": self._receiver}
+        return {direction: end for direction, end in ends.items() if end is not None}
+
+    def unlocked(self) -> list[str]:
+        """Directions (``tx``, ``rx``) whose oscillator has not locked after a second."""
+        return [direction for direction, end in self._ends.items() if not _locks(end)]
 
     def settings(self) -> dict:
         """Gains and antennas as plain values for metadata."""
-        return {
-            "tx_gain_db": self.sink.get_gain(),
-            "rx_gain_db": self.source.get_gain(),
-            "tx_antenna": self.sink.get_antenna(),
-            "rx_antenna": self.source.get_antenna(),
-        }
+        gains = {f"{name}_gain_db": end.gain_db() for name, end in self._ends.items()}
+        return gains | {f"{name}_antenna": end.antenna() for name, end in self._ends.items()}
 
-    def _set_rate(self, block, rate_hz):
-        block.set_samp_rate(rate_hz)
-        actual = block.get_samp_rate()
+    def _set_rate(self, end, rate_hz):
+        actual = end.set_rate(rate_hz)
         if abs(actual - rate_hz) > _RATE_TOLERANCE * rate_hz:
             rule = f"must be a rate that the device supports (nearest: {actual:.9g} Hz)"
             raise InputError(f"{self._name}: radio.sample_rate_hz", rule, rate_hz)
 
-    def _set_carrier(self, block, carrier_hz):
-        block.set_center_freq(carrier_hz)
-        if abs(block.get_center_freq() - carrier_hz) > _CARRIER_TOLERANCE_HZ:
-            limits = block.get_freq_range()
-            low, high = limits.start() / 1e6, limits.stop() / 1e6
+    def _set_carrier(self, end, carrier_hz):
+        if abs(end.set_carrier(carrier_hz) - carrier_hz) > _CARRIER_TOLERANCE_HZ:
+            low, high = (limit / 1e6 for limit in end.carrier_limits_hz())
             rule = f"must lie in the device's range, {low:.6g} to {high:.6g} MHz"
             raise InputError(f"{self._name}: radio.center_frequency_hz", rule, carrier_hz)
 
-    def _set_reference(self, reference):
-        known = self.source.get_clock_sources(0)
-        if reference not in known:
-            raise InputError("--reference", f"must be one of {', '.join(known)}", reference)
-        self.source.set_clock_source(reference)
+
+def open_radio(request: RadioRequest) -> Radio:
+    """The radio that is asked for, by its driver.
+
+    Parameters
+    ----------
+    request : RadioRequest
+
+    Returns
+    -------
+    Radio
+    """
+    module, name = _CLASSES[request.driver]
+    return getattr(importlib.import_module(f".{module}", __package__), name)(request)
 
 
-def _open(args):
-    for name, value in _QUIET.items():  # read by UHD when it is loaded
+def set_environment(values: dict[str, str]) -> None:
+    """Set variables that a driver reads when it is loaded, unless a user has set them."""
+    for name, value in values.items():
         os.environ.setdefault(name, value)
-    from gnuradio import uhd
-
-    stream = uhd.stream_args(cpu_format="sc16", otw_format="sc16", channels=[0])
-    try:
-        blocks = uhd.usrp_source(args, stream), uhd.usrp_sink(args, stream)
-    except (RuntimeError, ValueError, IndexError, KeyError) as error:
-        reason = "no device found" if "No devices found" in str(error) else _last_line(error)
-        rule = (
-            f"must name a device that answers ({reason}); without a device, use "
-            "`gr-wiforce emulate`, or `gr-wiforce read` for recordings"
-        )
-        raise DeviceAbsent("--args", rule, args) from error
-    for block in blocks:
-        block.set_log_level("off")  # the reader reports gaps
-    return blocks
 
 
-def _last_line(error):
+def last_line(error: Exception) -> str:
+    """The last line of what a driver reports."""
     lines = str(error).strip().splitlines()
     return lines[-1].strip() if lines else type(error).__name__
 
 
-def _set_gain(option, block, gain_db):
+def absent_rule(reason: str) -> str:
+    """What to do without a device, for a DeviceAbsent."""
+    return (
+        f"must name a device that answers ({reason}); without a device, use "
+        "`gr-wiforce emulate`, or `gr-wiforce read` for recordings"
+    )
+
+
+def _set_gain(option, end, gain_db):
     if gain_db is None:
         return
-    limits = block.get_gain_range()
-    if not limits.start() <= gain_db <= limits.stop():
-        rule = f"must be {limits.start():g} to {limits.stop():g} dB with this device"
-        raise InputError(option, rule, gain_db)
-    block.set_gain(gain_db)
+    low, high = end.gain_limits_db()
+    if not low <= gain_db <= high:
+        raise InputError(option, f"must be {low:g} to {high:g} dB with this device", gain_db)
+    end.set_gain(gain_db)
 
 
-def _set_antenna(option, block, antenna):
-    if antenna is None:
-        return
-    known = block.get_antennas()
-    if antenna not in known:
-        raise InputError(option, f"must be one of {', '.join(known)}", antenna)
-    block.set_antenna(antenna)
+def _set_bandwidth(end, bandwidth_hz):
+    limits_hz = end.bandwidth_limits_hz()
+    if limits_hz is None:
+        raise InputError("--bandwidth", "must not be given: this device's filter is fixed")
+    low, high = (limit / 1e6 for limit in limits_hz)
+    if not low <= bandwidth_hz / 1e6 <= high:
+        rule = f"must be {low:.6g} to {high:.6g} MHz with this device"
+        raise InputError("--bandwidth", rule, bandwidth_hz)
+    end.set_bandwidth(bandwidth_hz)
 
 
-def _locks(block):
-    if "lo_locked" not in block.get_sensor_names():
-        return True
+def _require_known(option, name, known):
+    if not known:
+        raise InputError(option, "must not be given: this device has nothing to choose from", name)
+    if name not in known:
+        raise InputError(option, f"must be one of {', '.join(known)}", name)
+
+
+def _locks(end):
     deadline = time.monotonic() + _LOCK_S
-    while not block.get_sensor("lo_locked").to_bool():
+    while not end.locked():
         if time.monotonic() > deadline:
             return False
         time.sleep(0.05)
     return True
-
-
-def _describe(source):
-    info = source.get_usrp_info()
-    known = [info.get(key) for key in ("mboard_id", "rx_subdev_name", "mboard_serial")]
-    return ", ".join(text for text in known if text)

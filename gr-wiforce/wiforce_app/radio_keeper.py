@@ -85,7 +85,8 @@ class RadioKeeper:
         if self._link is None:
             if self._now() < self._next_s:
                 return
-            self._link, self._attached = self._make_link(self._request), False
+            request = self._session.next_request(self._request)
+            self._link, self._attached = self._make_link(request), False
         try:
             self._link.poll()
             self._check_samples()

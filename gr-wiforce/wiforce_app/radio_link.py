@@ -39,6 +39,8 @@ class RadioLink:
         Kind, daughterboard and serial number of the device; None until it is open.
     settings : dict
         Its gains and antennas.
+    aligned : bool
+        Whether the samples begin with a frame.
     unlocked : list of str
         Directions (``tx``, ``rx``) whose oscillator has not locked.
     started : bool
@@ -51,6 +53,7 @@ class RadioLink:
         self.request = request
         self.hardware: str | None = None
         self.settings: dict = {}
+        self.aligned = False
         self.unlocked: list[str] = []
         self.started = False
         self.clock: tuple[float, float] | None = None
@@ -137,7 +140,7 @@ class RadioLink:
         event = report.pop("event")
         if event == "opened":
             self.hardware, self.settings = report["hardware"], report["settings"]
-            self.unlocked = report["unlocked"]
+            self.unlocked, self.aligned = report["unlocked"], report["aligned"]
         elif event == "started":
             self.started = True
         elif event == "clock":

@@ -39,7 +39,7 @@ class RadioRequest:
     Attributes
     ----------
     args : str
-        UHD device arguments.
+        Device arguments, of the receiver where ``tx_args`` names another transmitter.
     sample_rate_hz, center_frequency_hz : float
         In both directions.
     waveform : str
@@ -59,6 +59,19 @@ class RadioRequest:
         Time for which received samples are collected, in s.
     scene_name : str
         Of the scene's file, for messages.
+    driver : str
+        ``uhd`` or ``soapy``.
+    bandwidth_hz : float or None
+        Of the filters in both directions; None keeps the device's default.
+    tx_args : str or None
+        Device arguments of the transmitter where that is another device.
+    receive_only : bool
+        The frames are transmitted by something else.
+    antennas : int
+        Number of receive antennas.
+    aligned : bool
+        The samples must begin with a frame: of a device that was lost, whose streams may start
+        apart.
     """
 
     args: str
@@ -75,6 +88,12 @@ class RadioRequest:
     reference: str | None = None
     receive_s: float = RECEIVE_S["low"]
     scene_name: str = "scene"
+    driver: str = "uhd"
+    bandwidth_hz: float | None = None
+    tx_args: str | None = None
+    receive_only: bool = False
+    antennas: int = 1
+    aligned: bool = False
 
     @classmethod
     def of_scene(cls, scene: Scene, args: str, **settings) -> RadioRequest:
@@ -84,10 +103,9 @@ class RadioRequest:
         ----------
         scene : Scene
         args : str
-            UHD device arguments.
+            Device arguments.
         **settings
-            Amplitude, gains, antennas, clock source and ``receive_s``, by the names of the
-            attributes.
+            What the scene does not state, by the names of the attributes.
 
         Returns
         -------
@@ -106,6 +124,7 @@ class RadioRequest:
                 "averaged_repetitions": scene.sounding.averaged_repetitions,
                 "symbol": scene.sounding.symbol,
             },
+            antennas=scene.environment.receive_antennas,
             scene_name=str(scene.path or "scene"),
             **settings,
         )

@@ -3,10 +3,13 @@
 
 import click
 from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.io.channel_snapshots import is_snapshots, open_snapshots
+from gnuradio.wiforce.io.csi_tools import check_tool, open_csi
 from gnuradio.wiforce.planning.findings import findings
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.recording import RecordingReader
 from gnuradio.wiforce.scene import scene_of
+from gnuradio.wiforce.snapshot_recording import SnapshotReader
 
 from .captures.search import is_one
 from .file_outputs import FileOutputs
@@ -43,6 +46,12 @@ from .stream_events import describe_events
 )
 @sample_type
 @click.option(
+    "--csi-tool",
+    metavar="TOOL",
+    help="The file is one of channel snapshots by a CSI tool: intel, atheros, esp32 or "
+    "nexmon/CHIP/MHZ.",
+)
+@click.option(
     "--frame-offset",
     type=IntegerRange(0),
     help="Samples before the first frame. Default: detected; where no frames are detected, nothing "
@@ -73,16 +82,20 @@ def read(
 ):
     """Read force and location from each CAPTURE.
 
-    A CAPTURE is a SigMF pair, a file of raw samples with --datatype, a folder that is searched for
-    SigMF pairs, or a pattern such as 'day*/press*'. Several captures are read in parallel; a run
-    that is repeated reads those that are new or have changed.
+    A CAPTURE is a SigMF pair, a file of raw samples with --datatype, a file of channel snapshots
+    (.npz), a folder that is searched for these, or a pattern such as 'day*/press*'. Several
+    captures are read in parallel; a run that is repeated reads those that are new or have changed.
     """
+    if settings["csi_tool"] is not None:
+        check_tool(settings["csi_tool"])
     if is_one(captures):
         one = {"--format": form, "--again": again, "--jobs": jobs, "--scheduler": scheduler}
         _refuse(one, "needs several captures or a folder")
         return _read_one(captures[0], scene_path, output, mcap, plot_path, follow, **settings)
     _refuse({"--mcap": mcap, "--plot": plot_path, "--follow": follow}, "takes one capture")
     from .captures.read_many import read_many
+
+    _refuse({"--csi-tool": settings.pop("csi_tool")}, "takes one capture")
 
     return read_many(captures, scene_path, output, form, again, jobs, scheduler, settings)
 
@@ -94,9 +107,22 @@ def _refuse(options, rule):
 
 
 def _read_one(
-    capture, scene_path, output, mcap, plot_path, follow, datatype, frame_offset, tracked
+    capture, scene_path, output, mcap, plot_path, follow, datatype, csi_tool, frame_offset, tracked
 ):
-    recording = open_capture(capture, datatype)
+    snapshots = csi_tool is not None or is_snapshots(capture)
+    if snapshots:
+        _refuse(
+            {
+                "--datatype": datatype,
+                "--frame-offset": frame_offset is not None,
+                "--follow": follow,
+            },
+            "is for captures of samples, not for channel snapshots",
+        )
+    if snapshots:
+        recording = open_csi(capture, csi_tool) if csi_tool else open_snapshots(capture)
+    else:
+        recording = open_capture(capture, datatype)
     scene, differences = scene_of(recording, scene_path)
     settings = plan(scene)
     inputs = [*recording.files, *scene.files]
@@ -109,11 +135,13 @@ def _read_one(
         from .follow import GrowingCapture
 
         reader = GrowingCapture(capture, datatype, settings, frame_offset, tracked)
+    elif snapshots:
+        reader = open_snapshot_reader(recording, settings, tracked)
     else:
         reader = open_reader(recording, settings, frame_offset, tracked)
     warn_of_start(recording, reader, differences, frame_offset)
     kept = []
-    rows = 0 if follow else reader.groups * len(scene.sensors)
+    rows = 0 if follow else reader.groups * len(scene.reading_names)
     try:
         with writer, progress("reading", rows) as step:
             for batch in reader:
@@ -154,11 +182,30 @@ def open_reader(recording, settings, frame_offset, tracked):
     return reader
 
 
+def open_snapshot_reader(recording, settings, tracked):
+    """The reader of channel snapshots, after warnings of packets that were left out.
+
+    Parameters
+    ----------
+    recording : ChannelSnapshots
+    settings : Plan
+    tracked : bool
+
+    Returns
+    -------
+    SnapshotReader
+    """
+    reader = SnapshotReader(recording, settings, tracked)
+    for note in reader.notes:
+        warn(recording.path, note)
+    return reader
+
+
 def warn_of_start(recording, reader, differences, frame_offset):
     """Warn of differences between two scenes, and mention where the first frame was found."""
     for difference in differences:
         warn(recording.path, difference)
-    if frame_offset is None and reader.frame_offset:
+    if frame_offset is None and getattr(reader, "frame_offset", 0):
         first = f"the first frame begins at sample {reader.frame_offset}"
         click.echo(f"gr-wiforce: {recording.path}: {first}", err=True)
 
@@ -174,6 +221,8 @@ def warn_of_end(capture, reader):
         rule = (
             "every reading is flagged; check the datatype, clock_hz and frame_length of the scene"
         )
+        if isinstance(reader, SnapshotReader):
+            rule = "every reading is flagged; check clock_hz and packets of the scene"
         warn(capture, f"{rule}, and the signal level")
 
 

@@ -3,7 +3,7 @@
 
 import time
 from collections.abc import Callable
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 
 # The device's clock is compared again after this time: 25 ppm of it are 0.25 ms.
 _EVERY_S = 10.0
@@ -29,7 +29,7 @@ def utc_text(utc_s: float | None) -> str:
     """
     if utc_s is None:
         return ""
-    return datetime.fromtimestamp(utc_s, UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
+    return datetime.fromtimestamp(utc_s, timezone.utc).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
 
 
 class ClockComparison:

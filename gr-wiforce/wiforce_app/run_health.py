@@ -6,7 +6,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 
 from gnuradio.wiforce.estimation.sensor_readout import RETUNED
 from gnuradio.wiforce.estimation.touch import SILENT_S
@@ -29,6 +29,28 @@ _DROPPED = ("gap",)  # flags of a group that was not received
 _TARE_MARGIN_S = 2.0
 
 
+def geometry(skin):
+    """Where the strips of a surface are, as plain values.
+
+    Parameters
+    ----------
+    skin : Skin
+
+    Returns
+    -------
+    dict
+    """
+    strips = [
+        {
+            "sensor": strip.sensor,
+            "y_mm": strip.y_mm,
+            "x_mm": sorted([strip.x_mm, float(strip.x_of(strip.model.length_mm))]),
+        }
+        for strip in skin.strips
+    ]
+    return {"name": skin.name, "strips": strips, "y_span_mm": list(skin.y_span_mm)}
+
+
 def new_run() -> str:
     """An identifier for a run: UTC of its start and six random characters.
 
@@ -42,7 +64,7 @@ def new_run() -> str:
     >>> bool(re.fullmatch("[0-9]{8}T[0-9]{6}Z-[0-9a-f]{6}", new_run()))
     True
     """
-    return f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{secrets.token_hex(3)}"
+    return f"{datetime.now(timezone.utc):%Y%m%dT%H%M%SZ}-{secrets.token_hex(3)}"
 
 
 class _Tag:
@@ -96,7 +118,9 @@ class RunHealth:
 
     def note(self, reading: Reading) -> None:
         """Take a reading, in the thread that made it."""
-        tag = self._tags[reading.sensor]
+        tag = self._tags.get(reading.sensor)
+        if tag is None:
+            return  # a surface, whose strips have tags
         if tag.first_s is None:
             tag.first_s = tag.noted_s = reading.time_s
         passed_s, tag.noted_s = reading.time_s - tag.noted_s, reading.time_s
@@ -183,7 +207,10 @@ class RunHealth:
             }
             for name, tag in self._tags.items()
         }
+        skin = self._stream.plan.skin
+        surface = {} if skin is None else {"surface": geometry(skin)}
         return {
+            **surface,
             "run": self.run,
             "time_utc": utc_text(time.time()),
             "time_utc_uncertainty_s": self._clock.uncertainty_s,

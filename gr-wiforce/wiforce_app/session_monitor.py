@@ -154,7 +154,7 @@ class SessionMonitor:
             log.warning(
                 f"no sounding frames found ({frames}); check antennas, --tx-gain and --rx-gain"
             )
-        failure = session.recorder.failure if session.recorder is not None else None
+        failure = session.recording_failure
         if failure is not None and not self._recording_reported:
             self._recording_reported = True
             log.warning(f"the recording has ended: {failure}; readings continue")

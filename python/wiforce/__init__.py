@@ -7,6 +7,8 @@ Names are imported when they are first used: only the blocks load GNU Radio's ru
 import importlib
 from typing import Any
 
+from .errors import gnuradio_rule
+
 _BLOCKS_IN_CPP = (
     "ofdm_channel_estimator",
     "phase_group_doppler",
@@ -52,6 +54,8 @@ _MODULES = {
     "is_sensor": "blocks.rules",
     "is_carrier_of": "blocks.rules",
     "is_amplitude_of": "blocks.rules",
+    "is_waveform": "blocks.rules",
+    "symbol_length_of": "blocks.frame_settings",
 }
 
 __all__ = list(_MODULES)
@@ -60,7 +64,13 @@ __all__ = list(_MODULES)
 def __getattr__(name: str) -> Any:
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f".{_MODULES[name]}", __name__), name)
+    try:
+        return getattr(importlib.import_module(f".{_MODULES[name]}", __name__), name)
+    except ImportError as error:
+        rule = gnuradio_rule(error)
+        if rule is None:
+            raise
+        raise ImportError(f"{name} {rule}", name=error.name) from error
 
 
 def __dir__() -> list[str]:

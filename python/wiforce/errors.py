@@ -3,10 +3,13 @@
 
 import difflib
 import errno
+import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
 _DISK_ERRORS = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO)
+# Compiled modules that only a build with GNU Radio has.
+_MODULES_WITH_GNURADIO = ("wiforce_python", "wiforce_bench")
 
 
 class InputError(ValueError):
@@ -146,6 +149,42 @@ def name_rule(kind: str, known: Iterable[str], given: str) -> str:
     near = difflib.get_close_matches(given, list(known), n=1, cutoff=0.5)
     meant = f"did you mean {near[0]!r}? " if near else ""
     return f"must be a .yaml file or a shipped {kind} ({meant}gr-wiforce list shows all)"
+
+
+def gnuradio_rule(error: ImportError) -> str | None:
+    """The rule that an installation without GNU Radio, or without our blocks, breaks.
+
+    Parameters
+    ----------
+    error : ImportError
+        What an import raised.
+
+    Returns
+    -------
+    str or None
+        None when something else is missing.
+
+    Examples
+    --------
+    >>> gnuradio_rule(ModuleNotFoundError("No module named 'pmt'", name="pmt"))
+    'needs GNU Radio and gr-wiforce built with it, which pip does not install (no module pmt)'
+    >>> gnuradio_rule(ModuleNotFoundError("No module named 'pandas'", name="pandas"))
+    """
+    module = error.name or ""
+    # `from gnuradio import gr` finds the namespace package that holds this module.
+    absent = re.match(r"cannot import name '(\w+)' from 'gnuradio'", str(error))
+    if absent:
+        module = f"gnuradio.{absent[1]}"
+    package, _, name = module.rpartition(".")
+    if package == "gnuradio.wiforce":
+        if name not in _MODULES_WITH_GNURADIO:
+            return None
+    elif module.partition(".")[0] not in ("gnuradio", "pmt"):
+        return None
+    return (
+        "needs GNU Radio and gr-wiforce built with it, which pip does not install "
+        f"(no module {module})"
+    )
 
 
 def _short(value: object, limit: int = 80) -> str:

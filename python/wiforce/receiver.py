@@ -15,9 +15,11 @@ from .estimation.groups import Groups
 from .estimation.press_evidence import Suspicion
 from .estimation.readout import Readout
 from .estimation.sensor_readout import SensorReadout
+from .estimation.surface_readout import SurfaceReadout
 from .estimation.tare_request import TareRequests, TareState
 from .io.readings import GroupCounts, Reading
 from .planning.plan import Plan, PlanOrScene, as_plan
+from .surface.estimator import SurfaceEstimator
 
 # Tag over static path, with two antennas, where no survey has measured it: a strong tag.
 _TAG_RATIO = 0.1
@@ -279,4 +281,8 @@ def make_readout(
         for s, snr_db, tag_ratio in zip(plan.sensors, surveyed, tag_ratios, strict=True)
     }
     ratios = estimator_named(plan.estimator).ratios
-    return Readout(sensors, period_s, ratios, on_groups, first_group, counts)
+    surface = None
+    if plan.skin is not None:
+        names = plan.require_scene().reading_names[len(sensors) :]
+        surface = SurfaceReadout(SurfaceEstimator(plan.skin, len(names)), names)
+    return Readout(sensors, period_s, ratios, on_groups, first_group, counts, surface)

@@ -21,7 +21,8 @@ from .estimation.recorded_groups import RecordedGroups, RecordedRatio, first_fra
 from .estimation.survey import Survey
 from .io.capture import Capture, open_capture
 from .io.capture_files import second_antenna
-from .io.readings import COLUMNS, NUMBERS, GroupCounts, Reading
+from .io.channel_snapshots import ChannelSnapshots, is_snapshots, open_snapshots
+from .io.readings import COLUMNS, NUMBERS, SURFACE_COLUMNS, GroupCounts, Reading
 from .planning.plan import Plan, PlanOrScene, as_plan
 from .planning.plan import plan as plan_of
 from .planning.reference_survey import survey_reference, surveyed_snapshots
@@ -29,6 +30,7 @@ from .planning.room import adapted, expecting_snr
 from .receiver import Receiver
 from .scene import Scene, scene_of
 from .signal.waveform import Waveform
+from .snapshot_recording import SnapshotReader
 
 if TYPE_CHECKING:
     import pandas
@@ -38,7 +40,7 @@ _COMPRESSION_FRAMES = 1000
 
 
 def read(
-    capture: str | Path | Capture,
+    capture: str | Path | Capture | ChannelSnapshots,
     scene: str | Path | dict[str, Any] | Scene | None = None,
     *,
     tracked: bool = False,
@@ -49,8 +51,9 @@ def read(
 
     Parameters
     ----------
-    capture : str, Path or Capture
-        SigMF pair, by either file's name or their common stem; raw samples with ``datatype``.
+    capture : str, Path, Capture or ChannelSnapshots
+        SigMF pair, by either file's name or their common stem; raw samples with ``datatype``;
+        channel snapshots as ``.npz``.
     scene : str, Path, dict or Scene, optional
         Scene file or the name of a shipped scene; the capture's own when not given. Keys in which
         it differs from the capture's own, if that holds one, are reported as warnings, as are
@@ -69,7 +72,9 @@ def read(
         ``sensor``, ``touch``, ``force_n``, ``force_std_n``, ``location_mm``, ``location_std_mm``,
         ``phase1_deg``, ``phase2_deg``, ``snr_db``, ``flags`` (words with spaces between), ``group``
         (index of the group), ``interference`` (share of the group that was left out because of
-        it). Numbers are not rounded; unknown values are NaN.
+        it). A scene with a surface adds a row for it to each group, and the columns ``y_mm``,
+        ``y_std_mm``, ``cov_force_x``, ``cov_force_y``, ``cov_x_y``. Numbers are not rounded;
+        unknown values are NaN.
 
     Raises
     ------
@@ -92,21 +97,47 @@ def read(
     """
     import pandas
 
-    recording = capture if isinstance(capture, Capture) else open_capture(capture, datatype)
-    found, differences = scene_of(recording, scene)
-    reader = RecordingReader(recording, plan_of(found), frame_offset, tracked)
+    recording, reader, differences = _opened(capture, scene, tracked, datatype, frame_offset)
+    found = reader.plan.require_scene()
     for difference in differences:
         warnings.warn(f"{recording.path}: {difference}", stacklevel=2)
+    also = SURFACE_COLUMNS if found.surface is not None else ()
+    columns = (*COLUMNS, *also)
     rows = [
-        [" ".join(reading.flags) if name == "flags" else getattr(reading, name) for name in COLUMNS]
+        [
+            " ".join(reading.flags) if name == "flags" else getattr(reading, name, None)
+            for name in columns
+        ]
         for batch in reader
         for reading in batch
     ]
     for name, suspicions in reader.suspicions().items():
         for suspicion in suspicions:
             warnings.warn(f"{recording.path}: {name}: {suspicion.text}", stacklevel=2)
-    frame = pandas.DataFrame(rows, columns=list(COLUMNS))
-    return frame.astype(dict.fromkeys(("touch", *NUMBERS), float))
+    frame = pandas.DataFrame(rows, columns=list(columns))
+    return frame.astype(dict.fromkeys(("touch", *NUMBERS, *also), float))
+
+
+def _opened(
+    capture: str | Path | Capture | ChannelSnapshots,
+    scene: str | Path | dict[str, Any] | Scene | None,
+    tracked: bool,
+    datatype: str | None,
+    frame_offset: int | None,
+) -> tuple[Capture | ChannelSnapshots, RecordingReader | SnapshotReader, list[str]]:
+    """A capture of either kind, what reads it, and how its scene differs from its own."""
+    if isinstance(capture, str | Path) and is_snapshots(capture):
+        capture = open_snapshots(capture)
+    if isinstance(capture, ChannelSnapshots):
+        for name, value in (("datatype", datatype), ("frame_offset", frame_offset)):
+            if value is not None:
+                raise InputError(name, "must be None for channel snapshots", value)
+        found, differences = scene_of(capture, scene)
+        return capture, SnapshotReader(capture, plan_of(found), tracked), differences
+    recording = capture if isinstance(capture, Capture) else open_capture(capture, datatype)
+    found, differences = scene_of(recording, scene)
+    reader = RecordingReader(recording, plan_of(found), frame_offset, tracked)
+    return recording, reader, differences
 
 
 class RecordingReader:
@@ -172,6 +203,9 @@ class RecordingReader:
             raise InputError("frame_offset", "must be an integer of at least 0", frame_offset)
         plan = as_plan(plan)
         scene = plan.require_scene()
+        if scene.packets is not None:
+            rule = "holds samples, but the scene has 'packets': it describes channel snapshots"
+            raise InputError(recording.path, rule)
         recording.check_against(scene)
         self._recording, self.plan = recording, plan
         if frame_offset is None:

@@ -7,15 +7,26 @@ from pathlib import Path
 import faults
 import numpy as np
 from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.io.channel_snapshots import open_snapshots
+from gnuradio.wiforce.io.readings import SurfaceReading
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
+from gnuradio.wiforce.snapshot_recording import SnapshotReader
 from wiforce_app.read import read_capture
 
 FOLDER = Path(__file__).parent
 SCENES = sorted(path.stem for path in (FOLDER / "scenes").glob("*.yaml"))
 TRACKED = ("demo", "fingertip", "paper_900", "tabletop_two", "two_sensors")
 # Scenes short enough for every run of the tests.
-QUICK = ("distance_50cm", "naive_clocks", "tabletop", "tabletop_two")
+QUICK = (
+    "distance_50cm",
+    "naive_clocks",
+    "own_symbol",
+    "packets",
+    "surface_two_strips",
+    "tabletop",
+    "tabletop_two",
+)
 NUMBERS = (
     "time_s",
     "force_n",
@@ -26,6 +37,7 @@ NUMBERS = (
     "phase2_deg",
     "snr_db",
 )
+ON_SURFACE = ("y_mm", "y_std_mm")
 SEQUENCES = range(6)
 # Gaps of a capture: (first sample lost, samples lost), counted on the device.
 GAPS = ((9_000_123, 700), (11_700_000, 450_000), (14_000_000, 37))
@@ -37,6 +49,10 @@ def columns(readings):
         name: np.array([np.nan if (v := getattr(r, name)) is None else v for r in readings], float)
         for name in NUMBERS
     }
+    if any(isinstance(r, SurfaceReading) for r in readings):
+        for name in ON_SURFACE:
+            values = [getattr(r, name, None) for r in readings]
+            table[name] = np.array([np.nan if v is None else v for v in values], float)
     table["touch"] = np.array([-1 if r.touch is None else r.touch for r in readings])
     table["sensor"] = np.array([r.sensor for r in readings])
     table["flags"] = np.array([" ".join(sorted(r.flags)) for r in readings])
@@ -47,6 +63,10 @@ def scene_readings(name, folder, tracked=False, gaps=()):
     """Readings of a stored scene's capture, from which samples may have been lost."""
     scene = load_scene(FOLDER / "scenes" / f"{name}.yaml")
     capture = Path(folder) / name
+    if scene.packets:
+        simulate(scene, capture)
+        reader = SnapshotReader(open_snapshots(capture.with_suffix(".npz")), scene)
+        return [reading for batch in reader for reading in batch]
     if not capture.with_suffix(".sigmf-meta").exists():
         simulate(scene, capture)
     if gaps:

@@ -14,7 +14,7 @@ ALLOWED = 1e-3
 # up to 2.7e-3.
 ALLOWED_IN_FAULTS = 1e-2
 FAULTS = {"gap", "saturated"}
-STD = {"force_n": "force_std_n", "location_mm": "location_std_mm"}
+STD = {"force_n": "force_std_n", "location_mm": "location_std_mm", "y_mm": "y_std_mm"}
 # Standard deviation of a phase in one group of the scenes that every run reads; better scenes are
 # held by force and location. An SNR need not be known that well.
 SCALE = {"time_s": 1e-6, "phase1_deg": 0.08, "phase2_deg": 0.08, "snr_db": 0.1}
@@ -43,7 +43,7 @@ def differences(case, folder):
         found += [f"{name} of row {i}: {new[name][i]!r}, was {old[name][i]!r}" for i in rows]
     faulty = np.array([bool(FAULTS & set(flags.split())) for flags in old["flags"]], bool)
     allowed = np.where(faulty, ALLOWED_IN_FAULTS, ALLOWED)
-    for name in cases.NUMBERS:
+    for name in (*cases.NUMBERS, *(name for name in cases.ON_SURFACE if name in old)):
         # Standard deviations are compared with themselves.
         scale = old[STD[name]] if name in STD else SCALE.get(name, np.abs(old[name]))
         apart = np.abs(new[name] - old[name]) > allowed * scale

@@ -53,6 +53,46 @@ SCENE = {
     },
 }
 
+PACKETS = {
+    "packets": {"subcarriers": 8},
+    "radio": {"center_frequency_hz": 2.44e9},
+    "phase_group": {"snapshots": 64},
+    "reference_s": 0.2,
+    "sensors": [{"name": "arm", "model": "line-2440mhz", "clock_hz": 139}],
+    "simulation": {"duration_s": 0.5, "packets": {"lost": 0.1, "repeated": 0.02}},
+}
+
+
+SURFACE = {
+    **SCENE,
+    "sensors": [
+        {"name": "low", "model": "arm.yaml", "clock_hz": 1000},
+        {"name": "high", "model": "arm.yaml", "clock_hz": 1450},
+    ],
+    "surface": {
+        "name": "skin",
+        "presses": 2,
+        "strips": [
+            {"sensor": "low", "y_mm": 0.0},
+            {"sensor": "high", "y_mm": 12.0, "x_mm": 10.0, "direction": "-x"},
+        ],
+        "spreading_file": "skin.yaml",
+    },
+    "simulation": {
+        "duration_s": 0.08,
+        "plate": {"reach_mm": 10.0},
+        "surface_presses": [
+            {"start_s": 0.055, "hold_s": 0.02, "force_n": 5.0, "x_mm": 5.0, "y_mm": 4.0}
+        ],
+    },
+}
+SPREADING = {
+    "law": "strips",
+    "distance_mm": [-12.0, 0.0, 12.0],
+    "strip_shares": [[0.3, 0.7, 0.2], [0.2, 0.6, 0.3]],
+    "share_std": 0.02,
+}
+
 
 class Hang(BaseException):
     """The command took longer than LIMIT_S; no `except Exception` may catch this."""
@@ -81,10 +121,14 @@ class Kind:
         return mutate(self.original if of is None else of, rng)
 
 
-KINDS = ("scene", "sensor", "vna", "index", "touchstone", "phases", "metadata", "samples")
+KINDS = (
+    "scene", "sensor", "vna", "index", "touchstone", "phases", "metadata", "samples", "snapshots",
+)  # fmt: skip
+KINDS += ("surface", "spreading", "taps")
 _READ = ("read", "-o", "out.csv", "--scene", "scene.yaml")
 _CALIBRATE = ("calibrate", "-o", "out.yaml", "--form", "cubic", "--length-mm", "10")
 _TOUCHSTONE = (*_CALIBRATE, "--frequency-hz", "900e6")
+_SKIN = ("calibrate", "--surface", "surface.yaml", "--readings", "shown.csv", "-o", "o.yaml")
 _INVERT = ("invert", "-o", "out.jsonl", "--sensor")
 
 
@@ -93,6 +137,9 @@ def kind_of(name):
     return {
         "scene": lambda: Kind("x.yaml", "scene.yaml", "plan", "x.yaml"),
         "sensor": lambda: Kind("y.yaml", "arm.yaml", *_INVERT, "y.yaml", "phases.csv"),
+        "surface": lambda: Kind("w.yaml", "surface.yaml", "plan", "w.yaml"),
+        "spreading": lambda: Kind("skin.yaml", "law.yaml", "plan", "surface.yaml"),
+        "taps": lambda: Kind("t.csv", "taps.csv", *_SKIN, "t.csv"),
         "vna": lambda: Kind("x.csv", "vna.csv", *_CALIBRATE, "x.csv"),
         "index": lambda: Kind("i.csv", "index.csv", *_TOUCHSTONE, "i.csv"),
         "touchstone": lambda: Kind("00.s2p", "first.s2p", *_TOUCHSTONE, "index.csv"),
@@ -101,6 +148,7 @@ def kind_of(name):
         "samples": lambda: Kind(
             "x.bin", "capture.sigmf-data", *_READ, "x.bin", "--datatype", "ci16_le"
         ),
+        "snapshots": lambda: Kind("x.npz", "packets.npz", "read", "-o", "out.csv", "x.npz"),
     }[name]()
 
 
@@ -109,6 +157,8 @@ def prepare(folder):
     folder = Path(folder)
     (folder / "scene.yaml").write_text(yaml.safe_dump(SCENE))
     assert main(["simulate", str(folder / "scene.yaml"), str(folder / "capture")]) == 0
+    (folder / "packets.yaml").write_text(yaml.safe_dump(PACKETS))
+    assert main(["simulate", str(folder / "packets.yaml"), str(folder / "packets")]) == 0
     (folder / "x.sigmf-data").symlink_to("capture.sigmf-data")
     # A short line: the tables of its model are small, and soon built.
     line = replace(sensors.load_sensor("line-900mhz"), length_mm=10.0)
@@ -116,9 +166,25 @@ def prepare(folder):
     sensors.write_vna_csv(table, folder / "vna.csv")
     sensors.write_sensor(sensors.calibrate(table, "arm", 10.0, "cubic"), folder / "arm.yaml")
     _touchstone(table, folder)
+    _surface(folder)
     phases = "".join(f"{100 - i},{90 + i},{i / 28},arm,{'5' if i % 3 else ''}\n" for i in range(9))
     header = "phase1_deg,phase2_deg,time_s,sensor,location_mm\n"
     (folder / "phases.csv").write_text(header + phases)
+
+
+def _surface(folder):
+    """A surface, its law, and taps with what the strips showed of them."""
+    (folder / "surface.yaml").write_text(yaml.safe_dump(SURFACE))
+    for name in ("law.yaml", "skin.yaml"):
+        (folder / name).write_text(yaml.safe_dump(SPREADING))
+    taps, shown = ["start_s,end_s,force_n,x_mm,y_mm"], []
+    for n in range(9):
+        taps.append(f"{n},{n + 0.5},5,5,{1.5 * n}")
+        for sensor, share in (("low", 0.7 - 0.05 * n), ("high", 0.3 + 0.05 * n)):
+            shown.append(f"{n + 0.25},{sensor},1,{5 * share},0.1,5,0.2,")
+    header = "time_s,sensor,touch,force_n,force_std_n,location_mm,location_std_mm,flags"
+    (folder / "taps.csv").write_text("\n".join(taps) + "\n")
+    (folder / "shown.csv").write_text("\n".join([header, *shown]) + "\n")
 
 
 def _touchstone(table, folder):

@@ -11,7 +11,7 @@ import pytest
 
 CASES, LONG_CASES = 50, 10_000
 # Reading a capture takes longer than all else.
-FEWER = {"metadata": 8, "samples": 8}
+FEWER = {"metadata": 8, "samples": 8, "snapshots": 25, "surface": 20, "spreading": 20}
 # Readers leave their buffers behind: see "processes of their own" in docs/architecture.md.
 CASES_PER_PROCESS = {"metadata": 200, "samples": 200}
 PROCESSES, LONG_PROCESSES = 1, 100

@@ -25,6 +25,7 @@ class PlayedLink:
     def __init__(self, device):
         self._device = device
         self.hardware, self.settings, self.unlocked = None, {}, []
+        self.aligned = False
         self.started, self.clock = False, None
         self._ours, self.samples = socket.socketpair()
         self.samples.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER_BYTES)

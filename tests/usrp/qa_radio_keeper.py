@@ -27,7 +27,9 @@ class Bench:
     def __init__(self, *fates, reconnect=True):
         self.now_s, self.opened_s, self.states = 0.0, [], []
         self.fates = list(fates)
-        self.session = SimpleNamespace(attach=lambda link: None, silent_s=0.0)
+        self.session = SimpleNamespace(
+            attach=lambda link: None, next_request=lambda request: request, silent_s=0.0
+        )
         self.keeper = RadioKeeper(
             SimpleNamespace(args="addr=1"),
             self.session,

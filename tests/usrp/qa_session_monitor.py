@@ -17,7 +17,7 @@ def session_in_words():
         times_ignored=0,
         samples_received=0,
         time_s=1.0,
-        recorder=None,
+        recording_failure=None,
         alignment=SimpleNamespace(searches=0, offset=0),
         start_s=None,
         reader=SimpleNamespace(counts=GroupCounts(), findings=None),

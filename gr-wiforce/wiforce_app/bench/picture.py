@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pictures of the benchmarks: loss to the bound over SNR; run time against error."""
+"""Pictures of the benchmarks: loss to the bound over SNR; run time against error; scaling."""
 
 import numpy as np
 
@@ -110,3 +110,52 @@ def _plot_tradeoff(axis, points):
     axis.xaxis.set_major_formatter("{x:g}")
     axis.xaxis.set_minor_formatter("")
     axis.grid(alpha=0.3)
+
+
+def plot_scaling(result, path):
+    """Plot the times of the receiver along each axis, both logarithmic, one panel per axis.
+
+    Parameters
+    ----------
+    result : dict
+        Of scaling.measure.
+    path : str or Path
+    """
+    from matplotlib.figure import Figure
+
+    from .scaling import LABELS, QUANTITIES
+
+    by_axis = {axis: [] for axis in LABELS}
+    for row in result["rows"]:
+        by_axis[row["setting"]["axis"]].append(row)
+    drawn = [axis for axis, rows in by_axis.items() if rows]
+    canvas = Figure(figsize=(3.6 * max(len(drawn), 1) + 1, 4.6), layout="constrained")
+    panels = canvas.subplots(1, max(len(drawn), 1), squeeze=False)[0]
+    powers = {(g["axis"], g["quantity"]): g["exponent"] for g in result["growth"]}
+    for panel, axis in zip(panels, drawn, strict=False):
+        x = [row["value"] for row in by_axis[axis]]
+        for color, quantity in enumerate(QUANTITIES):
+            y = np.array([row[quantity] for row in by_axis[axis]])
+            # All in milliseconds.
+            y = y * {"start_s": 1e3, "group_us": 1e-3}.get(quantity, 1.0)
+            power = powers.get((axis, quantity))
+            shown = "" if power is None else f", exponent {power:.2f}"
+            name = f"{_SCALING_NAMES[quantity]}{shown}"
+            panel.plot(x, y, f"-{'os^d'[color]}", color=f"C{color}", ms=4, label=name)
+        panel.set_xscale("log")
+        panel.set_yscale("log")
+        panel.set_xticks(x, [f"{value:.0f}" for value in x])
+        panel.set_xticks([], minor=True)
+        panel.set_xlabel(LABELS[axis])
+        panel.grid(alpha=0.3)
+        panel.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.16))
+    panels[0].set_ylabel("processor time (ms)")
+    save_picture(canvas, path)
+
+
+_SCALING_NAMES = {
+    "start_s": "start-up",
+    "samples_ms": "samples to tones, per second",
+    "group_us": "tones to readings, per group",
+    "groups_ms": "tones to readings, per second",
+}

@@ -18,6 +18,9 @@ import numpy as np
 from ..markdown import markdown_table
 from ..options import FiniteRange
 from ..progress import progress
+from .scaling import AXES
+from .scaling import measure as scaling_of
+from .scaling import table as scaling_table
 
 # Clocks of up to eight tags, none of whose lines lies near one of another's. In the piece of signal
 # that is repeated all make whole cycles, so that a recording of any length has no break.
@@ -62,9 +65,7 @@ class Row:
 
 @click.command()
 @click.option("--json", "as_json", is_flag=True, help="Rows as JSON.")
-@click.option(
-    "--seconds", default=60.0, type=FiniteRange(4.0), help="Length of each recording. Default: 60."
-)
+@click.option("--seconds", type=FiniteRange(4.0), help="Length of each recording. Default: 60.")
 @click.option(
     "--sensors",
     multiple=True,
@@ -72,14 +73,46 @@ class Row:
     help="Only this number of sensors.",
 )
 @click.option("--folder", type=click.Path(exists=True, file_okay=False), help="For recordings.")
-def read(as_json, seconds, sensors, folder):
+@click.option(
+    "--scaling",
+    is_flag=True,
+    help="Measure how times grow with sensors, group length, snapshot rate and subcarriers.",
+)
+@click.option(
+    "--axis",
+    "axes",
+    multiple=True,
+    type=click.Choice(list(AXES)),
+    help="With --scaling: only along this axis (repeatable).",
+)
+@click.option(
+    "--keep",
+    "kept",
+    type=click.Path(dir_okay=False),
+    help="With --scaling: keep rows in this file (JSON); those in it are not measured again.",
+)
+@click.option(
+    "--plot", "plot_path", type=click.Path(), help="With --scaling: write a picture (PNG)."
+)
+def read(as_json, seconds, sensors, folder, scaling, axes, kept, plot_path):
     """Measure the complete path from a capture's file to readings, and its stages.
 
     Recordings of 12.5 Msps (ci16_le, in the page cache) hold one to eight sensors, pressed in
     turns. The command is timed with its start-up; samples and groups are timed by themselves, by
     processor time. A combination that the plan refuses, because its groups are too short to
     separate the tags, is left out.
+
+    With --scaling, one of sensors, snapshots per group, snapshots per second and samples per symbol
+    changes at a time, and the exponents by which the times grow are printed.
     """
+    if scaling:
+        if seconds is not None or sensors:
+            raise click.UsageError("--seconds and --sensors do not apply with --scaling")
+        _measure_scaling(as_json, folder, axes or list(AXES), kept, plot_path)
+        return
+    if axes or kept is not None or plot_path is not None:
+        raise click.UsageError("--axis, --keep and --plot apply with --scaling only")
+    seconds = 60.0 if seconds is None else seconds
     rows = []
     counts = [int(count) for count in sensors] or _SENSORS
     with (
@@ -95,6 +128,25 @@ def read(as_json, seconds, sensors, folder):
             for path in Path(place).iterdir():
                 path.unlink()
     click.echo(json.dumps([asdict(row) for row in rows], indent=1) if as_json else table(rows))
+
+
+def _measure_scaling(as_json, folder, axes, kept, plot_path):
+    """Rows along each axis, and how they grow."""
+    from gnuradio.wiforce.io.textfile import check_output
+
+    from ..plots import check_picture
+
+    kept = None if kept is None else Path(kept)
+    if kept is not None:
+        check_output(kept)
+    if plot_path is not None:
+        check_picture(plot_path, [] if kept is None else [kept])
+    result = scaling_of(axes, folder, kept)
+    if plot_path is not None:
+        from .picture import plot_scaling
+
+        plot_scaling(result, plot_path)
+    click.echo(json.dumps(result, indent=1) if as_json else scaling_table(result))
 
 
 def table(rows):

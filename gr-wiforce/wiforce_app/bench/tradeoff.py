@@ -7,6 +7,7 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import click
+from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.textfile import check_output
 
 from ..markdown import filled_page, markdown_table
@@ -36,13 +37,16 @@ def tradeoff(scenes, as_json, quick, folder, fresh, plot_path, page_path):
     Varies group length, lines, clutter band, estimator, subcarriers, sample type, file or stream,
     and the order of the blocks, and compares with stock blocks.
     """
-    from gnuradio.wiforce.scene import load_scene, shipped_scenes
+    from gnuradio.wiforce.scene import load_scene, sampled_scenes
 
     from ..evaluation.runs import keep_result, result_of
     from ..provenance import fingerprint
 
-    names = list(dict.fromkeys(scenes or shipped_scenes()))
+    names = list(dict.fromkeys(scenes or sampled_scenes()))
     # Invalid scenes are refused before any work is done.
+    for name in names:
+        if load_scene(name).packets is not None:
+            raise InputError(name, "is a scene of packets; only scenes of samples are compared")
     fingerprints = {name: fingerprint(load_scene(name), simulated=True) for name in names}
     inputs = [file for name in names for file in load_scene(name).files]
     if plot_path is not None:

@@ -21,7 +21,8 @@ from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.simulation.channel import AirChannel
 from gnuradio.wiforce.simulation.score import read_truth, score
-from gnuradio.wiforce.simulation.simulator import simulate, write_truth
+from gnuradio.wiforce.simulation.simulator import simulate
+from gnuradio.wiforce.simulation.truth_file import write_truth
 
 from ..evaluation.error_summary import calibration_bias_deg
 from ..evaluation.experiment import with_mean_phases

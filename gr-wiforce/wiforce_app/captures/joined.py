@@ -44,12 +44,14 @@ def join_parts(path, parts):
     from pyarrow import parquet
 
     rows, described = 0, {}
+    # A capture of a surface has more columns than one without.
+    schemas = [parquet.read_schema(part).remove_metadata() for _, part in parts]
+    plain = pyarrow.unify_schemas(schemas) if schemas else None
     with replacing(path) as partial:
         writer = None
         for name, part in parts:
             with parquet.ParquetFile(part, page_checksum_verification=True) as file:
                 described[name] = _own_metadata(file.schema_arrow)
-                plain = file.schema_arrow.remove_metadata()
                 field = pyarrow.field(CAPTURE, pyarrow.dictionary(pyarrow.int32(), pyarrow.utf8()))
                 if writer is None:
                     schema = plain.insert(0, field)
@@ -58,7 +60,10 @@ def join_parts(path, parts):
                     )
                 for batch in file.iter_batches():
                     names = pyarrow.array([name] * len(batch)).cast(field.type)
-                    columns = [names, *batch.columns]
+                    held = dict(zip(batch.schema.names, batch.columns, strict=True))
+                    nothing = [None] * len(batch)
+                    own = [held.get(f.name, pyarrow.array(nothing, f.type)) for f in plain]
+                    columns = [names, *own]
                     writer.write_batch(pyarrow.record_batch(columns, schema=schema))
                     rows += len(batch)
         if writer is not None:

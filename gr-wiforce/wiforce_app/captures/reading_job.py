@@ -10,7 +10,8 @@ from pathlib import Path
 
 from gnuradio.wiforce.errors import OutputError
 from gnuradio.wiforce.io.capture import open_capture
-from gnuradio.wiforce.io.readings import GroupCounts
+from gnuradio.wiforce.io.channel_snapshots import is_snapshots, open_snapshots
+from gnuradio.wiforce.io.readings import SURFACE_COLUMNS, GroupCounts
 from gnuradio.wiforce.io.writers import open_writer
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import scene_of
@@ -103,16 +104,23 @@ def read_capture_file(job):
 
 
 def _read(job):
-    from ..read import open_reader, warn, warn_of_end, warn_of_start
+    from ..read import open_reader, open_snapshot_reader, warn, warn_of_end, warn_of_start
 
-    recording = open_capture(job.path, job.settings["datatype"])
+    snapshots = job.settings["datatype"] is None and is_snapshots(job.path)
+    if snapshots:
+        recording = open_snapshots(job.path)
+    else:
+        recording = open_capture(job.path, job.settings["datatype"])
     scene, differences = scene_of(recording, job.scene)
     identities = [_identity(file) for file in recording.files]
     current = fingerprint(scene, job.settings, *identities)
     if current == job.fingerprint:
         return ReadingReport(current, unchanged=True)
     frame_offset = job.settings["frame_offset"]
-    reader = open_reader(recording, plan(scene), frame_offset, job.settings["tracked"])
+    if snapshots:
+        reader = open_snapshot_reader(recording, plan(scene), job.settings["tracked"])
+    else:
+        reader = open_reader(recording, plan(scene), frame_offset, job.settings["tracked"])
     warn_of_start(recording, reader, differences, frame_offset)
     output = Path(job.output)
     output.parent.mkdir(parents=True, exist_ok=True)
@@ -122,7 +130,8 @@ def _read(job):
     try:
         metadata = provenance(scene) if output.suffix == ".parquet" else {}
         inputs = [*recording.files, *scene.files]
-        with open_writer(partial, inputs, metadata=metadata) as writer:
+        also = SURFACE_COLUMNS if scene.surface is not None else ()
+        with open_writer(partial, inputs, also, metadata=metadata) as writer:
             for batch in reader:
                 for reading in batch:
                     writer.write(reading)

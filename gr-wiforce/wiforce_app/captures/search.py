@@ -8,6 +8,7 @@ from pathlib import Path
 
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture_files import SUFFIXES, second_antenna
+from gnuradio.wiforce.io.channel_snapshots import SUFFIX, is_snapshots
 
 _META = ".sigmf-meta"
 
@@ -74,7 +75,9 @@ def _meant_by(argument, datatype):
                 capture
                 for match in matches
                 for capture in ([] if _is_folder(match) else [_named(match, datatype)])
-                if datatype is not None or Path(capture.path + _META).exists()
+                if datatype is not None
+                or is_snapshots(capture.path)
+                or Path(capture.path + _META).exists()
             )
         )
         captures = _without_second_antennas(found)
@@ -83,14 +86,16 @@ def _meant_by(argument, datatype):
             rule = "is a folder; name the files of raw samples, for example with a pattern"
             raise InputError(argument, rule)
         folder = Path(argument)
-        files = sorted(_metadata_in(folder))
-        stems = [file.with_name(file.name.removesuffix(_META)) for file in files]
-        named = [NamedCapture(stem.relative_to(folder).as_posix(), str(stem)) for stem in stems]
+        named = []
+        for file in sorted(_files_in(folder)):
+            stem = file.with_name(file.name.removesuffix(_META).removesuffix(SUFFIX))
+            path = file if is_snapshots(file) else stem
+            named.append(NamedCapture(stem.relative_to(folder).as_posix(), str(path)))
         captures = _without_second_antennas(named)
     else:
         return [_named(argument, datatype)]
     if not captures:
-        raise InputError(argument, "contains no captures: no .sigmf-meta files")
+        raise InputError(argument, "contains no captures: no .sigmf-meta or .npz files")
     return captures
 
 
@@ -111,14 +116,14 @@ def _matches(pattern):
     )
 
 
-def _metadata_in(folder):
-    """Metadata in a folder and its subfolders, each of which must be readable."""
+def _files_in(folder):
+    """Metadata and channel snapshots below a folder, all of which must be readable."""
 
     def refuse(error):
         raise InputError(error.filename, f"cannot be searched ({error.strerror})") from error
 
     for place, _, names in os.walk(folder, onerror=refuse):
-        yield from (Path(place) / name for name in names if name.endswith(_META))
+        yield from (Path(place) / name for name in names if name.endswith((_META, SUFFIX)))
 
 
 def _named(path, datatype):
@@ -126,6 +131,8 @@ def _named(path, datatype):
     if datatype is None:
         for suffix in SUFFIXES:
             stem = stem.removesuffix(suffix)
+        if is_snapshots(path):
+            return NamedCapture(Path(path).stem, path)
     return NamedCapture(Path(stem).name, stem)
 
 

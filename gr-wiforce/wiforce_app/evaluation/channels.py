@@ -2,6 +2,12 @@
 """The channel of every snapshot of a capture, with nothing left out."""
 
 import numpy as np
+from gnuradio.wiforce.estimation.recorded_groups import frame_settings
+from gnuradio.wiforce.wiforce_kernels import folded_reader
+from scipy.fft import fft
+
+# Samples of folded frames that are read at a time: 32 MB.
+_BATCH = 1 << 22
 
 
 def snapshot_channels(recording, scene, path):
@@ -19,15 +25,10 @@ def snapshot_channels(recording, scene, path):
     memmap of complex64, shape (N, K)
         Subcarriers as in the scene's waveform.
     """
-    from gnuradio import blocks, gr, wiforce
-
     waveform = scene.waveform()
     factors = waveform.equalizer().astype(np.complex64)
-    flowgraph = gr.top_block("channels", catch_exceptions=False)
-    flowgraph.connect(
-        wiforce.capture_source(recording, scene),
-        wiforce.ofdm_channel_estimator(factors=factors),
-        blocks.file_sink(waveform.symbol_length * gr.sizeof_gr_complex, str(path)),
-    )
-    flowgraph.run()
+    frames = folded_reader(**frame_settings(recording, waveform, frame_offset=0))
+    with open(path, "wb") as file:
+        while len(folded := frames.read(_BATCH // waveform.symbol_length)["folded"]):
+            (fft(folded, axis=1) * factors).tofile(file)
     return np.memmap(path, np.complex64, "r").reshape(-1, waveform.symbol_length)[:, waveform.bins]

@@ -111,6 +111,7 @@ def _errors(sensor):
 def with_mean_phases(scene, truth):
     """Truth rows with the phases of the mean reflection of each group, not of its centre."""
     tags = AirChannel(scene).sensors
+    truth = [row for row in truth if row["sensor"] in tags]
     for row in truth:
         pressed = tags[row["sensor"]].pressed
         phases = pressed.mean_phases_deg([row["time_s"]], scene.group_period_s)[0]

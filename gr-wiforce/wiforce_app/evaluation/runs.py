@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.textfile import check_output, write_whole
-from gnuradio.wiforce.scene import load_scene, shipped_scenes, simulation_warnings
+from gnuradio.wiforce.scene import load_scene, sampled_scenes, simulation_warnings
 
 from ..progress import progress
 from ..provenance import fingerprint
@@ -22,7 +22,7 @@ def evaluate_scenes(names, folder, jobs=None, fresh=False, scheduler=None):
     Parameters
     ----------
     names : sequence of str
-        Scenes; ``all`` means every shipped scene.
+        Scenes; ``all`` means every shipped scene of samples.
     folder : Path
     jobs : int, optional
         Number of parallel processes.
@@ -32,13 +32,16 @@ def evaluate_scenes(names, folder, jobs=None, fresh=False, scheduler=None):
         Address of a Dask scheduler, whose workers see ``folder`` under the same path.
     """
     if "all" in names:
-        names = shipped_scenes()
+        names = sampled_scenes()
     names = list(dict.fromkeys(names))
     stems = [Path(name).stem for name in names]
     for name, stem in zip(names, stems, strict=True):
         if stems.count(stem) > 1:
             raise InputError("scenes", "must have different file names", name)
     # Invalid scenes are refused before any work is done.
+    for name in names:
+        if load_scene(name).packets is not None:
+            raise InputError(name, "is a scene of packets; only scenes of samples are evaluated")
     fingerprints = {
         name: fingerprint(load_scene(name), other_causes(str(name)), simulated=True)
         for name in names

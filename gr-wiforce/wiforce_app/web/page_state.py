@@ -23,6 +23,9 @@ ROW = (
     "snr_db",
     "interference",
     "flags",
+    "y_mm",
+    "y_std_mm",
+    "cov_x_y",
 )
 _TEXTS = ("sensor", "flags")
 
@@ -43,7 +46,7 @@ def page_row(values: Mapping[str, Any]) -> list[Any] | None:
     Examples
     --------
     >>> page_row({"sensor": "arm", "time_s": "0.018", "touch": "0", "flags": "gap"})
-    ['arm', 0.018, 0.0, None, None, None, None, None, None, 'gap']
+    ['arm', 0.018, 0.0, None, None, None, None, None, None, 'gap', None, None, None]
     """
     row = [
         str(values.get(name) or "") if name in _TEXTS else _number(values.get(name)) for name in ROW

@@ -22,7 +22,7 @@ _ANSWER_S = 60.0
 _MOST_MESSAGES = 2000
 _LONGEST_MESSAGE = 1 << 20
 # What the page shows of a heartbeat.
-_SHOWN = ("state", "reason", "time_s", "tare", "sensors", "gaps", "groups")
+_SHOWN = ("state", "reason", "time_s", "tare", "sensors", "surface", "gaps", "groups")
 
 
 class ZmqSource:

@@ -21,7 +21,7 @@ bool share_planner()
     return true;
 }
 
-fftwf_plan_s* make_plan(int length, fc32* input, fc32* output)
+fftwf_plan make_plan(int length, fc32* input, fc32* output)
 {
     static const bool is_shared = share_planner();
     static_cast<void>(is_shared);
@@ -35,25 +35,42 @@ fftwf_plan_s* make_plan(int length, fc32* input, fc32* output)
 
 } // namespace
 
+struct fourier_transform::plan {
+    explicit plan(int length)
+        : input(allocate(length)),
+          output(allocate(length)),
+          transform(make_plan(length, input, output))
+    {
+    }
+
+    ~plan()
+    {
+        fftwf_destroy_plan(transform);
+        fftwf_free(input);
+        fftwf_free(output);
+    }
+
+    plan(const plan&) = delete;
+    plan& operator=(const plan&) = delete;
+
+    fc32* const input;
+    fc32* const output;
+    const fftwf_plan transform;
+};
+
 fourier_transform::fourier_transform(int length)
-    : d_length(length),
-      d_input(allocate(length)),
-      d_output(allocate(length)),
-      d_plan(make_plan(length, d_input, d_output))
+    : d_length(length), d_plan(std::make_unique<plan>(length))
 {
 }
 
-fourier_transform::~fourier_transform()
-{
-    fftwf_destroy_plan(d_plan);
-    fftwf_free(d_input);
-    fftwf_free(d_output);
-}
+fourier_transform::~fourier_transform() = default;
+
+fc32* fourier_transform::input() { return d_plan->input; }
 
 const fc32* fourier_transform::execute()
 {
-    fftwf_execute(d_plan);
-    return d_output;
+    fftwf_execute(d_plan->transform);
+    return d_plan->output;
 }
 
 } // namespace gr::wiforce::kernel

@@ -3,14 +3,15 @@
 
 #include "../types.h"
 
-struct fftwf_plan_s;
+#include <memory>
 
 namespace gr::wiforce::kernel {
 
 /*
  * The discrete Fourier transform of one length, X[k] = sum_n x[n] exp(-2 pi j k n / N).
  *
- * The plan is chosen by rule and not by measuring, so that every run rounds alike.
+ * By FFTW, or in plain C++ where the build has no FFTW. FFTW's plan is chosen by rule and
+ * not by measuring, so that every run rounds alike.
  */
 class fourier_transform
 {
@@ -23,15 +24,14 @@ public:
 
     int length() const { return d_length; }
     // Where the next execute() finds x.
-    fc32* input() { return d_input; }
+    fc32* input();
     // X, valid until the next call.
     const fc32* execute();
 
 private:
+    struct plan;
     const int d_length;
-    fc32* const d_input;
-    fc32* const d_output;
-    fftwf_plan_s* const d_plan;
+    const std::unique_ptr<plan> d_plan;
 };
 
 } // namespace gr::wiforce::kernel

@@ -6,6 +6,10 @@
 #include "../types.h"
 #include "simd_kernels.h"
 
+#ifdef __ARM_NEON
+#include <arm_neon.h>
+#endif
+
 namespace gr::wiforce::kernel::WIFORCE_SIMD {
 
 namespace {
@@ -31,8 +35,14 @@ struct sc16_samples {
     using sum = integer_lanes;
     static sum load(const std::int16_t* x)
     {
+#ifdef __ARM_NEON
+        // GCC 12 takes the conversion below for four numbers, one after the other.
+        static_assert(LANES == 4, "lanes of NEON");
+        return reinterpret_cast<integer_lanes>(vmovl_s16(vld1_s16(x)));
+#else
         return __builtin_convertvector(*reinterpret_cast<const short_lanes*>(x),
                                        integer_lanes);
+#endif
     }
     static lanes to_float(sum s) { return __builtin_convertvector(s, lanes); }
     static std::int32_t one(std::int16_t x) { return x; }

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Block: a window on the readings."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import pmt
@@ -26,6 +27,8 @@ class force_display(gr.basic_block):
         Force of the longest arrow.
     history_s : float
         Seconds of signal in the histories.
+    strips_y_mm : sequence of float
+        Positions of the strips of a surface, which is drawn from above; empty without one.
 
     Raises
     ------
@@ -39,10 +42,14 @@ class force_display(gr.basic_block):
     """
 
     def __init__(
-        self, length_mm: float = 80.0, force_span_n: float = 8.0, history_s: float = 20.0
+        self,
+        length_mm: float = 80.0,
+        force_span_n: float = 8.0,
+        history_s: float = 20.0,
+        strips_y_mm: Sequence[float] = (),
     ) -> None:
         gr.basic_block.__init__(self, "force_display", in_sig=None, out_sig=None)
-        self.widget = ForceDisplay(length_mm, force_span_n, history_s)
+        self.widget = ForceDisplay(length_mm, force_span_n, history_s, strips_y_mm=strips_y_mm)
         self.message_port_register_in(pmt.intern(names.READINGS))
         self.message_port_register_in(pmt.intern(names.TARE_STATE))
         self.message_port_register_out(pmt.intern(names.TARE))

@@ -32,6 +32,8 @@ class FrameSearch:
         Whose frames are searched.
     search_frames : int, optional
         Frames that are averaged to find the offset; as many as for recordings unless given.
+    antennas : int
+        Number of antennas whose samples are in each item; the first one is searched.
 
     Attributes
     ----------
@@ -55,8 +57,11 @@ class FrameSearch:
     92
     """
 
-    def __init__(self, waveform: Waveform, search_frames: int | None = None) -> None:
+    def __init__(
+        self, waveform: Waveform, search_frames: int | None = None, antennas: int = 1
+    ) -> None:
         self._waveform = waveform
+        self._antennas = antennas
         self._needed = searched_samples(waveform)
         if search_frames is not None:
             self._needed = search_frames * waveform.frame_length
@@ -87,7 +92,7 @@ class FrameSearch:
 
         Parameters
         ----------
-        items : ndarray of complex64, shape (n,), or of int16, shape (n, 2)
+        items : ndarray of complex64, shape (n,), or of int16, shape (n, 2 antennas)
             At most ``wanted``.
         tags : iterable of tuple
             Their tags: (item, key, value), the first sample of the stream being item 0.
@@ -107,7 +112,7 @@ class FrameSearch:
         if self._held_count < self._needed:
             return
         held = np.concatenate(self._held)
-        samples = held if np.iscomplexobj(held) else samples_of(held)
+        samples = held if np.iscomplexobj(held) else samples_of(held[:, :2].copy())
         found = find_frame_offset(samples, self._waveform)
         if found is None:
             self.searches += 1
@@ -153,7 +158,8 @@ class FrameSearch:
         end = self.offset + block.nitems_written(0) + produced
         while self.tags and self.tags[0][0] < end:
             item, key, value = self.tags.popleft()
-            block.add_item_tag(0, item - self.offset, key, value)
+            for port in range(self._antennas):
+                block.add_item_tag(port, item - self.offset, key, value)
 
     def _begin(self, held: Array, found: int) -> None:
         """The stream begins so many samples into what is held."""

@@ -8,6 +8,9 @@ from ..scene import Scene, load_scene
 from ..signal.symbols import LONGEST_SYMBOL
 from ..signal.waveform import WAVEFORMS, Waveform, sounding_waveform
 
+# Samples that hold five repetitions of any symbol.
+LONGEST_PREAMBLE = 5 * LONGEST_SYMBOL
+
 
 def frames_of(
     waveform: str | Waveform,
@@ -88,9 +91,5 @@ def symbol_length_of(waveform: str | Waveform | Scene, symbol_length: int = 0) -
         return waveform.waveform().symbol_length
     name = str(waveform)
     if name in WAVEFORMS or name.lower().endswith(".npy"):
-        return frames_of(name, _LONGEST_FRAME, 1.0, symbol_length).symbol_length
+        return frames_of(name, LONGEST_PREAMBLE, 1.0, symbol_length).symbol_length
     return load_scene(name).waveform().symbol_length
-
-
-# Holds the preamble of any symbol.
-_LONGEST_FRAME = 5 * LONGEST_SYMBOL

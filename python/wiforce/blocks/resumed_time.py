@@ -72,13 +72,16 @@ class ResumedTime:
         """Number of streams that have begun, and what is added to the clock of the last, in s."""
         return self._stream_clock
 
-    def begin(self, device_time: Time | None) -> list[Time]:
+    def begin(self, device_time: Time | None, frame_offset: int = 0) -> list[Time]:
         """A stream begins.
 
         Parameters
         ----------
         device_time : tuple of (int, float), optional
-            Whole seconds and fraction of its first sample.
+            Whole seconds and fraction of its first sample; without it, its clock is the number of
+            its samples.
+        frame_offset : int
+            Where the stream resumes in a frame, by the beginning of the first stream.
 
         Returns
         -------
@@ -86,15 +89,16 @@ class ResumedTime:
             Times of its first samples, one for each, after which time continues: more than one
             after a long break.
         """
+        device_time = device_time or (0, 0.0)
         self._streams += 1
         if self._origin is None:
             self._stream_clock = self._streams, 0.0
-            self._origin = device_time or (0, 0.0)
+            self._origin = device_time
             self._timeline.note(0, time_value(*self._origin))
             return [self._origin]
         position = self._items + self._timeline.lost
         gone = position + max(self._now() - self._last_s, 0.0) * self._rate
-        resumed = math.ceil(gone / self._frame) * self._frame
+        resumed = math.ceil((gone - frame_offset) / self._frame) * self._frame + frame_offset
         steps = math.ceil((resumed - position) / (_LONGEST_STEP_S * self._rate)) or 1
         times = []
         for step in range(1, steps + 1):
@@ -104,9 +108,8 @@ class ResumedTime:
             value = self._after_origin(resumed + item if step == steps else reached)
             self._timeline.note(self._items + item, time_value(*value))
             times.append(value)
-        if device_time is not None:
-            first = _added(times[-1], (0, -(steps - 1) / self._rate))
-            self._offset = _added(first, (-device_time[0], -device_time[1]))
+        first = _added(times[-1], (0, -(steps - 1) / self._rate))
+        self._offset = _added(first, (-device_time[0], -device_time[1]))
         self._stream_clock = self._streams, sum(self._offset)
         return times
 

@@ -125,15 +125,50 @@ def is_carrier_of(model: Any, frequency_hz: float) -> bool:
     return _accepted(lambda: load_sensor(model, frequency_hz=frequency_hz))
 
 
-def is_amplitude_of(waveform: str, amplitude: float) -> bool:
+def is_waveform(
+    waveform: Any,
+    frame_length: int,
+    symbol_length: int = 0,
+    repetitions: int = 0,
+    averaged_repetitions: int = 0,
+) -> bool:
+    """Whether frames can be made of a waveform.
+
+    Parameters
+    ----------
+    waveform : object
+        A shipped waveform's name, or the ``.npy`` file of a symbol.
+    frame_length : int
+        Samples per frame.
+    symbol_length, repetitions, averaged_repetitions : int
+        As the keys of a scene's ``sounding``; 0 for their defaults.
+
+    Returns
+    -------
+    bool
+
+    Examples
+    --------
+    >>> is_waveform("chirp", 720), is_waveform("chirp", 720, symbol_length=256)
+    (True, False)
+    """
+    from .frame_settings import frames_of
+
+    stated = symbol_length, repetitions, averaged_repetitions
+    return _accepted(lambda: frames_of(waveform, frame_length, 1.0, *stated))
+
+
+def is_amplitude_of(waveform: str, amplitude: float, symbol_length: int = 0) -> bool:
     """Whether a sounding frame of some amplitude stays within full scale.
 
     Parameters
     ----------
     waveform : str
-        ``repeated`` or ``wifi``.
+        As for :func:`is_waveform`.
     amplitude : float
         Root of the mean preamble power.
+    symbol_length : int
+        As stated; 0 for the waveform's default.
 
     Returns
     -------
@@ -144,10 +179,13 @@ def is_amplitude_of(waveform: str, amplitude: float) -> bool:
     >>> is_amplitude_of("repeated", 0.5), is_amplitude_of("repeated", 2.0)
     (True, False)
     """
-    from ..signal.waveform import sounding_waveform
+    from .frame_settings import LONGEST_PREAMBLE, frames_of
     from .sounding_source import largest_amplitude
 
-    return bool(0 < amplitude <= largest_amplitude(sounding_waveform(waveform).frame()))
+    def largest() -> float:
+        return largest_amplitude(frames_of(waveform, LONGEST_PREAMBLE, 1.0, symbol_length).preamble)
+
+    return _accepted(largest) and bool(0 < amplitude <= largest())
 
 
 def is_capture(capture: Any, datatype: str | None = None) -> bool:

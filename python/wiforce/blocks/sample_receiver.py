@@ -44,6 +44,8 @@ class sample_receiver(gr.sync_block):
         Samples per sounding frame; a gap keeps the frame timing.
     search : FrameSearch, optional
         The output begins with the first frame that it finds; with the first sample without it.
+    antennas : int
+        Number of outputs: antennas whose samples come side by side.
 
     Attributes
     ----------
@@ -65,18 +67,24 @@ class sample_receiver(gr.sync_block):
     """
 
     def __init__(
-        self, sample_rate: float, frame_length: int, search: FrameSearch | None = None
+        self,
+        sample_rate: float,
+        frame_length: int,
+        search: FrameSearch | None = None,
+        antennas: int = 1,
     ) -> None:
-        gr.sync_block.__init__(self, "sample_receiver", in_sig=None, out_sig=[(np.int16, 2)])
+        signature = [(np.int16, 2)] * antennas
+        gr.sync_block.__init__(self, "sample_receiver", in_sig=None, out_sig=signature)
+        self._antennas = antennas
         self._times = ResumedTime(sample_rate, frame_length)
-        self._waiting: deque[socket.socket] = deque()
+        self._waiting: deque[tuple[socket.socket, bool]] = deque()
         self._stream: socket.socket | None = None
         self._search = search
         self._remaining = 0  # samples of the packet that are not received yet
         self._packet_start = 0  # its first sample, of those received
         self._tags: deque[SampleTag] = deque()
         self.received = self.peak = 0
-        self._begins = self._finished = False
+        self._begins = self._finished = self._aligned = False
         self.called_s = self._heard_s = time.monotonic()
 
     @property
@@ -88,9 +96,16 @@ class sample_receiver(gr.sync_block):
         """Number of streams that have begun, and the time added to the clock of the last, in s."""
         return self._times.stream_clock
 
-    def attach(self, stream: socket.socket) -> None:
-        """Read another stream once those before it have ended."""
-        self._waiting.append(stream)
+    def attach(self, stream: socket.socket, aligned: bool = False) -> None:
+        """Read another stream once those before it have ended.
+
+        Parameters
+        ----------
+        stream : socket.socket
+        aligned : bool
+            It begins with a frame; otherwise where the first stream began in a frame.
+        """
+        self._waiting.append((stream, aligned))
 
     def finish(self) -> None:
         """End the stream once all streams have ended."""
@@ -101,13 +116,20 @@ class sample_receiver(gr.sync_block):
         finished = self._finished  # before streams are looked for, which may still be attached
         if not self._holds and self._stream is None and not self._take_next_stream():
             return _DONE if finished else 0
+        items = output_items[0]
+        if self._antennas > 1:
+            items = np.empty((len(items), 2 * self._antennas), np.int16)
         try:
-            return self._put_out(output_items[0])
+            count = self._put_out(items)
         except TimeoutError:
             return 0
         except (EOFError, OSError):
             self._drop_stream()
             return 0
+        if self._antennas > 1:
+            for antenna, out in enumerate(output_items):
+                out[:count] = items[:count, 2 * antenna : 2 * antenna + 2]
+        return count
 
     @property
     def _holds(self) -> bool:
@@ -128,21 +150,22 @@ class sample_receiver(gr.sync_block):
             first = search.offset
         count, tags = self._read(out)
         for item, key, value in tags:
-            self.add_item_tag(0, item - first, key, value)
+            for port in range(self._antennas):
+                self.add_item_tag(port, item - first, key, value)
         if count:
             items = out[:count]
             self.peak = max(self.peak, int(items.max()), -int(items.min()))
         return count
 
     def _search_on(self, search: FrameSearch, most: int) -> None:
-        items = np.empty((min(search.wanted, most), 2), np.int16)
+        items = np.empty((min(search.wanted, most), 2 * self._antennas), np.int16)
         count, tags = self._read(items)
         search.take(items[:count], tags)
 
     def stop(self) -> bool:
         self._drop_stream()
         while self._waiting:
-            self._waiting.popleft().close()
+            self._waiting.popleft()[0].close()
         return True
 
     def _take_next_stream(self) -> bool:
@@ -150,7 +173,7 @@ class sample_receiver(gr.sync_block):
             if not self._finished:
                 time.sleep(_WAIT_S / 5)
             return False
-        self._stream = self._waiting.popleft()
+        self._stream, self._aligned = self._waiting.popleft()
         # With a timeout of Python's, a call would return whatever part of a packet is there.
         self._stream.settimeout(None)
         self._stream.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _WAIT)
@@ -173,7 +196,7 @@ class sample_receiver(gr.sync_block):
             self._tags.extend(unpack_tags(self._bytes(tags * TAG_BYTES)))
         count = min(len(out), self._remaining)
         data = out[:count].view(np.uint8).data.cast("B")
-        count = self._fill(data) // SAMPLE_BYTES
+        count = self._fill(data) // (SAMPLE_BYTES * self._antennas)
         self._remaining -= count
         tags_of = self._take_tags(count)
         self.received += count
@@ -240,7 +263,9 @@ class sample_receiver(gr.sync_block):
         """Tags of a stream that begins with a sample; its own time is removed from ``due``."""
         resumes = self._times.started
         mine = [tag for tag in due if tag.key == names.RX_TIME and tag.sample == 0]
-        times = self._times.begin((mine[0].seconds, mine[0].value) if mine else None)
+        begins = (mine[0].seconds, mine[0].value) if mine else None
+        offset = self._search.offset if self._aligned and self._search is not None else None
+        times = self._times.begin(begins, offset or 0)
         for tag in mine:
             due.remove(tag)
         key = pmt.intern(names.RX_TIME)

@@ -4,13 +4,14 @@
 import socket
 import struct
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 import pmt
 from gnuradio import gr
 
+from .. import names
 from ..estimation.groups import Array
 from ..io.sample_packets import TAG_KEYS, SampleTag, pack_head
 from ..wiforce_python import rx_time_value
@@ -31,6 +32,10 @@ class sample_sender(gr.sync_block):
     interval_s : float
         Time from one packet to the next, at least. What arrives meanwhile is sent together: the
         processor time of both processes depends on the number of packets.
+    accepts_time : callable, optional
+        Whether a time in seconds is sent as ``rx_time``; all are by default.
+    antennas : int
+        Number of inputs; their samples are sent side by side.
 
     Attributes
     ----------
@@ -48,13 +53,21 @@ class sample_sender(gr.sync_block):
     0
     """
 
-    def __init__(self, stream: socket.socket, interval_s: float = 0.0) -> None:
-        gr.sync_block.__init__(self, "sample_sender", in_sig=[(np.int16, 2)], out_sig=None)
+    def __init__(
+        self,
+        stream: socket.socket,
+        interval_s: float = 0.0,
+        accepts_time: Callable[[float], bool] = lambda seconds: True,
+        antennas: int = 1,
+    ) -> None:
+        signature = [(np.int16, 2)] * antennas
+        gr.sync_block.__init__(self, "sample_sender", in_sig=signature, out_sig=None)
         # With a timeout of Python's, a call would send whatever part finds room at once.
         stream.settimeout(None)
         stream.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, _WAIT)
         stream.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER_BYTES)
         self._stream, self._interval_s = stream, interval_s
+        self._accepts_time = accepts_time
         self._next_s = 0.0
         self.sent = 0
         self.waiting = self.ended = False
@@ -65,6 +78,8 @@ class sample_sender(gr.sync_block):
 
     def work(self, input_items: list[Array], _: list[Array]) -> int:
         items = input_items[0]
+        if len(input_items) > 1:
+            items = np.concatenate(input_items, axis=1)
         head = pack_head(len(items), self._tags(len(items)))
         data = np.ascontiguousarray(items).view(np.uint8).data.cast("B")
         if not self._send([memoryview(head), memoryview(data)]):
@@ -85,7 +100,9 @@ class sample_sender(gr.sync_block):
         first = self.nitems_read(0)
         for tag in self.get_tags_in_window(0, 0, count):
             key = pmt.symbol_to_string(tag.key)
-            if key in TAG_KEYS and (value := _plain(tag.value)) is not None:
+            if key not in TAG_KEYS or (value := _plain(tag.value)) is None:
+                continue
+            if key != names.RX_TIME or self._accepts_time(sum(value)):
                 yield SampleTag(key, tag.offset - first, *value)
 
     def _send(self, parts: list[memoryview]) -> bool:

@@ -2,7 +2,7 @@
 """Block: records samples as SigMF with marked gaps, readable at any time."""
 
 import errno
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 from io import FileIO
 from pathlib import Path
 from typing import Any
@@ -150,7 +150,7 @@ class sigmf_recorder(gr.sync_block):
                     "core:sample_start": item,
                     "core:global_index": item + lost,
                     "core:frequency": self._center_frequency,
-                    "core:datetime": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ"),
+                    "core:datetime": datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%S.%fZ"),
                 }
             )
         if begins:

@@ -27,6 +27,8 @@ from .tracked_tag import TrackedTag
 
 # A tag that was not received for this long is acquired again, because its clock may have restarted.
 _LOST_S = 0.5
+# Both times are at least so many groups: in long groups, a single one may be lost.
+_LEAST_GROUPS = 2.5
 # Longest gap over which a clock is predicted: drifting by 0.5 ppm/s it may then be wrong by
 # d t^2 / 2 = 0.1 cycles at 1 kHz.
 _BRIDGED_S = 20.0
@@ -181,7 +183,7 @@ class ClockTracking:
         """
         model, first = self._model, groups[:1]
         for tag in model.tags:
-            if _expired(tag, float(groups.center_s[0])):
+            if self._expired(tag, float(groups.center_s[0])):
                 tag.drop()
         lost = [tag for tag in model.tags if tag.tracker is None]
         if not lost:
@@ -259,7 +261,9 @@ class ClockTracking:
         received = np.zeros(phase.shape, bool)
         for row, time_s in enumerate(center_s.tolist()):
             ahead = _ahead(trackers, assumed[row], time_s)
-            if row and (not point.serves(ahead) or any(_expired(tag, time_s) for tag in locked)):
+            if row and (
+                not point.serves(ahead) or any(self._expired(tag, time_s) for tag in locked)
+            ):
                 return ClockPath(phase[:row], rate[:row]), received[:row]
             for i, tracker in enumerate(trackers):
                 values, error = likelihoods[row][i], errors[row][i] if errors else None
@@ -301,6 +305,14 @@ class ClockTracking:
             expansion.power = power_of(fit.residual).sum(axis=1)
         return expansion, terms, fit.freedom
 
+    def _expired(self, tag: TrackedTag, time_s: float) -> bool:
+        """Whether a tag's clock is not predicted any further."""
+        if tag.tracker is None:
+            return False
+        least_s = _LEAST_GROUPS * self._model.group_period_s
+        absent_s, unseen_s = tag.tracker.time_s - tag.last_seen_s, time_s - tag.last_seen_s
+        return absent_s > max(_LOST_S, least_s) or unseen_s > max(_BRIDGED_S, least_s)
+
     def _errors(self, expansion: PhaseExpansion, inverse_noise: Array) -> Array | None:
         """Errors of the phases assumed and their variances by the complete model, if used."""
         if not self._search.jointly or not self._model.locked:
@@ -312,14 +324,6 @@ def _reach_rad(tracker: ClockTracker) -> float:
     """How far a clock may be from where it is now for the expansion of J to hold."""
     error_rad = _POINT_STDS * math.sqrt(tracker.variances[0])
     return min(max((6 / 9 * error_rad) ** (1 / 3), _POINT_RAD[0]), _POINT_RAD[1])
-
-
-def _expired(tag: TrackedTag, time_s: float) -> bool:
-    """Whether a tag's clock is not predicted any further."""
-    if tag.tracker is None:
-        return False
-    absent_s, unseen_s = tag.tracker.time_s - tag.last_seen_s, time_s - tag.last_seen_s
-    return absent_s > _LOST_S or unseen_s > _BRIDGED_S
 
 
 def _ahead(trackers: Sequence[ClockTracker], phases: Sequence[float], time_s: float) -> list[float]:

@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 
 from ..errors import InputError
+from ..signal.packets import PacketWaveform
 from ..signal.waveform import Waveform
 from ..signal.weights import ToneTable
 from .groups import Array, Groups
@@ -86,6 +87,9 @@ class Estimator:
         -------
         ConjugateDifference
         """
+        # The channels of packets are ratios of antennas, which no few delays describe.
+        if isinstance(waveform, PacketWaveform):
+            return ConjugateDifference(2 * tags, reference_groups, self.against)
         linear = self.against == "untouched" and self.ratios == "change"
         return ConjugateDifference(
             2 * tags, reference_groups, self.against, waveform if linear else None

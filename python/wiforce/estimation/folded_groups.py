@@ -14,6 +14,33 @@ from .groups import Array, Groups, is_clipped
 from .snapshot_group import SnapshotGroup
 
 
+def rotation_of(table: ToneTable, waveform: Waveform) -> Array:
+    """Factors by which tones are multiplied before the FFT, as kernels and blocks take them.
+
+    Parameters
+    ----------
+    table : ToneTable
+        Weights of the run.
+    waveform : Waveform
+        As it was sent.
+
+    Returns
+    -------
+    ndarray of complex, shape (M, symbol_length)
+        ``ToneTable.derotation``; empty where the waveform's symbol is too long for it.
+
+    Examples
+    --------
+    >>> from gnuradio import wiforce
+    >>> plan = wiforce.plan("demo")
+    >>> rotation_of(plan.table, plan.waveform).shape
+    (24, 64)
+    """
+    if not waveform.is_derotated:
+        return np.zeros((0, waveform.symbol_length), complex)
+    return table.derotation(waveform.sample_rate_hz, waveform.symbol_length)
+
+
 class FoldedGroups:
     """Converts the folded frames of a group to its tones.
 
@@ -44,10 +71,8 @@ class FoldedGroups:
         self._table = table
         self._bins = waveform.bins
         self._factors = waveform.equalizer()[self._bins]
-        rotation = np.zeros(0)
-        if derotated:
-            rotation = table.derotation(waveform.sample_rate_hz, waveform.symbol_length)
-        self._rotation = rotation if derotated else 1.0
+        rotation = rotation_of(table, waveform) if derotated else np.zeros(0)
+        self._rotation = rotation if len(rotation) else 1.0
         self._kernel = tone_transform(table.weights, waveform.equalizer(), rotation, waveform.bins)
 
     def solve(self, present: Array, folded: Array) -> tuple[Array, Array]:

@@ -70,6 +70,9 @@ class Groups:
         group of the batch is incomplete; a row of zeros says that its tones cannot be used.
     interference : ndarray of float, shape (G,), optional
         Share of the snapshots that were rejected because another transmitter interfered with them.
+    timed : ndarray of TimedWeights, shape (G,), optional
+        Weights of groups whose snapshots have times of their own, which the tones were computed
+        with; None in the place of a group whose tones cannot be used.
 
     Attributes
     ----------
@@ -118,6 +121,8 @@ class Groups:
         By the readout: 1, 0, or -1 where it is unknown.
     phases_deg : ndarray, shape (G, S, 2)
         psi_1 and psi_2; NaN where unknown, as all that follow.
+    psi_std_deg : ndarray, shape (G, S, 2)
+        Standard deviations of psi_1 and psi_2.
     force_n, force_std_n, location_mm, location_std_mm : ndarray, shape (G, S)
         Force in N, location from port 1 in mm, and their standard deviations.
     flags : ndarray of int, shape (G, S)
@@ -139,6 +144,7 @@ class Groups:
     retuned: Array = _set_by_stage()
     snapshot_weights: Array | None = _set_by_stage()
     interference: Array = _set_by_stage()
+    timed: Array | None = _set_by_stage()
     ends: Array = _set_by_stage()
     gain: Array = _set_by_stage()
     noise: Array = _set_by_stage()
@@ -163,6 +169,7 @@ class Groups:
     group_variance: Array = _set_by_stage()
     touch: Array = _set_by_stage()
     phases_deg: Array = _set_by_stage()
+    psi_std_deg: Array = _set_by_stage()
     force_n: Array = _set_by_stage()
     force_std_n: Array = _set_by_stage()
     location_mm: Array = _set_by_stage()

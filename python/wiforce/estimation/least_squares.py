@@ -153,7 +153,8 @@ class ToneModel:
         with np.errstate(invalid="ignore", over="ignore"):
             white = self._complete.whitener @ tones
             usable = np.ones(len(groups), bool)
-            for row in np.flatnonzero(groups.incomplete):
+            own = groups.incomplete if groups.timed is None else np.ones(len(groups), bool)
+            for row in np.flatnonzero(own):
                 partial = self._partial(groups, row)
                 usable[row] = partial is not None
                 if partial is not None:
@@ -169,7 +170,13 @@ class ToneModel:
         )
 
     def _partial(self, groups: Groups, row: int) -> GroupWeights | None:
-        """Weights of an incomplete group, None where they do not exist."""
+        """Weights of a group that has its own, None where they do not exist."""
+        if groups.timed is not None:
+            timed = groups.timed[row]
+            if timed is None or not np.isfinite(groups.tones[row]).all():
+                return None
+            loss = self.table.group_length / len(timed.times_s)
+            return GroupWeights(timed, self._line_gain, timed.times_s, loss)
         if groups.snapshot_weights is None or not np.isfinite(groups.tones[row]).all():
             return None
         mask = groups.snapshot_weights[row] > 0

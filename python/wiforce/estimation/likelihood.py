@@ -81,7 +81,7 @@ class PhaseLikelihood:
     def __init__(
         self, table: ToneTable, tag: int, averaging_phase: float, clock2_delay: float = 0.0
     ) -> None:
-        self.rows, self.lines = _own_lines(table.tones, tag)
+        self.rows, self.lines = own_lines(table.tones, tag)
         self.clock2_delay, self.duty = clock2_delay, DUTY
         self._averaging_phase = averaging_phase
         # Rows of unit noise; the lines are then close enough to orthogonal.
@@ -256,7 +256,26 @@ def phase_margin(spectra: Array, lines: Array) -> float:
     return max(0.0, float(1 - np.max(np.sum(np.abs(overlap) ** 2, axis=(1, 2))) / 2))
 
 
-def _own_lines(tones: Sequence[Tone], tag: int) -> tuple[Array, Array]:
+def own_lines(tones: Sequence[Tone], tag: int) -> tuple[Array, Array]:
+    """Lines by which a tag's clock is tracked: of this tag alone, and not aliased.
+
+    Parameters
+    ----------
+    tones : sequence of Tone
+    tag : int
+
+    Returns
+    -------
+    rows, lines : ndarray of int, shape (L,)
+        Index of the tone, and number of the harmonic.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.signal.lines import tag_lines
+    >>> rows, lines = own_lines(tag_lines([1000.0, 1400.0], 57.6e-6, 625), 0)
+    >>> lines[lines > 0].tolist()  # line 7 is shared
+    [1, 2, 3, 4, 5, 6, 8]
+    """
     rows, lines = [], []
     for row, tone in enumerate(tones):
         if len(tone.owners) == 1 and tone.owners[0][0] == tag:

@@ -113,6 +113,10 @@ class NoiseEstimate:
     ----------
     group_period_s : float
         Length of a group, in s.
+    profile : ndarray, shape (K,), optional
+        Noise of the subcarriers relative to each other, where only its level is to be learned: what
+        tags spread over the subcarriers within a long symbol has a pattern that would correlate
+        with the weights.
 
     Attributes
     ----------
@@ -133,8 +137,9 @@ class NoiseEstimate:
     (2.0, 0.5)
     """
 
-    def __init__(self, group_period_s: float) -> None:
+    def __init__(self, group_period_s: float, profile: Array | None = None) -> None:
         self.known = False
+        self._profile = profile
         self.variance: Array = np.empty(0)
         self.inverse: Array = np.empty(0)
         self._groups = 0
@@ -159,6 +164,8 @@ class NoiseEstimate:
             Number of groups that it is a mean of; unchanged when not given.
         """
         self.known = True
+        if self._profile is not None:
+            variance = self._profile * float(np.mean(variance / self._profile))
         self.variance = np.maximum(variance, max(_FLOOR * level, 1e-300))
         self.inverse = 1 / self.variance
         if groups is not None:

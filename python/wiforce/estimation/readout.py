@@ -8,10 +8,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..io.readings import Flag, GroupCounts, Reading, flag_words
+from ..io.readings import Flag, GroupCounts, Reading, SurfaceReading, flag_words
 from .estimators import RatioUnfolder
 from .groups import Groups
 from .sensor_readout import SensorReadout
+from .surface_readout import SurfaceReadout
 from .transition import TransitionFlags
 
 # Longest gap in the stream that is filled with rows flagged "gap": an hour, 100 000 rows. A longer
@@ -40,6 +41,8 @@ class Readout:
         The first group whose readings are given.
     counts : GroupCounts, optional
         Of the readings given before, which are counted on.
+    surface : SurfaceReadout, optional
+        Gives the readings of the surface, which follow those of the sensors.
 
     Attributes
     ----------
@@ -73,8 +76,9 @@ class Readout:
         on_groups: Callable[[Groups], None] | None = None,
         first_group: int = 0,
         counts: GroupCounts | None = None,
+        surface: SurfaceReadout | None = None,
     ) -> None:
-        self.sensors = sensors
+        self.sensors, self._surface = sensors, surface
         self._period_s = group_period_s
         self._unfolder = RatioUnfolder(ratios)
         self._transitions = TransitionFlags()
@@ -128,15 +132,18 @@ class Readout:
             return []
         readings: list[Reading] = []
         columns = [self._columns(groups, i) for i in range(len(self.sensors))]
+        of_surface = None if self._surface is None else self._surface.read(groups, self._period_s)
         for row, index in enumerate(groups.index.tolist()):
             if index < self._next:
                 continue
             readings += self._fill(index)
             time_s = (index + 0.5) * self._period_s
-            own = [
+            own: list[Reading] = [
                 Reading(time_s, name, *column[row])
                 for name, column in zip(self.sensors, columns, strict=True)
             ]
+            if of_surface is not None:
+                own += of_surface[row]
             self.counts.note(own)
             readings += own
             self._next = index + 1
@@ -167,8 +174,10 @@ class Readout:
         self.counts.dropped += max(0, index - first)
         if index - first > _LONGEST_GAP_S / self._period_s:
             return []
+        surface = () if self._surface is None else self._surface.names
+        kinds = {**dict.fromkeys(self.sensors, Reading), **dict.fromkeys(surface, SurfaceReading)}
         return [
-            Reading((absent + 0.5) * self._period_s, name, flags=_GAP, group=absent)
+            kind((absent + 0.5) * self._period_s, name, flags=_GAP, group=absent)
             for absent in range(first, index)
-            for name in self.sensors
+            for name, kind in kinds.items()
         ]

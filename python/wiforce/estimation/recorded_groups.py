@@ -14,7 +14,7 @@ from ..signal.waveform import Waveform
 from ..signal.weights import ToneTable
 from ..wiforce_kernels import folded_reader, tone_reader
 from .antennas import folded_ratio, ratio_noise
-from .folded_groups import FoldedGroups
+from .folded_groups import FoldedGroups, rotation_of
 from .groups import Array, Groups, is_clipped
 from .snapshot_group import GroupScreen, SnapshotGroup
 
@@ -171,7 +171,7 @@ class RecordedGroups:
             **frame_settings(recording, waveform, frame_offset),
             weights=table.weights,
             factors=waveform.equalizer(),
-            rotation=table.derotation(waveform.sample_rate_hz, waveform.symbol_length),
+            rotation=rotation_of(table, waveform),
             bins=waveform.bins,
         )
         self.captures: tuple[Capture, ...] = (recording,)

@@ -216,6 +216,7 @@ class SensorReadout:
         return {
             "touch": touch,
             "phases_deg": phases,
+            "psi_std_deg": std,
             "flags": flags,
             **dict(zip(ESTIMATES, values.T, strict=True)),
         }

@@ -84,9 +84,11 @@ class EndSeparator:
         every = enumerate((*clocks, *others))
         tags = [TrackedTag(table, i, clock, averaging_s) for i, clock in every]
         self._tags = len(clocks)
+        derotated = derotated and waveform.is_derotated
         rate_hz = waveform.sample_rate_hz if derotated else None
         self._model = ToneModel(table, tags, rate_hz, waveform.symbol_length)
-        self._noise = NoiseEstimate(self._model.group_period_s)
+        profile = None if waveform.is_derotated else waveform.noise_profile
+        self._noise = NoiseEstimate(self._model.group_period_s, profile)
         self._coherence = CoherentResidual(2 * len(tags))
         self._search = ClockSearch(self._model, self._noise, averaging_s)
         self._tracking = ClockTracking(self._model, self._noise, self._search)
@@ -151,7 +153,7 @@ class EndSeparator:
             arrays[name] = arrays[name][:, : each * self._tags]
         lost = np.mean(1 - 1 / arrays["noise_rise"], axis=1)
         arrays["interference"] = groups.interference + (1 - groups.interference) * lost
-        return groups.having(tones=None, snapshot_weights=None, **arrays)
+        return groups.having(tones=None, snapshot_weights=None, timed=None, **arrays)
 
     def _separate_run(self, groups: GroupTones, update: bool) -> dict[str, Array]:
         """Separate the first of some usable groups: as many as one tracking step covers."""

@@ -17,22 +17,17 @@ from ..signal.lines import aliased_hz
 from ..signal.room_noise import RoomNoise, room_noise
 from ..signal.switching import line_envelope
 from ..signal.waveform import Waveform
-from .clock_lines import ClockLine, find_clocks, vertex
+from .clock_lines import ClockLine, find_clocks
 from .frame import whole_frames
 from .groups import Array
 from .noise import chi_squared_limit
-from .sources import MAINS_HZ, RoomLine, Source, identify
+from .sources import MAINS_HZ, Source, identify
 from .tracked_tag import TagClock
+from .windowed_lines import ENBW, LOBE_BINS, blackman_harris, take_lines
 
 # Length of the survey: 0.5 s resolve 8 Hz, longer ones smear what wanders.
 LONGEST_S = 0.6
 SHORTEST_S = 0.1
-# Terms of the Blackman-Harris window, and its equivalent noise bandwidth in bins,
-# n sum w^2 / (sum w)^2.
-_WINDOW = (0.35875, -0.48829, 0.14128, -0.01168)
-_ENBW = (_WINDOW[0] ** 2 + sum(a**2 for a in _WINDOW[1:]) / 2) / _WINDOW[0] ** 2
-# Half width of the window's main lobe, in bins; its side lobes are at -92 dB.
-_LOBE_BINS = 4.5
 # A floor below this part of the static power is that of rounding and not noise: 16-bit samples
 # round at 1e-10 of full scale, single precision at 1e-15.
 _ROUNDING = 1e-20
@@ -48,8 +43,6 @@ _INVISIBLE = 0.1
 _SIDE_LOBES = 10**-9.2
 _OWN_MARGIN = 4.0
 _MOST_HARMONICS = 2000
-# A line whose surroundings hold this many times its power is not a line.
-_BROAD = 1.6
 # How far a line may move after the survey, at least.
 _LINE_WIDTH_HZ = 0.5
 
@@ -111,12 +104,12 @@ class Survey:
     def line_power(self) -> Array:
         """Power of line 1 of each tag in the units of ``excess``, (S,); 0 where none stands out."""
         heights = np.array([line.height for line in self.clocks])
-        return heights * _ENBW / len(self.frequency_hz) / 2
+        return heights * ENBW / len(self.frequency_hz) / 2
 
     @property
     def least_power(self) -> float:
         """Power of a line from which on it stands out of the noise, in the same units."""
-        return (self.significant - 1) * _ENBW / len(self.frequency_hz) / 2
+        return (self.significant - 1) * ENBW / len(self.frequency_hz) / 2
 
     @property
     def snr_db(self) -> tuple[float, ...]:
@@ -128,7 +121,7 @@ class Survey:
     @property
     def resolution_hz(self) -> float:
         """Half width of a line in the spectrum, in Hz."""
-        return float(_LOBE_BINS * (self.frequency_hz[1] - self.frequency_hz[0]))
+        return float(LOBE_BINS * (self.frequency_hz[1] - self.frequency_hz[0]))
 
     def noise(
         self, group_length: int, clutter_hz: float, without: Sequence[Source] = ()
@@ -189,16 +182,16 @@ class Survey:
     def moving_hz(self) -> float:
         """Highest frequency up to which the spectrum stays above noise from zero on, in Hz."""
         above = self.spectrum - 1 > self.significant - 1 + _OWN_MARGIN * self.own
-        known = np.arange(len(above)) >= int(2 * _LOBE_BINS)  # behind the rest of the static part
+        known = np.arange(len(above)) >= int(2 * LOBE_BINS)  # behind the rest of the static part
         for source in self.sources:
             if source.kind == "line":
                 continue  # perhaps of something that moves
             for line in source.lines:
                 middle = round(line.frequency_hz / self.frequency_hz[1])
-                known[max(0, middle - int(_LOBE_BINS)) : middle + int(_LOBE_BINS) + 1] = False
+                known[max(0, middle - int(LOBE_BINS)) : middle + int(LOBE_BINS) + 1] = False
         above, frequency_hz = above[known], self.frequency_hz[known]
         # A gap as wide as a line ends the band.
-        width = max(1, int(2 * _LOBE_BINS))
+        width = max(1, int(2 * LOBE_BINS))
         if not above[:width].any():
             return 0.0
         run = np.convolve(above, np.ones(width), "full")[: len(above)]
@@ -245,7 +238,7 @@ def survey_channel(
     count = len(channel)
     if count * period_s < SHORTEST_S or not np.all(np.isfinite(channel)):
         return None
-    window = _blackman_harris(count)
+    window = blackman_harris(count)
     still = window @ channel / window.sum()
     spectra = np.fft.fft((channel - still) * window[:, None], axis=0)
     power = (spectra.real**2 + spectra.imag**2) / np.sum(window**2)
@@ -266,9 +259,9 @@ def survey_channel(
     significant = _significant(spectrum, channel.shape[1])
     above = spectrum - 1 > significant - 1 + _OWN_MARGIN * own
     excess = np.where(above, spectrum - 1, 0) / count
-    excess[: int(2 * _LOBE_BINS)] = 0
-    lines = _take_lines(frequency_hz, spectrum, excess, count)
-    least = (significant - 1 + _OWN_MARGIN * own) * _ENBW / count
+    excess[: int(2 * LOBE_BINS)] = 0
+    lines = take_lines(frequency_hz, spectrum, excess, count)
+    least = (significant - 1 + _OWN_MARGIN * own) * ENBW / count
     sources = identify(lines, float(frequency_hz[1]), least, waveform, mains_hz)
     static_power = float(np.mean((still.real**2 + still.imag**2) / floor))
     return Survey(
@@ -369,31 +362,6 @@ def _significant(spectrum: Array, subcarriers: int) -> float:
     return max(_SIGNIFICANT, float(chi_squared_limit(looks, _SIGNIFICANT_STDS)))
 
 
-def _take_lines(frequency_hz: Array, spectrum: Array, excess: Array, count: int) -> list[RoomLine]:
-    """Narrow lines, which are removed from ``excess``; what is broader than the window stays."""
-    lines = []
-    reach = int(_LOBE_BINS)
-    for best in np.argsort(excess)[::-1]:
-        if excess[best] <= 0 or not 0 < best < len(excess) - 1:
-            continue
-        if spectrum[best] < max(spectrum[best - 1], spectrum[best + 1]):
-            continue  # the slope of a broader one
-        lobe = slice(max(best - reach, 0), best + reach + 1)
-        offset, top = vertex(spectrum, best)
-        power = (top - 1) * _ENBW / count
-        if excess[lobe].sum() > _BROAD * power:
-            continue
-        frequency = (best + offset) * float(frequency_hz[1])
-        lines.append(RoomLine(float(frequency), float(power)))
-        excess[lobe] = 0
-    return lines
-
-
-def _blackman_harris(count: int) -> Array:
-    phase = 2 * np.pi * (np.arange(count) + 0.5) / count
-    return sum(a * np.cos(i * phase) for i, a in enumerate(_WINDOW))
-
-
 def _own_lines(frequency_hz: Array, clocks: Sequence[ClockLine], waveform: Waveform) -> Array:
     """Expected height (F,) of the tags' lines above the floor."""
     step_hz = float(frequency_hz[1])
@@ -407,8 +375,8 @@ def _own_lines(frequency_hz: Array, clocks: Sequence[ClockLine], waveform: Wavef
         for m, height in zip(orders[visible].tolist(), heights[visible].tolist(), strict=True):
             center = abs(aliased_hz(m * clock_hz, rate)) / step_hz
             reach = m * error_hz / step_hz
-            low = max(0, int(center - reach - 3 * _LOBE_BINS))
-            bins = np.arange(low, min(int(center + reach + 3 * _LOBE_BINS) + 1, len(own)))
+            low = max(0, int(center - reach - 3 * LOBE_BINS))
+            bins = np.arange(low, min(int(center + reach + 3 * LOBE_BINS) + 1, len(own)))
             apart = np.maximum(np.abs(bins - center) - reach, 0)
             own[bins] += height * np.maximum(10 ** (-0.33 * apart**2), _SIDE_LOBES)
     return own

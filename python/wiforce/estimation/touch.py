@@ -38,7 +38,9 @@ _TARE_AGE_S = 0.5
 _JUMP_GROUPS = 4
 # A tag that was not received for this long may have been moved or pressed meanwhile. Half of it is
 # the time after which a clock is acquired again, which does not disturb the phases.
+# In groups longer than this, it must have been absent from one of them.
 SILENT_S = 1.0
+_SILENT_GROUPS = 1.5
 FORCED = "its reference was forced while it seemed to be touched"
 
 
@@ -130,6 +132,7 @@ class TouchDetector:
     ) -> None:
         self._image = TouchImage(image_deg)
         self._tare = SlowTare(group_period_s)
+        self._silent_s = max(SILENT_S, _SILENT_GROUPS * group_period_s)
         self._drift = DriftRate(group_period_s, drift_deg_per_sqrt_s)
         self._untouched_s = 0.0
         self._moving = False
@@ -255,7 +258,7 @@ class TouchDetector:
     def _note_silence(self, time_s: float, in_reference: bool) -> None:
         """Require that the reference is verified when the tag returns after it was silent."""
         silent_s, self._seen_s = time_s - self._seen_s, time_s
-        if not silent_s > SILENT_S or in_reference or self._unverified is not None:
+        if not silent_s > self._silent_s or in_reference or self._unverified is not None:
             return
         self._unverified = UnverifiedReference(
             "it returned with other phases",

@@ -3,6 +3,7 @@
 
 import time
 from collections import deque
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -20,10 +21,11 @@ from PyQt5.QtWidgets import (
 
 from ..errors import InputError
 from ..io.reading_messages import as_reading
-from ..io.readings import Reading
+from ..io.readings import Reading, SurfaceReading
 from .history import History
 from .sensor_view import SensorView
 from .style import PAPER, SENSORS
+from .surface_view import SurfaceView
 from .track import Track
 from .words import tare_outcome
 
@@ -57,6 +59,8 @@ class ForceDisplay(QWidget):
     history_s : float
         Seconds of signal in the histories.
     parent : QWidget, optional
+    strips_y_mm : sequence of float
+        Positions of the strips of a surface, which is drawn from above.
 
     Raises
     ------
@@ -84,6 +88,7 @@ class ForceDisplay(QWidget):
         force_span_n: float = 8.0,
         history_s: float = 20.0,
         parent: QWidget | None = None,
+        strips_y_mm: Sequence[float] = (),
     ) -> None:
         sizes = {"length_mm": length_mm, "force_span_n": force_span_n, "history_s": history_s}
         for name, value in sizes.items():
@@ -95,6 +100,7 @@ class ForceDisplay(QWidget):
         self._length_mm = float(length_mm)
         self._force_span_n = float(force_span_n)
         self._history_s = float(history_s)
+        self._strips_y_mm = _positions(strips_y_mm)
         # Readings arrive from another thread and wait here for the next refresh.
         self._waiting: deque[Any] = deque(maxlen=_MOST_WAITING)
         self._tracks: dict[str, Track] = {}
@@ -149,6 +155,8 @@ class ForceDisplay(QWidget):
             reading = as_reading(self._waiting.popleft())
             if reading is not None:
                 self._track(reading.sensor).add(reading)
+                if isinstance(reading, SurfaceReading):
+                    self._show_surface(reading.sensor)
                 self._seen[reading.sensor] = now
         for name in self.sensors():
             age = now - self._seen[name]
@@ -233,6 +241,16 @@ class ForceDisplay(QWidget):
             self._rows.addWidget(view)
         return self._tracks[name]
 
+    def _show_surface(self, name: str) -> None:
+        """Draw a surface from above from its first press on."""
+        if isinstance(self._views[name], SurfaceView):
+            return
+        sizes = self._length_mm, self._force_span_n, self._strips_y_mm
+        view = SurfaceView(name, self._colors[name], *sizes)
+        self._rows.replaceWidget(self._views[name], view)
+        self._views[name].deleteLater()
+        self._views[name] = view
+
     def _free_color(self) -> str:
         """The first colour that no sensor has, or the least used one."""
         return min(SENSORS, key=list(self._colors.values()).count)
@@ -242,3 +260,14 @@ class ForceDisplay(QWidget):
         view = self._views.pop(name)
         self._rows.removeWidget(view)
         view.deleteLater()
+
+
+def _positions(strips_y_mm: Sequence[float]) -> list[float]:
+    """Finite numbers."""
+    try:
+        found = [float(y) for y in strips_y_mm]
+    except (TypeError, ValueError):
+        found = [np.nan]
+    if not np.isfinite(found).all():
+        raise InputError("strips_y_mm", "must be a list of finite numbers", strips_y_mm)
+    return found

@@ -3,7 +3,7 @@
 
 from typing import Any
 
-from ..io.readings import Reading
+from ..io.readings import Reading, SurfaceReading
 
 
 def values(reading: Reading, bounds: bool = True) -> str:
@@ -26,6 +26,9 @@ def values(reading: Reading, bounds: bool = True) -> str:
     force_std_n, location_std_mm = reading.force_std_n, reading.location_std_mm
     force = _value(reading.force_n, force_std_n if bounds else None, 2, "N")
     location = _value(reading.location_mm, location_std_mm if bounds else None, 1, "mm")
+    if isinstance(reading, SurfaceReading):
+        across = _value(reading.y_mm, reading.y_std_mm if bounds else None, 1, "mm")
+        return f"{force}   x {location}   y {across}"
     return f"{force}   {location}"
 
 

@@ -6,12 +6,12 @@ import os
 import socket
 import time
 from collections.abc import Callable, Iterable, Mapping
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from .optional import optional_module
 from .readings import Reading, flag_bits
+from .utc import parsed_utc
 
 # Name, unit and kind of each channel; XDF and LabRecorder have no rules for either of the latter.
 CHANNELS = (
@@ -26,6 +26,14 @@ CHANNELS = (
     ("touch", "none", "Touch"),
     ("flags", "none", "Flags"),
     ("group", "none", "Index"),
+)
+# Behind these, of a surface, whose location is x.
+SURFACE_CHANNELS = (
+    ("y_mm", "mm", "Location"),
+    ("y_std_mm", "mm", "StandardDeviation"),
+    ("cov_force_x", "N mm", "Covariance"),
+    ("cov_force_y", "N mm", "Covariance"),
+    ("cov_x_y", "mm^2", "Covariance"),
 )
 # Without this, liblsl offers its streams on all networks of the machine, and logs on standard
 # error what it does.
@@ -54,6 +62,8 @@ class LslOutlets:
         Stored in the description of each stream.
     option : str
         Name of the option, for messages.
+    surfaces : iterable of str
+        Names of surfaces, whose streams have more channels.
 
     Raises
     ------
@@ -73,14 +83,20 @@ class LslOutlets:
         network: bool = False,
         details: Mapping[str, str] | None = None,
         option: str = "--lsl",
+        surfaces: Iterable[str] = (),
     ) -> None:
         self._pylsl = optional_module("pylsl", option)
         if not network:
             self._pylsl.set_config_content(_THIS_MACHINE + _QUIET)
         elif not _has_settings():
             self._pylsl.set_config_content(_QUIET)
+        kinds: dict[str, tuple[tuple[str, str, str], ...]]
+        kinds = {sensor: CHANNELS for sensor in sensors}
+        kinds |= {surface: CHANNELS + SURFACE_CHANNELS for surface in surfaces}
+        self._channels = kinds
         self._outlets = {
-            sensor: self._outlet(sensor, period_s, details or {}) for sensor in sensors
+            name: self._outlet(name, period_s, details or {}, channels)
+            for name, channels in kinds.items()
         }
 
     def push(self, reading: Reading, time_utc: str) -> None:
@@ -94,10 +110,11 @@ class LslOutlets:
         """
         row = reading.row()
         row["flags"] = flag_bits(reading.flags)
-        values = [math.nan if row[name] is None else float(row[name]) for name, *_ in CHANNELS]
+        names = [name for name, *_ in self._channels[reading.sensor]]
+        values = [math.nan if row[name] is None else float(row[name]) for name in names]
         lsl_s = self._pylsl.local_clock()
         if time_utc:
-            utc_s = datetime.fromisoformat(time_utc).timestamp()
+            utc_s = parsed_utc(time_utc).timestamp()
             lsl_s = utc_s + lsl_offset_s(self._pylsl.local_clock)
         self._outlets[reading.sensor].push_sample(values, lsl_s)
 
@@ -107,20 +124,26 @@ class LslOutlets:
             time.sleep(_LINGER_S)
         self._outlets.clear()
 
-    def _outlet(self, sensor: str, period_s: float, details: Mapping[str, str]) -> Any:
+    def _outlet(
+        self,
+        sensor: str,
+        period_s: float,
+        details: Mapping[str, str],
+        channels: tuple[tuple[str, str, str], ...],
+    ) -> Any:
         lsl = self._pylsl
         info = lsl.StreamInfo(
             f"gr-wiforce {sensor}",
             "Force",
-            len(CHANNELS),
+            len(channels),
             1 / period_s,
             lsl.cf_double64,
             # The same after a restart, so that a recorder continues with the new stream.
             f"gr-wiforce:{socket.gethostname()}:{sensor}",
         )
-        info.set_channel_labels([name for name, _, _ in CHANNELS])
-        info.set_channel_units([unit for _, unit, _ in CHANNELS])
-        info.set_channel_types([kind for _, _, kind in CHANNELS])
+        info.set_channel_labels([name for name, _, _ in channels])
+        info.set_channel_units([unit for _, unit, _ in channels])
+        info.set_channel_types([kind for _, _, kind in channels])
         acquisition = info.desc().append_child("acquisition")
         for key, value in {"sensor": sensor, **details}.items():
             acquisition.append_child_value(key, value)

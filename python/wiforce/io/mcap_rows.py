@@ -5,7 +5,6 @@ import math
 import os
 import struct
 from collections.abc import Iterator
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ from ..errors import InputError
 from .optional import optional_modules
 from .readings import NUMBERS
 from .ros_definitions import READING
+from .utc import written_utc
 
 _MODULES = ("mcap.stream_reader", "mcap.exceptions", "mcap.records", "mcap_ros2.decoder")
 _MAGIC = b"\x89MCAP0\r\n"
@@ -98,5 +98,4 @@ def _row(message: Any) -> dict[str, Any]:
 def _utc_text(stamp: Any) -> str:
     if not stamp.sec:
         return ""
-    time = datetime.fromtimestamp(stamp.sec, UTC).replace(microsecond=stamp.nanosec // 1000)
-    return time.strftime("%Y-%m-%dT%H:%M:%S.%fZ")
+    return written_utc(stamp.sec, stamp.nanosec // 1000)

@@ -11,6 +11,7 @@ from ..errors import InputError
 # By the name of the module: the package of Debian, where it has one, and that of PyPI.
 _PACKAGES = {
     "bokeh": (None, "bokeh"),
+    "csiread": (None, "csiread"),
     "distributed": ("python3-distributed", "distributed"),
     "foxglove": (None, "foxglove-sdk"),
     "matplotlib": ("python3-matplotlib", "matplotlib"),

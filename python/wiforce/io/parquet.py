@@ -8,7 +8,7 @@ from typing import Any
 from ..errors import InputError, OutputError
 from .optional import optional_module
 from .output_file import OutputFile
-from .readings import COLUMNS, NUMBERS
+from .readings import COLUMNS, NUMBERS, SURFACE_COLUMNS
 from .readings_output import ReadingsOutput
 from .textfile import check_output
 
@@ -31,7 +31,8 @@ class ParquetWriter(ReadingsOutput):
     inputs : iterable of str or Path, optional
         Files that the readings are made from, none of which may be written to.
     also : sequence of str
-        Columns of text that follow those of a reading, and that each ``write`` is given.
+        Columns that follow those of a reading: those of a surface, and others of text that each
+        ``write`` is given.
     metadata : mapping of str to str, optional
         Stored in the file's schema.
 
@@ -70,6 +71,7 @@ class ParquetWriter(ReadingsOutput):
         self._path = path
         types = {name: self._arrow.string() for name in (*COLUMNS, *also)}
         types |= dict.fromkeys(NUMBERS, self._arrow.float64())
+        types |= {name: self._arrow.float64() for name in also if name in SURFACE_COLUMNS}
         types |= {name: getattr(self._arrow, kind)() for name, kind in _INTEGERS.items()}
         self._schema = self._arrow.schema(types.items(), metadata=dict(metadata or {}))
         self._waiting: list[Mapping[str, Any]] = []

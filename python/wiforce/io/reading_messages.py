@@ -5,7 +5,7 @@ import dataclasses
 import math
 from typing import Any
 
-from .readings import NUMBERS, Flag, Reading
+from .readings import NUMBERS, SURFACE_COLUMNS, Flag, Reading, SurfaceReading
 
 _FLAGS = frozenset(flag.word for flag in Flag)
 
@@ -43,13 +43,15 @@ def as_reading(reading: Any) -> Reading | None:
     group = _number(reading.get("group"))
     flags = reading.get("flags") or ()
     flags = flags.split() if isinstance(flags, str) else flags
-    return Reading(
+    also = {name: _number(reading.get(name)) for name in SURFACE_COLUMNS}
+    kind, known = (Reading, numbers) if also["y_mm"] is None else (SurfaceReading, numbers | also)
+    return kind(
         time_s=time_s,
         sensor=sensor,
         touch=None if touch is None else int(touch == 1),
         flags=tuple(flag for flag in flags if flag in _FLAGS),
         group=None if group is None else int(group),
-        **numbers,
+        **known,
     )
 
 

@@ -184,13 +184,48 @@ class Reading:
         return row
 
 
+@dataclass(frozen=True)
+class SurfaceReading(Reading):
+    """One press on a surface in one phase group.
+
+    Attributes
+    ----------
+    time_s, sensor, touch, force_n, force_std_n, flags, group, interference
+        As of :class:`Reading`; the sensor is the surface.
+    location_mm, location_std_mm : float or None
+        The x of the press, along the strips.
+    phase1_deg, phase2_deg, snr_db : None
+        Those of the strips are in their own readings.
+    y_mm, y_std_mm : float or None
+        Position across the strips in mm, with its standard deviation.
+    cov_force_x, cov_force_y : float or None
+        Covariance of force and position, in N mm.
+    cov_x_y : float or None
+        Covariance of x and y, in mm^2.
+
+    Examples
+    --------
+    >>> reading = SurfaceReading(0.018, "skin", 1, 4.0, 0.1, 45.0, 0.1, y_mm=12.0, y_std_mm=0.4)
+    >>> reading.row()["y_mm"]
+    12.0
+    """
+
+    y_mm: float | None = None
+    y_std_mm: float | None = None
+    cov_force_x: float | None = None
+    cov_force_y: float | None = None
+    cov_x_y: float | None = None
+
+
 COLUMNS = tuple(Reading.__dataclass_fields__)
+# Columns that follow where a scene has a surface.
+SURFACE_COLUMNS = tuple(SurfaceReading.__dataclass_fields__)[len(COLUMNS) :]
 NUMBERS = tuple(name for name in COLUMNS if name not in ("sensor", "touch", "flags", "group"))
 # What an inversion estimates, under the names that it has in Inversion and Groups as well.
 ESTIMATES = ("force_n", "force_std_n", "location_mm", "location_std_mm")
 # A group's centre lies on half samples, 40 ns apart at 12.5 Msps: coarser times could not be joined
 # with those of another file.
-_DECIMALS = dict.fromkeys(COLUMNS, 4) | {"time_s": 9, "snr_db": 2}
+_DECIMALS = dict.fromkeys((*COLUMNS, *SURFACE_COLUMNS), 4) | {"time_s": 9, "snr_db": 2}
 
 
 def rounded(key: str, value: float) -> float | None:

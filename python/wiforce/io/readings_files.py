@@ -14,7 +14,7 @@ from typing import IO, Any
 from ..errors import InputError
 from .mcap_rows import mcap_rows
 from .optional import optional_module
-from .readings import COLUMNS, NUMBERS
+from .readings import COLUMNS, NUMBERS, SURFACE_COLUMNS
 
 _INTEGERS = ("touch", "group")
 _NEEDED = ("time_s", "sensor")
@@ -123,11 +123,11 @@ class ReadingsFile:
     def _typed(self, row: Mapping[str, Any]) -> dict[str, Any]:
         typed: dict[str, Any] = {name: row.get(name) for name in (*COLUMNS, *self.also)}
         for name, value in typed.items():
-            if name not in COLUMNS:
+            if name not in (*COLUMNS, *SURFACE_COLUMNS):
                 typed[name] = _text(value)
             elif value == "" or value is None:
                 typed[name] = None
-            elif name in NUMBERS:
+            elif name in NUMBERS or name in SURFACE_COLUMNS:
                 typed[name] = _number(name, value)
             elif name in _INTEGERS:
                 typed[name] = _integer(name, value)

@@ -3,10 +3,12 @@
 
 from collections.abc import Mapping
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, TypeVar
 
 from .output_file import OutputFile
 from .readings import Reading
+
+Output = TypeVar("Output", bound="ReadingsOutput")
 
 
 class ReadingsOutput:
@@ -28,7 +30,7 @@ class ReadingsOutput:
     _file: OutputFile | None = None
     rows = 0
 
-    def __enter__(self) -> Self:
+    def __enter__(self: Output) -> Output:
         return self
 
     def __exit__(

@@ -5,14 +5,15 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta, timezone
 from typing import Any
 
 from ..errors import InputError
 from .readings import flag_bits
 from .ros_definitions import DIAGNOSTICS, READING, WRENCH, fields_of
+from .utc import parsed_utc
 
-_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 _OK, _WARN, _ERROR = 0, 1, 2
 _LEVELS = {"reading": _OK, "lost": _ERROR}
 _TOUCH_UNKNOWN = -1
@@ -133,6 +134,7 @@ def reading_messages(row: Mapping[str, Any]) -> Iterator[RosMessage]:
 
     The origin is at port 1; x runs along the line to port 2, and z away from the surface that is
     pressed. A press of F newton at l mm is the force (0, 0, -F) with the torque (0, F l/1000, 0).
+    A press at (x, y) on a surface has the torque (-F y/1000, F x/1000, 0).
     A wrench cannot state that it is doubtful or unknown: those of readings with flags, or without
     force or location, have a topic of their own.
 
@@ -176,8 +178,11 @@ def reading_messages(row: Mapping[str, Any]) -> Iterator[RosMessage]:
     untouched = touch == 0
     force_n = 0.0 if untouched else fields["force_n"]
     torque_nm = 0.0 if untouched else force_n * fields["location_mm"] / 1000
-    wrench = {"force": _vector(z=0.0 - force_n), "torque": _vector(y=torque_nm)}
-    flagged = bool(words) or not math.isfinite(torque_nm)
+    across_nm = 0.0
+    if "y_mm" in row and not untouched:
+        across_nm = 0.0 - force_n * _number(row["y_mm"]) / 1000
+    wrench = {"force": _vector(z=0.0 - force_n), "torque": _vector(across_nm, torque_nm)}
+    flagged = bool(words) or not math.isfinite(torque_nm + across_nm)
     topic = topic_of(sensor, _FLAGGED if flagged else _CLEAR)
     yield RosMessage(topic, WRENCH, {"header": header, "wrench": wrench}, stamp_ns)
 
@@ -295,12 +300,12 @@ def _header(stamp_ns: int | None, frame: str) -> dict[str, Any]:
 def _nanoseconds(time_utc: str | None) -> int | None:
     if not time_utc:
         return None
-    return (datetime.fromisoformat(time_utc) - _EPOCH) // timedelta(microseconds=1) * 1000
+    return (parsed_utc(time_utc) - _EPOCH) // timedelta(microseconds=1) * 1000
 
 
 def _number(value: float | None) -> float:
     return math.nan if value is None else float(value)
 
 
-def _vector(y: float = 0.0, z: float = 0.0) -> dict[str, float]:
-    return {"x": 0.0, "y": y, "z": z}
+def _vector(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> dict[str, float]:
+    return {"x": x, "y": y, "z": z}

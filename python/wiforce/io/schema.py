@@ -11,9 +11,17 @@ import dataclasses
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeVar, dataclass_transform
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from .values import KeyPath, Scope, ValueType
+
+if TYPE_CHECKING:
+    from typing_extensions import dataclass_transform
+else:
+    # In the standard library since Python 3.11. Only type checkers make use of it.
+    def dataclass_transform(**_):
+        return lambda decorator: decorator
+
 
 # YAML language servers take this draft; of later ones they support parts.
 DRAFT_7 = "http://json-schema.org/draft-07/schema#"

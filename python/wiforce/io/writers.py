@@ -208,5 +208,11 @@ def open_writer(
         return ParquetWriter(path, inputs, also, metadata)
     if path is not None and not name.endswith(".csv"):
         raise InputError(path, "output must end in .csv, .jsonl or .parquet")
-    columns = _csv_line((*COLUMNS, *also))
-    return ReadingsWriter(path, lambda row: _csv_line(row.values()), columns, inputs, append)
+    columns = (*COLUMNS, *also)
+    return ReadingsWriter(
+        path,
+        lambda row: _csv_line([row.get(name) for name in columns]),
+        _csv_line(columns),
+        inputs,
+        append,
+    )

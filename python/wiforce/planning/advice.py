@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Advice on a scene: what may go wrong, and changes that would make its readings better."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +12,8 @@ from .bands import outside_band
 from .clocks import ClockReport, assess_clocks
 from .expected import expect
 from .levels import receive_levels, why_not_readable
-from .mains import lamp_multiples, lamp_warnings, lines_near_lamps
+from .mains import lamp_distances_hz, lamp_multiples, lamp_warnings, lines_near_lamps
+from .packet_advice import packet_changes, packet_warnings
 from .plan import Plan
 from .plan import plan as plan_of
 from .proposed_clocks import propose_clocks
@@ -29,6 +30,8 @@ _LEVELS_APART_DB = 20
 _GROUP_LENGTHS_S = (0.0072, 0.0144, 0.036, 0.072)
 # Clocks are assessed in groups of at most this length: longer ones only resolve more.
 _LONGEST_ASSESSED, _LONGEST_SEARCHED = 1250, 625
+# Tags for which another clock is sought, those that lose most; each takes as long as a plan.
+_TAGS_CHANGED = 4
 # A reference of so many groups adds 1/12 to the variance of a reading.
 _REFERENCE_GROUPS, _FEW_REFERENCE_GROUPS = 12, 4
 # A proposal must lower the noise by 3 %, or shorten groups by 10 % at no more noise than that.
@@ -80,6 +83,13 @@ def warnings(plan: Plan) -> list[str]:
     "clock collision: line 7 of 'left' falls on line 5 of 'right"
     """
     scene = plan.require_scene()
+    if scene.packets is not None:
+        return [
+            *packet_warnings(plan),
+            *_motion_warnings(scene, plan),
+            *_receiver_warnings(scene),
+            *_sensor_warnings(scene),
+        ]
     return [
         *outside_band(scene),
         *_clock_warnings(scene, plan),
@@ -142,7 +152,8 @@ def _motion_warnings(scene: Scene, plan: Plan) -> Iterator[str]:
             f"{plan.group_length} snapshots per group separate the lines from each other and from "
             f"clutter at a cost of {max(plan.loss_db):.1f} dB"
         )
-    if scene.simulation.moving_clutter_hz > plan.clutter_hz:
+    moves = scene.packets is None or scene.simulation.moving_clutter_db is not None
+    if moves and scene.simulation.moving_clutter_hz > plan.clutter_hz:
         yield (
             f"moving clutter reaches {scene.simulation.moving_clutter_hz:g} Hz, but "
             f"environment.moving_clutter_hz is {plan.clutter_hz:g}: it leaks into the lines"
@@ -208,7 +219,9 @@ def improve(plan: Plan) -> list[Proposal]:
     now = _worst_std(plan)
     found = []
     scene = plan.require_scene()
-    against_lamps = list(_lamp_changes(scene, plan))
+    against_lamps = []
+    if scene.packets is None:
+        against_lamps = [*_lamp_changes(scene, plan), *_all_clocks_changes(scene, plan)]
     for change, reason, better in [*_changes(scene, plan), *against_lamps]:
         try:
             changed = plan_of(better)
@@ -229,9 +242,12 @@ def _worst_std(plan: Plan) -> float:
 
 def _changes(scene: Scene, plan: Plan) -> Iterator[tuple[str, str, Scene]]:
     """Text of the change, why, and the changed scene."""
-    yield from _guard_changes(scene)
-    yield from _length_changes(scene, plan)
-    yield from _clock_changes(scene, plan)
+    if scene.packets is not None:
+        yield from packet_changes(scene, plan)
+    else:
+        yield from _guard_changes(scene)
+        yield from _length_changes(scene, plan)
+        yield from _clock_changes(scene, plan)
     if plan.reference_groups < _REFERENCE_GROUPS:
         reference_s = round(_REFERENCE_GROUPS * plan.group_period_s + 0.005, 2)
         yield (
@@ -276,22 +292,28 @@ def _length_changes(scene: Scene, plan: Plan) -> Iterator[tuple[str, str, Scene]
 
 
 def _clock_changes(scene: Scene, plan: Plan) -> Iterator[tuple[str, str, Scene]]:
-    """Another clock for each tag but the first."""
+    """Another clock for each tag but the first, or for those that lose most."""
     clocks_hz = [sensor.clock_hz for sensor in scene.sensors]
-    for i, sensor in enumerate(scene.sensors[1:], 1):
+    tags = list(range(1, len(clocks_hz)))
+    if len(tags) > _TAGS_CHANGED:
+        loss_db = np.max(np.reshape([end.loss_db for end in _assess(plan).ends], (-1, 2)), axis=1)
+        tags = sorted(sorted(tags, key=lambda i: -loss_db[i])[:_TAGS_CHANGED])
+    for i in tags:
         others = clocks_hz[:i] + clocks_hz[i + 1 :]
-        better = propose_clocks(
-            1,
-            plan.waveform,
-            min(plan.group_length, _LONGEST_SEARCHED),
-            others,
-            tolerance_ppm=plan.clocks[i].planned_ppm,
-            clutter_hz=plan.clutter_hz,
-            mains_hz=scene.environment.possible_mains_hz,
-        )
-        for clock_hz in better:
-            reason = f"lines of '{sensor.name}' further from those of the other tags"
-            yield _with_clock(scene, i, clock_hz, reason)
+        try:
+            (clock_hz,) = propose_clocks(
+                1,
+                plan.waveform,
+                min(plan.group_length, _LONGEST_SEARCHED),
+                others,
+                tolerance_ppm=plan.clocks[i].planned_ppm,
+                clutter_hz=plan.clutter_hz,
+                mains_hz=scene.environment.possible_mains_hz,
+            )
+        except InputError:
+            continue
+        reason = f"lines of '{scene.sensors[i].name}' further from those of the other tags"
+        yield _with_clock(scene, i, clock_hz, reason)
 
 
 def _with_clock(scene: Scene, i: int, clock_hz: float, reason: str) -> tuple[str, str, Scene]:
@@ -312,3 +334,39 @@ def _lamp_changes(scene: Scene, plan: Plan) -> Iterator[tuple[str, str, Scene]]:
                 f"{lamp_multiples(mains_hz)}, where lamps have theirs"
             )
             yield _with_clock(scene, found.tag, found.better_hz, reason)
+
+
+def _all_clocks_changes(scene: Scene, plan: Plan) -> Iterator[tuple[str, str, Scene]]:
+    """Other clocks for all tags at once, where this keeps more than one tag away from lamps."""
+    mains_hz = scene.environment.possible_mains_hz
+
+    def near_lamps(clocks_hz: Sequence[float]) -> int:
+        return sum(
+            lamp_distances_hz(hz, mains_hz).min() * plan.group_period_s < 1 for hz in clocks_hz
+        )
+
+    now = near_lamps(plan.clocks_hz)
+    if now < 2:
+        return
+    try:
+        clocks_hz = propose_clocks(
+            len(plan.clocks),
+            plan.waveform,
+            min(plan.group_length, _LONGEST_ASSESSED),
+            tolerance_ppm=max(clock.planned_ppm for clock in plan.clocks),
+            clutter_hz=plan.clutter_hz,
+            mains_hz=mains_hz,
+        )
+    except InputError:
+        return
+    after = near_lamps(clocks_hz)
+    if after <= now - 2:
+        sensors = zip(scene.sensors, clocks_hz, strict=True)
+        changed = tuple(replace(sensor, clock_hz=hz) for sensor, hz in sensors)
+        shown = ", ".join(f"{hz:g}" for hz in clocks_hz)
+        yield (
+            f"sensors[0..{len(clocks_hz) - 1}].clock_hz: {shown}",
+            f"strong lines of {after} instead of {now} tags lie within one bin of "
+            f"{lamp_multiples(mains_hz)}, where lamps have theirs",
+            replace(scene, sensors=changed),
+        )

@@ -61,6 +61,8 @@ def licence_note(scene: Scene) -> str | None:
     'the signal occupies 893.945 to 906.055 MHz, whi'
     """
     low_hz, high_hz = occupied_band_hz(scene.radio.center_frequency_hz, scene.waveform())
+    if scene.packets is not None:  # who sends the packets is licensed, or needs no licence
+        return None
     if scene.environment.band is not None or bands_holding(low_hz, high_hz):
         return None
     return (

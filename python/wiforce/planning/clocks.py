@@ -26,6 +26,7 @@ _WEAKEST_LINE_DB = -20.0
 _HIGHEST_HARMONIC = 64
 # Clock phases that are tried; clocks that are multiples of each other hide one another at few.
 _TRIALS = 48
+_BATCHES = 8
 
 
 @dataclass(frozen=True)
@@ -216,7 +217,7 @@ def _lines(
     """Lines of every (tag, end) at positive harmonics, and which others share them."""
     rate = 1 / waveform.snapshot_period_s
     resolution_hz = rate / group_length
-    found: dict[tuple[int, int], list[Line]] = {}
+    found: list[tuple[int, int, Line]] = []
     for tag, clock_hz in enumerate(clocks_hz):
         m = np.arange(1, _HIGHEST_HARMONIC + 1)
         for end in (1, 2):
@@ -225,28 +226,19 @@ def _lines(
             for i in np.flatnonzero(level_db >= _WEAKEST_LINE_DB):
                 frequency = float(m[i] * clock_hz)
                 seen = abs(aliased_hz(frequency, rate))
-                line = Line(int(m[i]), frequency, seen, float(level_db[i]))
-                found.setdefault((tag, end), []).append(line)
-
-    def coincide(one: Line, other: Line) -> bool:
-        wander = 1e-6 * tolerance_ppm * (one.frequency_hz + other.frequency_hz)
-        return abs(one.seen_hz - other.seen_hz) < resolution_hz + wander
-
-    return {
-        key: tuple(
-            replace(
-                line,
-                shared_with=tuple(
-                    (*other_key, other.harmonic)
-                    for other_key, others in found.items()
-                    for other in others
-                    if other_key != key and coincide(line, other)
-                ),
-            )
-            for line in own
+                found.append((tag, end, Line(int(m[i]), frequency, seen, float(level_db[i]))))
+    tags, ends = np.array([each[:2] for each in found]).T
+    frequencies, seen_hz = np.array([(x.frequency_hz, x.seen_hz) for _, _, x in found]).T
+    wander = 1e-6 * tolerance_ppm * np.add.outer(frequencies, frequencies)
+    shared = np.abs(np.subtract.outer(seen_hz, seen_hz)) < resolution_hz + wander
+    shared &= np.not_equal.outer(2 * tags + ends, 2 * tags + ends)
+    result: dict[tuple[int, int], tuple[Line, ...]] = {}
+    for (tag, end, line), row in zip(found, shared, strict=True):
+        others = tuple(
+            (found[i][0], found[i][1], found[i][2].harmonic) for i in np.flatnonzero(row)
         )
-        for key, own in found.items()
-    }
+        result[tag, end] = (*result.get((tag, end), ()), replace(line, shared_with=others))
+    return result
 
 
 def _ideal_information(pulses: Pulses, averaging_cycles: float) -> float:
@@ -287,24 +279,27 @@ def worst_information(
     clutter = clutter_basis(group_length, period_s, clutter_hz)
     worst = np.full(2 * len(clocks_hz), np.inf)
     phases = np.random.default_rng(0).random((_TRIALS, len(clocks_hz)))
-    for trial in range(_TRIALS):
+    trials = np.arange(_TRIALS)
+    # Some trials at once: all of them would take 100 MB for many tags in long groups.
+    for some in np.array_split(trials, _BATCHES):
         columns = []
         for tag, clock_hz in enumerate(clocks_hz):
-            error = tolerance_ppm * 1e-6 * ((trial + tag) % 3 - 1)
-            cycles = clock_hz * (1 + error) * times_s + phases[trial, tag]
+            error = tolerance_ppm * 1e-6 * ((some + tag) % 3 - 1)
+            cycles = np.multiply.outer(clock_hz * (1 + error), times_s) + phases[some, tag, None]
             columns += [switch_waveform(p, cycles, clock_hz * averaging_s) for p in pulses]
-        waveforms = np.stack(columns, axis=1)
+        waveforms = np.stack(columns, axis=-1)
         waveforms -= clutter @ (clutter.T @ waveforms)
-        worst = np.minimum(worst, _unexplained(waveforms) / group_length)
+        found = _unexplained(waveforms) / group_length
+        worst = np.minimum(worst, found.min(axis=0))
     return worst
 
 
 def _unexplained(waveforms: np.ndarray) -> np.ndarray:
-    """Energy of each column's residual after projection on the others; shape (columns,)."""
-    scale = np.sqrt(np.maximum(np.sum(waveforms**2, axis=0), 1e-300))
-    gram = (waveforms / scale).T @ (waveforms / scale)
-    values, vectors = np.linalg.eigh(gram)
-    inverse = np.sum(vectors**2 / np.maximum(values, 1e-9), axis=1)
+    """Energy of each column's residual after projection on the others; shape (..., columns)."""
+    scale = np.sqrt(np.maximum(np.sum(waveforms**2, axis=-2), 1e-300))
+    scaled = waveforms / scale[..., None, :]
+    values, vectors = np.linalg.eigh(np.swapaxes(scaled, -1, -2) @ scaled)
+    inverse = np.sum(vectors**2 / np.maximum(values, 1e-9)[..., None, :], axis=-1)
     return scale**2 / inverse
 
 

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The clutter band of a scene that does not state one."""
+"""The clutter band of a scene, also of one that does not state it."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
+from ..estimation.estimators import estimator_named
 from ..estimation.tracked_tag import TagClock
+from ..scene import Scene
 from ..signal.clutter import clutter_basis
 from ..signal.lines import CLUTTER_MARGIN, centered_times_s
 from .loss import end_variances
@@ -60,3 +62,35 @@ def automatic_band_hz(
         if 10 * np.log10(cost.max()) <= ACCEPTED_COST_DB:
             return band_hz
     return 0.0
+
+
+def clutter_band_hz(scene: Scene, clocks: Sequence[TagClock]) -> float:
+    """The scene's clutter band, or one that costs hardly anything where it states none.
+
+    Parameters
+    ----------
+    scene : Scene
+    clocks : sequence of TagClock, length S
+
+    Returns
+    -------
+    float
+        In Hz.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.scene import load_scene
+    >>> clutter_band_hz(load_scene("cheap_tag"), [TagClock(1000.0)])
+    250.0
+    """
+    stated_hz = scene.environment.moving_clutter_hz
+    if stated_hz is not None:
+        return stated_hz
+    # Every sequence that is rejected at irregular times costs a packet's worth of information, so
+    # that nothing is rejected before a survey has found something.
+    if scene.packets or estimator_named(scene.phase_group.estimator).rectangular:
+        return 0.0
+    waveform = scene.waveform()
+    return automatic_band_hz(
+        clocks, scene.phase_group.snapshots, waveform.snapshot_period_s, waveform.averaging_s
+    )

@@ -15,7 +15,8 @@ from ..sensor import SensorModel
 from ..sensor.curves import CurveModel
 from ..signal.bound import phase_bound_deg
 from ..signal.carrier import same_carrier
-from ..simulation.presses import PressedSensor
+from ..signal.timed_weights import clutter_at
+from ..simulation.skin import pressed_sensor
 from .levels import ReceivedLevels, line_amplitude, receive_levels, why_not_readable
 from .plan import Plan, PlannedSensor
 
@@ -165,12 +166,11 @@ def _presses(scene: Scene, index: int) -> np.ndarray | None:
         Force, location, changes of both phases against the untouched sensor, and how much of
         these changes is motion of the tag (twice, one for each phase).
     """
-    sensor, carrier_hz = scene.sensors[index], scene.radio.center_frequency_hz
+    carrier_hz = scene.radio.center_frequency_hz
     simulation, period_s = scene.simulation, scene.group_period_s
     truth = scene.load_model(simulation.tags[index].truth_model)
-    presses = [press for press in simulation.presses if press.sensor == sensor.name]
-    moves = [move for move in simulation.moves if move.sensor == sensor.name]
-    pressed = PressedSensor(truth, presses, moves, carrier_hz)
+    pressed = pressed_sensor(scene, index, elastic=True)
+    presses = pressed.presses
     rows = []
     for press in presses:
         end_s = min(press.end_s, simulation.duration_s)
@@ -226,7 +226,10 @@ def _bound_deg(plan: Plan, phases: Sequence[np.ndarray], variance: float) -> np.
     """Standard deviation of arg R of every end; shape (2S,)."""
     waveform, tags = plan.waveform, plan.require_scene().simulation.tags
     length = min(plan.group_length, _LONGEST)
-    times_s = np.arange(length) * waveform.snapshot_period_s
+    times_s, clutter = np.arange(length) * waveform.snapshot_period_s, None
+    if plan.times_s is not None:
+        times_s, length = plan.times_s, plan.group_length
+        clutter = np.linalg.qr(clutter_at(times_s, plan.group_period_s, plan.clutter_hz))[0]
     subcarriers = len(waveform.bins)
     ends, clocks = [], []
     for i, (sensor, tag) in enumerate(zip(plan.sensors, tags, strict=True)):
@@ -242,6 +245,7 @@ def _bound_deg(plan: Plan, phases: Sequence[np.ndarray], variance: float) -> np.
         waveform.averaging_s,
         plan.clutter_hz,
         np.inf,
+        clutter=clutter,
     )
     groups = plan.group_length / length
     share = 1 / plan.smoothing_groups + 1 / plan.reference_groups

@@ -86,6 +86,9 @@ def receive_levels(scene: Scene) -> ReceivedLevels:
     simulation, waveform = scene.simulation, scene.waveform()
     line = line_amplitude(scene)
     noise = line**2 / 10 ** (simulation.snr_db / 10)
+    if scene.packets is not None:
+        # Channels are given; how their device rounds is part of what snr_db states.
+        return ReceivedLevels(noise, 0.0, np.inf, np.inf)
     sample_std = np.sqrt(noise / waveform.channel_noise_gain / 2)
     clutter = [simulation.static_clutter_db, simulation.moving_clutter_db]
     amplitudes = [line * 10 ** (db / 20) for db in clutter if db is not None]

@@ -9,6 +9,7 @@ from ..estimation.tracked_tag import TagClock
 from ..signal.clutter import clutter_basis
 from ..signal.lines import centered_times_s, tag_lines
 from ..signal.switching import switch_averages
+from ..signal.timed_weights import TimedTable, clutter_at, timed_lines, timed_table
 
 # Clock phases that are tried, in cycles; they matter only where aliases meet other lines.
 _PHASES = (0.1, 0.37, 0.72)
@@ -16,6 +17,83 @@ _PHASES = (0.1, 0.37, 0.72)
 _PHASE_STEP = 0.618
 # Longer groups resolve more, but lose no less.
 _LONGEST = 1250
+
+
+def losses_db(
+    choices: Sequence[int],
+    clocks: Sequence[TagClock],
+    group_length: int,
+    snapshot_period_s: float,
+    averaging_s: float,
+    clutter_hz: float,
+    times_s: np.ndarray | None = None,
+) -> dict[int, np.ndarray]:
+    """Loss of each end for several numbers of harmonics, of which a group resolves the lines.
+
+    Parameters
+    ----------
+    choices : sequence of int
+        Numbers of harmonics, rising; the first one counts in any case.
+    clocks, group_length, snapshot_period_s, averaging_s, clutter_hz
+        As for :func:`line_loss_db`.
+    times_s : ndarray, shape (N,), optional
+        Times of the snapshots from the group's centre, in s; None on a grid.
+
+    Returns
+    -------
+    dict of int to ndarray
+        By the number of harmonics.
+
+    Examples
+    --------
+    >>> losses_db((8, 24), [TagClock(1000.0)], 40, 57.6e-6, 20.48e-6, 0.0).keys()
+    dict_keys([8])
+    """
+    clocks_hz, period_s = [clock.clock_hz for clock in clocks], group_length * snapshot_period_s
+    losses: dict[int, np.ndarray] = {}
+    for count in choices:
+        if times_s is None:
+            lines = tag_lines(clocks_hz, snapshot_period_s, group_length, count, clutter_hz)
+        else:
+            lines = timed_lines(clocks_hz, times_s, period_s, clutter_hz, count)
+        if losses and 2 * len(lines) >= group_length:
+            continue
+        if times_s is None:
+            settings = group_length, snapshot_period_s, averaging_s, clutter_hz, count
+            losses[count] = line_loss_db(clocks, *settings)
+        else:
+            table = timed_table(clocks_hz, times_s, period_s, clutter_hz, count)
+            losses[count] = timed_loss_db(clocks, table, averaging_s)
+    return losses
+
+
+def timed_loss_db(clocks: Sequence[TagClock], table: TimedTable, averaging_s: float) -> np.ndarray:
+    """Loss of each end from using only the lines of a table for irregular times.
+
+    Parameters
+    ----------
+    clocks : sequence of TagClock, length S
+    table : TimedTable
+    averaging_s : float
+        Ta, in s.
+
+    Returns
+    -------
+    ndarray of float, shape (2S,)
+        As :func:`line_loss_db`.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.signal.timed_weights import timed_table
+    >>> times_s = np.sort(np.random.default_rng(1).uniform(-0.25, 0.25, 450))
+    >>> table = timed_table([120.0], times_s, 0.5)
+    >>> timed_loss_db([TagClock(120.0)], table, 6.4e-6).round(1)
+    array([0.4, 0.8])
+    """
+    times_s = table.times_s
+    clutter = np.linalg.qr(clutter_at(times_s, table.group_period_s, table.clutter_hz))[0]
+    upper = [tone.frequency_hz for tone in table.tones if tone.frequency_hz > 0]
+    return _loss_db(clocks, times_s, averaging_s, clutter, upper)
 
 
 def line_loss_db(
@@ -57,7 +135,18 @@ def line_loss_db(
     times_s = centered_times_s(group_length, snapshot_period_s)
     clutter = clutter_basis(group_length, snapshot_period_s, clutter_hz)
     tones = tag_lines(clocks_hz, snapshot_period_s, group_length, harmonics, clutter_hz)
-    cycles = np.outer(times_s, [tone.frequency_hz for tone in tones if tone.frequency_hz > 0])
+    upper = [tone.frequency_hz for tone in tones if tone.frequency_hz > 0]
+    return _loss_db(clocks, times_s, averaging_s, clutter, upper)
+
+
+def _loss_db(
+    clocks: Sequence[TagClock],
+    times_s: np.ndarray,
+    averaging_s: float,
+    clutter: np.ndarray,
+    lines_hz: Sequence[float],
+) -> np.ndarray:
+    cycles = np.outer(times_s, lines_hz)
     lines = np.hstack([np.cos(2 * np.pi * cycles), np.sin(2 * np.pi * cycles)])
     lines = np.linalg.qr(lines - clutter @ (clutter.T @ lines))[0]
     whole, used = np.zeros(2 * len(clocks)), np.zeros(2 * len(clocks))

@@ -125,6 +125,7 @@ def better_clock_hz(
     tolerance_ppm: float = 100.0,
     clutter_hz: float = 0.0,
     usable: Callable[[Sequence[float]], bool] = lambda clocks_hz: True,
+    loss_db: float | None = None,
 ) -> float | None:
     """A clock near that of a tag whose strong lines lie farther from the lines of lamps.
 
@@ -140,6 +141,8 @@ def better_clock_hz(
         As in :func:`.clocks.assess_clocks`.
     usable : callable
         A further condition: clocks of all tags to whether they can be used.
+    loss_db : float, optional
+        Worst loss of any end with ``clocks_hz``, where it is known already.
 
     Returns
     -------
@@ -155,7 +158,6 @@ def better_clock_hz(
     own = clocks_hz[tag]
     needed_hz = _BETTER * lamp_distances_hz(own, mains_hz).min()
     settings = waveform, min(group_length, _LONGEST_ASSESSED), None, tolerance_ppm, clutter_hz
-    now_db = assess_clocks(clocks_hz, *settings).worst_loss_db
     others = [hz for i, hz in enumerate(clocks_hz) if i != tag]
     nyquist_hz = 0.5 / waveform.snapshot_period_s
     resolution_hz = 2 * nyquist_hz / group_length
@@ -167,9 +169,11 @@ def better_clock_hz(
             continue
         if any(too_near(clock_hz, other, resolution_hz) for other in others):
             continue
+        if loss_db is None:
+            loss_db = assess_clocks(clocks_hz, *settings).worst_loss_db
         changed = [*clocks_hz[:tag], clock_hz, *clocks_hz[tag + 1 :]]
         report = assess_clocks(changed, *settings)
-        worst_db = min(now_db + _ACCEPTED_LOSS_DB, WORST_LOSS_DB)
+        worst_db = min(loss_db + _ACCEPTED_LOSS_DB, WORST_LOSS_DB)
         if report.worst_loss_db <= worst_db and usable(changed):
             return clock_hz
     return None
@@ -247,11 +251,15 @@ def lines_near_lamps(plan: Plan) -> Iterator[LampLines]:
     """
     mains_hz = plan.require_scene().environment.possible_mains_hz
     bin_hz = 1 / plan.group_period_s
+    losses_db: dict[float, float] = {}
     for tag, clock in enumerate(plan.clocks):
         distances_hz = lamp_distances_hz(clock.clock_hz, mains_hz)
         near = tuple(m for m, hz in zip(STRONG_LINES, distances_hz, strict=True) if hz < bin_hz)
         if not near:
             continue
+        # All tags have the same loss to compare with, unless their tolerances differ.
+        if clock.planned_ppm not in losses_db:
+            losses_db[clock.planned_ppm] = _worst_loss_db(plan, clock.planned_ppm)
         better = better_clock_hz(
             plan.clocks_hz,
             tag,
@@ -261,9 +269,16 @@ def lines_near_lamps(plan: Plan) -> Iterator[LampLines]:
             clock.planned_ppm,
             plan.clutter_hz,
             partial(_usable, plan),
+            losses_db[clock.planned_ppm],
         )
         farther = None if better is None else float(lamp_distances_hz(better, mains_hz).min())
         yield LampLines(tag, near, float(distances_hz.min()), better, farther)
+
+
+def _worst_loss_db(plan: Plan, tolerance_ppm: float) -> float:
+    length = min(plan.group_length, _LONGEST_ASSESSED)
+    settings = plan.waveform, length, None, tolerance_ppm, plan.clutter_hz
+    return assess_clocks(plan.clocks_hz, *settings).worst_loss_db
 
 
 def _usable(plan: Plan, clocks_hz: Sequence[float]) -> bool:

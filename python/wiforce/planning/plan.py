@@ -14,13 +14,16 @@ from ..estimation.estimators import estimator_named
 from ..estimation.likelihood import PhaseLikelihood
 from ..estimation.tracked_tag import WIDEST_PPM, TagClock
 from ..scene import Scene, load_scene
+from ..scene.surface import skin_of
 from ..sensor import SensorModel
-from ..signal.lines import tag_lines
 from ..signal.room_noise import RoomNoise
+from ..signal.timed_weights import timed_table
 from ..signal.waveform import Waveform
 from ..signal.weights import ToneTable, design_weights
-from .clutter_band import automatic_band_hz
-from .loss import line_loss_db
+from ..surface.skin import Skin
+from .clutter_band import clutter_band_hz
+from .loss import losses_db
+from .packet_times import typical_times_s
 
 # Numbers of harmonics to choose from, and how much worse than the best the choice may be. More
 # lines cost processor time in proportion; 0.1 dB is 1 % of a standard deviation.
@@ -94,6 +97,8 @@ class Plan:
     tag_ratios : tuple of float
         Amplitude of each tag over that of the static path, which bends the ratio of two antennas;
         empty for one antenna, and where no survey has measured it.
+    times_s : ndarray, shape (N,), or None
+        Times of the snapshots of a typical group from its centre, in s; None on a grid.
 
     Examples
     --------
@@ -118,6 +123,7 @@ class Plan:
     room: RoomNoise | None = field(default=None, repr=False)
     surveyed_snr_db: tuple[float, ...] = ()
     tag_ratios: tuple[float, ...] = ()
+    times_s: np.ndarray | None = field(default=None, repr=False, compare=False)
 
     @property
     def clocks_hz(self) -> tuple[float, ...]:
@@ -148,6 +154,11 @@ class Plan:
             for s in scene.sensors
         )
 
+    @cached_property
+    def skin(self) -> Skin | None:
+        """The scene's surface; None where it has none."""
+        return skin_of(self.require_scene())
+
     def require_scene(self) -> Scene:
         """The scene that was planned.
 
@@ -163,6 +174,14 @@ class Plan:
     @cached_property
     def table(self) -> ToneTable:
         """Weights of the run."""
+        if self.times_s is not None:
+            return timed_table(
+                [clock.clock_hz for clock in (*self.clocks, *self.others)],
+                self.times_s,
+                self.group_length * self.waveform.snapshot_period_s,
+                self.clutter_hz,
+                self.harmonics,
+            )
         return design_weights(
             [clock.clock_hz for clock in (*self.clocks, *self.others)],
             self.group_length,
@@ -213,7 +232,7 @@ class Plan:
             file and key.
         """
         scene = self.require_scene()
-        changed = replace(self, clocks=clocks, clutter_hz=_clutter_band_hz(scene, clocks))
+        changed = replace(self, clocks=clocks, clutter_hz=clutter_band_hz(scene, clocks))
         try:
             if self.estimator == "harmonic":
                 return _with_fewest_harmonics(changed)
@@ -314,6 +333,7 @@ def plan(scene: Any, snapshots: int | None = None, estimator: str | None = None)
         raise InputError(_key_of(scene, "reference_s"), rule, scene.reference_s)
     against = estimator_named(scene.phase_group.estimator).against
     clocks = tuple(TagClock(s.clock_hz, s.clock_tolerance_ppm) for s in scene.sensors)
+    times_s = None if scene.packets is None else typical_times_s(scene)
     settings = Plan(
         scene.waveform(),
         clocks,
@@ -325,21 +345,9 @@ def plan(scene: Any, snapshots: int | None = None, estimator: str | None = None)
         max(1, round(scene.phase_group.smoothing_s / period)) if against == "untouched" else 1,
         scene.phase_group.estimator,
         scene=scene,
+        times_s=times_s,
     )
     return settings.with_clocks(clocks)
-
-
-def _clutter_band_hz(scene: Scene, clocks: tuple[TagClock, ...]) -> float:
-    """The scene's clutter band, or one that costs hardly anything where it states none."""
-    stated_hz = scene.environment.moving_clutter_hz
-    if stated_hz is not None:
-        return stated_hz
-    if estimator_named(scene.phase_group.estimator).rectangular:
-        return 0.0
-    waveform = scene.waveform()
-    return automatic_band_hz(
-        clocks, scene.phase_group.snapshots, waveform.snapshot_period_s, waveform.averaging_s
-    )
 
 
 def _scene_keys(scene: Scene) -> dict[str, str]:
@@ -359,15 +367,15 @@ def _key_of(scene: Scene, key: str) -> str:
 
 def _with_fewest_harmonics(settings: Plan) -> Plan:
     """The plan with the fewest harmonics that lose hardly more than the best choice."""
-    waveform, length = settings.waveform, settings.group_length
-    period_s, clutter_hz = waveform.snapshot_period_s, settings.clutter_hz
-    losses: dict[int, np.ndarray] = {}
-    for harmonics in HARMONICS:
-        lines = tag_lines(settings.clocks_hz, period_s, length, harmonics, clutter_hz)
-        if 2 * len(lines) < length or not losses:
-            losses[harmonics] = line_loss_db(
-                settings.clocks, length, period_s, waveform.averaging_s, clutter_hz, harmonics
-            )
+    losses = losses_db(
+        HARMONICS,
+        settings.clocks,
+        settings.group_length,
+        settings.waveform.snapshot_period_s,
+        settings.waveform.averaging_s,
+        settings.clutter_hz,
+        settings.times_s,
+    )
     best = min(loss.max() for loss in losses.values())
     chosen = next(h for h, loss in losses.items() if loss.max() <= best + ACCEPTED_LOSS_DB)
 

@@ -64,7 +64,32 @@ def steps(plan: Plan) -> tuple[Step, ...]:
     >>> [step.name for step in steps(plan(load_scene("demo"))) if step.needed][:3]
     ['fold', 'tones', 'channel']
     """
+    if plan.times_s is not None:
+        return (*_packet_steps(plan), *list(_group_steps(plan))[1:])
     return (*_snapshot_steps(plan), *_group_steps(plan))
+
+
+def _packet_steps(plan: Plan) -> Iterator[Step]:
+    """Steps that run per packet, and per group what its own times make necessary."""
+    scene, rate = plan.require_scene(), 1 / plan.waveform.snapshot_period_s
+    antennas, channels = scene.environment.receive_antennas, len(plan.waveform.bins)
+    tones, length = len(plan.table.tones), plan.group_length
+    yield Step(
+        "antennas",
+        antennas > 1,
+        f"{antennas} antenna(s) to {channels} channels without the oscillator's phase and gain",
+        2 * _MULTIPLY_ADD * channels * antennas * rate,
+    )
+    # QR of tones and clutter in real numbers, 2 n m^2, and its triangular solution.
+    order = clutter_order(length, plan.waveform.snapshot_period_s, plan.clutter_hz)
+    columns = tones + order
+    yield Step(
+        "weights",
+        True,
+        f"solved for each group at the times of its packets: {columns} columns",
+        4 * length * columns**2 / plan.group_period_s,
+    )
+    yield Step("tones", True, _tones_reason(plan), _MULTIPLY_ADD * channels / 2 * rate * tones)
 
 
 def _snapshot_steps(plan: Plan) -> Iterator[Step]:

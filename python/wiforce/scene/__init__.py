@@ -2,7 +2,7 @@
 """Scenes: what is measured, with what, and, for simulations, what happens."""
 
 from .consistency import simulation_warnings
-from .load import load_capture_scene, load_scene, shipped_scenes
+from .load import load_capture_scene, load_scene, sampled_scenes, shipped_scenes
 from .schema import Scene, scene_json_schema
 from .simulated import Press
 from .stored import scene_of
@@ -13,6 +13,7 @@ __all__ = [
     "load_capture_scene",
     "load_scene",
     "scene_json_schema",
+    "sampled_scenes",
     "scene_of",
     "shipped_scenes",
     "simulation_warnings",

@@ -8,6 +8,7 @@ from typing import Any
 from ..errors import InputError
 from ..io.values import KeyPath
 from .schema import Scene
+from .surface import surface_violations
 
 # What breaks a rule: dotted key, rule and value, where the rule does not state the value itself.
 Violation = tuple[str, str, Any] | tuple[str, str]
@@ -15,6 +16,11 @@ Violation = tuple[str, str, Any] | tuple[str, str]
 # The ends of a sensor are read on the tag's lines at fs and 4 fs; fs, 2 fs and 4 fs are its
 # strongest lines (docs/clocks.md).
 _READ_LINES = (1, 4)
+# Effects that the simulator computes sample by sample.
+_SAMPLE_EFFECTS = (
+    "bursts", "hopper", "front_end", "ripple", "lamps", "fan", "walker", "other_tags",
+    "carrier_offset_hz", "phase_noise_hz",
+)  # fmt: skip
 _STRONG_LINE_PAIRS = ((1, 1), (2, 1), (4, 1), (1, 2), (1, 4))
 
 
@@ -45,6 +51,7 @@ sensor's, got 'arm'
     """
     for check in (
         _sounding,
+        _packets,
         _reader_clock,
         _names,
         _clock_frequencies,
@@ -53,6 +60,7 @@ sensor's, got 'arm'
         _duration,
         _press_times,
         _models,
+        surface_violations,
     ):
         for dotted, rule, *value in check(scene):
             raise KeyPath(source, dotted).error(rule, *value)
@@ -80,6 +88,31 @@ def _reader_clock(scene: Scene) -> Iterator[Violation]:
             yield f"simulation.{key}", rule, value
 
 
+def _packets(scene: Scene) -> Iterator[Violation]:
+    """What only packets have, and what they do not have."""
+    environment, simulation = scene.environment, scene.simulation
+    antennas = environment.receive_antennas
+    if scene.packets is None:
+        if antennas > 2:
+            yield "environment.receive_antennas", "must be 1 or 2 without packets", antennas
+        if simulation.packets is not None:
+            rule = "must be null in a scene without packets"
+            yield "simulation.packets", rule, "a mapping"
+        return
+    if environment.reader_clock == "free" and antennas == 1:
+        rule = (
+            "must be 2 or more with packets and reader_clock 'free': each packet has a phase of "
+            "its own, which only a second antenna on the same oscillator can remove"
+        )
+        yield "environment.receive_antennas", rule, antennas
+    if scene.phase_group.estimator != "harmonic":
+        rule = "must be 'harmonic' with packets, whose times are irregular"
+        yield "phase_group.estimator", rule, scene.phase_group.estimator
+    for key in _SAMPLE_EFFECTS:
+        if getattr(simulation, key):
+            yield f"simulation.{key}", "is not simulated for packets; leave it out"
+
+
 def _names(scene: Scene) -> Iterator[Violation]:
     for i, name in enumerate(scene.sensor_names):
         if name in scene.sensor_names[:i]:
@@ -92,7 +125,7 @@ def _clock_frequencies(scene: Scene) -> Iterator[Violation]:
     highest = max(_READ_LINES)
     moving_hz = scene.environment.moving_clutter_hz or 0.0
     for i, sensor in enumerate(scene.sensors):
-        if sensor.clock_hz * highest >= nyquist_hz:
+        if scene.packets is None and sensor.clock_hz * highest >= nyquist_hz:
             rule = (
                 f"must be below {nyquist_hz / highest:.6g} Hz: {highest} x clock_hz must lie below "
                 f"half the snapshot rate ({nyquist_hz:.6g} Hz)"

@@ -9,6 +9,7 @@ from typing import Any
 from ..errors import InputError, name_rule
 from ..io.capture import Capture
 from ..io.capture_files import SUFFIXES
+from ..io.channel_snapshots import ChannelSnapshots
 from ..io.schema import read
 from ..io.values import KeyPath
 from ..io.yamlfile import read_yaml
@@ -62,14 +63,14 @@ at most 1e+06 Hz, got 0
     return _checked(values, KeyPath(str(scene)), path)
 
 
-def load_capture_scene(capture: Capture) -> Scene:
+def load_capture_scene(capture: Capture | ChannelSnapshots) -> Scene:
     """Read and check the scene that a capture's metadata hold.
 
     Sensor files are searched relative to the capture.
 
     Parameters
     ----------
-    capture : Capture
+    capture : Capture or ChannelSnapshots
 
     Returns
     -------
@@ -95,7 +96,8 @@ def load_capture_scene(capture: Capture) -> Scene:
     if capture.scene is None:
         rule = "holds no scene; name one with --scene"
         raise InputError(capture.path, rule)
-    where = KeyPath(f"{capture.path}: wiforce:scene")
+    name = "scene" if isinstance(capture, ChannelSnapshots) else "wiforce:scene"
+    where = KeyPath(f"{capture.path}: {name}")
     if not isinstance(capture.scene, dict):
         raise InputError(where.source, "must hold a mapping of keys to values", capture.scene)
     return _checked(capture.scene, where, capture.path)
@@ -136,6 +138,17 @@ def shipped_scenes() -> list[str]:
     True
     """
     return sorted(path.stem for path in _shipped_folder().glob("*.yaml"))
+
+
+def sampled_scenes() -> list[str]:
+    """Names of the scenes that are shipped and describe samples, not packets; sorted.
+
+    Examples
+    --------
+    >>> "demo" in sampled_scenes(), "wifi_packets" in sampled_scenes()
+    (True, False)
+    """
+    return [name for name in shipped_scenes() if load_scene(name).packets is None]
 
 
 def about_scene(name: str) -> str:

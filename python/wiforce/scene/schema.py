@@ -9,17 +9,20 @@ import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..io.schema import DRAFT_7, ListOf, Mapping, declared, json_schema, key, plain
+from ..io.schema import DRAFT_7, Derived, ListOf, Mapping, declared, json_schema, key, plain
 from ..io.values import AutomaticNumber, Choice, Integer, Number, Text
 from ..io.waveform_name import WaveformName
 from ..signal.bands import BANDS
 from ..signal.carrier import CARRIERS_HZ
+from ..signal.packets import packet_waveform
 from ..signal.symbols import LONGEST_SYMBOL, SHORTEST_SYMBOL, decode_symbol
 from ..signal.waveform import Waveform, sounding_waveform
 from .mains import FREQUENCIES_HZ, Mains, MainsFrequency
 from .off_reflection import OffReflection
+from .packets import Packets
 from .simulated import Simulation
 from .simulated_tags import MAX_SENSORS, MODEL_NAME_LENGTH
+from .surface import Surface
 
 if TYPE_CHECKING:
     from ..sensor import SensorModel
@@ -139,14 +142,22 @@ class PhaseGroup:
     )
 
 
+def _default_clock(scope: Any) -> str:
+    return "free" if scope.get("packets") else "shared"
+
+
+def _default_antennas(scope: Any) -> int:
+    return 2 if scope.get("packets") and scope["reader_clock"] == "free" else 1
+
+
 @declared
 class Environment:
     """What the reader knows about the room and its own clocks.
 
     Examples
     --------
-    >>> Environment(moving_clutter_hz=30.0).reader_clock
-    'shared'
+    >>> Environment(reader_clock="shared", receive_antennas=1).moving_clutter_hz is None
+    True
     """
 
     moving_clutter_hz: float | None = key(
@@ -158,14 +169,15 @@ class Environment:
     )
     reader_clock: str = key(
         Choice(words=("shared", "free")),
-        default="shared",
+        derived=Derived("`shared`; `free` with `packets`", _default_clock),
         doc="`shared`: transmitter and receiver use one clock. `free`: each uses its own.",
     )
     receive_antennas: int = key(
-        Integer(low=1, high=2),
-        default=1,
+        Integer(low=1, high=8),
+        derived=Derived("1; 2 with `packets` and `reader_clock: free`", _default_antennas),
         doc="2 needs `reader_clock: free`: `simulate` writes a second capture `NAME.antenna2`, "
-        "and `read` uses the ratio of the two.",
+        "and `read` uses the ratio of the two. More than 2 need `packets`, which need at least 2 "
+        "where `reader_clock` is `free`.",
     )
     mains_hz: Mains = key(
         MainsFrequency(optional=True),
@@ -252,6 +264,11 @@ class Scene:
 
     radio: Radio = key(Mapping(of=Radio), doc="Carrier and sample rate.")
     sounding: Sounding = key(Mapping(of=Sounding), doc="The frame that the reader sends.")
+    packets: Packets | None = key(
+        Mapping(of=Packets, optional=True),
+        default=None,
+        doc="Channel snapshots of packets, measured by another device; null means samples.",
+    )
     phase_group: PhaseGroup = key(
         Mapping(of=PhaseGroup), doc="Snapshots per reading, and their estimator."
     )
@@ -260,6 +277,11 @@ class Scene:
     )
     sensors: tuple[SceneSensor, ...] = key(
         ListOf(of=SceneSensor, least=1, most=MAX_SENSORS), doc="The sensors that are read."
+    )
+    surface: Surface | None = key(
+        Mapping(of=Surface, optional=True),
+        default=None,
+        doc="Sensors that lie side by side under one skin, and are read as a surface as well.",
     )
     reference_s: float = key(
         Number(unit="s", low=0, high=3600),
@@ -272,7 +294,12 @@ class Scene:
     path: Path | None = dataclasses.field(default=None, compare=False)
 
     def waveform(self) -> Waveform:
-        """The sounding frame of this scene."""
+        """The sounding frame of this scene, or what its packets are."""
+        if self.packets:
+            own = self.packets
+            return packet_waveform(
+                own.interval_s, own.window_s, own.subcarriers, own.spacing_hz, self.null_antennas
+            )
         return self.sounding.waveform_at(self.radio.sample_rate_hz)
 
     @property
@@ -281,6 +308,8 @@ class Scene:
         folder = self.path.parent if self.path else Path()
         models = [sensor.model for sensor in self.sensors]
         models += [tag.truth_model for tag in self.simulation.tags]
+        if self.surface is not None and self.surface.spreading_file is not None:
+            models.append(self.surface.spreading_file)
         if self.sounding.waveform.lower().endswith(".npy"):
             models.append(self.sounding.waveform)
         suffixes = (".yaml", ".yml", ".npy")
@@ -289,8 +318,19 @@ class Scene:
 
     @property
     def snapshot_period_s(self) -> float:
-        """Time between two snapshots of the channel, in s: the length of a frame."""
+        """Time between two snapshots of the channel, in s: the length of a frame.
+
+        With packets, the mean time between two of them.
+        """
+        if self.packets:
+            return self.packets.interval_s
         return self.sounding.frame_length / self.radio.sample_rate_hz
+
+    @property
+    def null_antennas(self) -> int:
+        """Channels per subcarrier without an oscillator's phase, of all antennas together."""
+        antennas = self.environment.receive_antennas
+        return max(antennas - 1, 1) if self.environment.reader_clock == "free" else antennas
 
     @property
     def group_samples(self) -> int:
@@ -300,12 +340,19 @@ class Scene:
     @property
     def group_period_s(self) -> float:
         """Length of a phase group in s, the time between readings."""
+        if self.packets:
+            return self.phase_group.snapshots * self.packets.interval_s
         return self.group_samples / self.radio.sample_rate_hz
 
     @property
     def sensor_names(self) -> tuple[str, ...]:
         """Names of the sensors, in their order."""
         return tuple(sensor.name for sensor in self.sensors)
+
+    @property
+    def reading_names(self) -> tuple[str, ...]:
+        """Names in the readings of every group: those of the sensors, then of the surface."""
+        return self.sensor_names + (self.surface.names if self.surface is not None else ())
 
     def load_model(self, name: str) -> "SensorModel":
         """Load a sensor model by its shipped name, or by its path relative to the scene file.

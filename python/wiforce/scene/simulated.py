@@ -9,6 +9,7 @@ from typing import Any
 from ..io.schema import Derived, ListOf, Mapping, declared, key
 from ..io.values import Integer, Number, Text
 from .effects import Bursts, Fan, FrontEnd, Hopper, Lamps, OtherTag, Ripple, Walker
+from .packets import PacketFaults
 from .simulated_tags import (
     CLOCK_DRIFT,
     CLOCK_OFFSET,
@@ -17,6 +18,7 @@ from .simulated_tags import (
     Tag,
     sensor_name,
 )
+from .surface_presses import Plate, SurfacePress
 
 MAX_EVENTS = 1000
 _LONGEST_S = 1e6
@@ -28,7 +30,10 @@ _DURATION_S = 3.0
 
 def _default_duration(scope: Any) -> float:
     """Duration of a simulation that states none, so that scenes for reading need not state it."""
-    samples = scope["phase_group"].snapshots * scope["sounding"].frame_length
+    snapshots = scope["phase_group"].snapshots
+    if scope.get("packets"):
+        return max(_DURATION_S, float(snapshots * scope["packets"].interval_s))
+    samples = snapshots * scope["sounding"].frame_length
     return max(_DURATION_S, samples / scope["radio"].sample_rate_hz)
 
 
@@ -233,6 +238,11 @@ class Simulation:
         default=None,
         doc="A person who walks, beside `moving_clutter_db`; null means nobody.",
     )
+    packets: PacketFaults | None = key(
+        Mapping(of=PacketFaults, optional=True),
+        default=None,
+        doc="What happens to packets; null means nothing. Needs a scene with `packets`.",
+    )
     other_tags: tuple[OtherTag, ...] = key(
         ListOf(of=OtherTag, most=MAX_SENSORS), doc="Tags that are not listed as sensors."
     )
@@ -240,4 +250,10 @@ class Simulation:
         ListOf(of=Tag, most=MAX_SENSORS), doc="Properties of single tags, at most one entry each."
     )
     presses: tuple[Press, ...] = key(ListOf(of=Press, most=MAX_EVENTS), doc="The presses.")
+    plate: Plate = key(
+        Mapping(of=Plate), doc="The skin of the surface, which the reader knows another law of."
+    )
+    surface_presses: tuple[SurfacePress, ...] = key(
+        ListOf(of=SurfacePress, most=MAX_EVENTS), doc="The presses on the surface."
+    )
     moves: tuple[Move, ...] = key(ListOf(of=Move, most=MAX_EVENTS), doc="The movements of tags.")

@@ -9,6 +9,7 @@ from typing import Any
 
 from ..errors import InputError
 from ..io.capture import Capture
+from ..io.channel_snapshots import ChannelSnapshots
 from ..io.schema import read
 from ..io.values import KeyPath
 from .load import load_capture_scene, load_scene
@@ -20,13 +21,13 @@ _NOT_COMPARED = ("simulation", "model")
 
 
 def scene_of(
-    capture: Capture, scene: str | Path | dict[str, Any] | Scene | None = None
+    capture: Capture | ChannelSnapshots, scene: str | Path | dict[str, Any] | Scene | None = None
 ) -> tuple[Scene, list[str]]:
     """The scene to read a capture with: the capture's own unless another is given.
 
     Parameters
     ----------
-    capture : Capture
+    capture : Capture or ChannelSnapshots
     scene : str, Path, dict or Scene, optional
         As for :func:`load_scene`.
 
@@ -59,7 +60,7 @@ def scene_of(
     return given, list(_differences(capture, given))
 
 
-def _differences(capture: Capture, given: Scene) -> Iterator[str]:
+def _differences(capture: Capture | ChannelSnapshots, given: Scene) -> Iterator[str]:
     # Sensor files may be missing here: the scene stored is not loaded, only understood.
     try:
         stored = read(Scene, capture.scene, KeyPath("wiforce:scene"), path=capture.path)

@@ -76,7 +76,9 @@ class PressMeasurement:
     groups: int
     sweep: int = 1
     time_utc: str = field(
-        default_factory=lambda: datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+        default_factory=lambda: datetime.datetime.now(datetime.timezone.utc).isoformat(
+            timespec="seconds"
+        )
     )
 
     @property

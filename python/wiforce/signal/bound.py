@@ -19,6 +19,7 @@ def phase_bound_deg(
     reference_groups: float = np.inf,
     snapshot_period_s: float | None = None,
     mask: np.ndarray | None = None,
+    clutter: np.ndarray | None = None,
 ) -> np.ndarray:
     """Smallest standard deviation of any unbiased estimate of the ends' phase changes.
 
@@ -35,7 +36,7 @@ def phase_bound_deg(
     clocks : sequence of (clock_hz, phase), length S
         Actual fs of each tag in Hz and its phase in radians at time 0.
     times_s : ndarray, shape (N,)
-        Time of every snapshot of the group in s, evenly spaced.
+        Time of every snapshot of the group in s; evenly spaced unless ``clutter`` is given.
     averaging_s : float
         Ta of the waveform, in s.
     clutter_hz : float
@@ -46,6 +47,8 @@ def phase_bound_deg(
         T in s, when ``times_s`` holds a single snapshot.
     mask : ndarray of bool, shape (N,), optional
         True where a snapshot is present; all are by default.
+    clutter : ndarray of float, shape (N, order), optional
+        Orthonormal basis of what is projected out at these times, instead of ``clutter_hz``.
 
     Returns
     -------
@@ -67,8 +70,9 @@ def phase_bound_deg(
     >>> phase_bound_deg(np.ones((2, 62)), np.ones(62), [(1000.0, 0.3)], times_s, 20.48e-6).round(2)
     array([0.52, 0.53])
     """
-    period = snapshot_period_s or times_s[1] - times_s[0]
-    clutter = clutter_basis(len(times_s), period, clutter_hz)
+    if clutter is None:
+        period = snapshot_period_s or times_s[1] - times_s[0]
+        clutter = clutter_basis(len(times_s), period, clutter_hz)
     waveforms, channels = _derivatives(ends, clocks, times_s, averaging_s)
     if mask is not None:
         waveforms, clutter = waveforms[mask], np.linalg.qr(clutter[mask])[0]
@@ -81,6 +85,9 @@ def phase_bound_deg(
                 for column_b, channel_b in terms_b:
                     overlap = np.sum((channel_a.conj() * channel_b).real / noise)
                     information[a, b] += 2 * overlap * correlation[column_a, column_b]
+    # Where no snapshot meets an edge, a clock's phase changes nothing: it costs nothing either.
+    felt = np.flatnonzero(np.diag(information) > 0)
+    information = information[np.ix_(felt, felt)]
     scale = 1 / np.sqrt(np.diag(information))
     covariance = np.linalg.inv(information * np.outer(scale, scale)) * np.outer(scale, scale)
     variance = np.diag(covariance)[: len(ends)] * (1 + 1 / reference_groups)

@@ -26,7 +26,7 @@ from .room_noise import RoomNoise
 
 # Noise of a tone, relative to that of a Fourier sum over the whole group, above which a scene is
 # refused (15 dB).
-_WORST_GAIN = 30
+WORST_GAIN = 30
 
 
 @dataclass(frozen=True)
@@ -238,7 +238,7 @@ def design_weights(
     weights = weights.astype(np.complex64).astype(complex)
     noise_gain = np.sum(np.abs(weights) ** 2, axis=1) * group_length
     # With a room, tones that it disturbs may be noisy: they count for less.
-    if room is None and noise_gain.max() > _WORST_GAIN:
+    if room is None and noise_gain.max() > WORST_GAIN:
         rule = f"is too short to separate the lines from clutter of {clutter_hz:g} Hz"
         raise InputError("group_length", rule, group_length)
     return ToneTable(tones, weights, basis, snapshot_period_s, room)

@@ -98,6 +98,11 @@ class PressedSensor:
         self._last: tuple[tuple[float, float], np.ndarray] | None = None
         model.phases_deg(0.0, 0.0, center_frequency_hz)  # refuses a carrier that it does not hold
 
+    @property
+    def presses(self) -> "list[Press]":
+        """The presses, in the order of their starts."""
+        return self._presses
+
     def hold(self, force_n: float | None, location_mm: float | None) -> None:
         """Press with a constant force from now on, instead of as the scene states.
 

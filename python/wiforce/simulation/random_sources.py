@@ -21,6 +21,7 @@ EFFECTS = (
     "clock",
     "drift",
     "hand",
+    "packets",
 )
 
 

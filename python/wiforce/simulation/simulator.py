@@ -1,11 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Simulated captures: the received samples of a scene as SigMF, with the truth beside them."""
 
-import csv
-import os
-import tempfile
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,17 +9,15 @@ import numpy as np
 
 from ..errors import InputError, unwritable
 from ..io.capture_files import recording_stem, second_antenna
-from ..io.readings import rounded
 from ..io.samples import DATATYPES, samples_of
 from ..io.sigmf_metadata import write_metadata
 from ..io.textfile import check_output
 from ..scene import Scene, load_scene
 from .adc import Adc
 from .channel import AirChannel
+from .packets import simulate_packets
+from .truth_file import all_or_nothing, frame_count, write_truth
 
-TRUTH_COLUMNS = (
-    "time_s", "sensor", "touch", "force_n", "location_mm", "phase1_deg", "phase2_deg",
-)  # fmt: skip
 _SUFFIXES = (".sigmf-data", ".truth.csv", ".sigmf-meta")
 _FRAMES_AT_ONCE = 500
 
@@ -36,6 +30,8 @@ def simulate(
     overwrite: bool = True,
 ) -> list[Path]:
     """Write the capture of a scene and its truth, for each receive antenna.
+
+    Of a scene with packets, channel snapshots are written (:func:`.packets.simulate_packets`).
 
     The files ``NAME.sigmf-data``, ``NAME.sigmf-meta`` and ``NAME.truth.csv``, and those of
     :func:`second_antenna`, appear when all are complete; on failure nothing is left.
@@ -78,6 +74,8 @@ def simulate(
     if datatype not in DATATYPES:
         raise InputError("datatype", f"must be one of {', '.join(DATATYPES)}", datatype)
     scene = load_scene(scene)
+    if scene.packets is not None:
+        return simulate_packets(scene, name, progress, overwrite)
     name = recording_stem(name, "NAME")
     names = [name, second_antenna(name)][: scene.environment.receive_antennas]
     paths = [Path(f"{name}{suffix}") for name in names for suffix in _SUFFIXES]
@@ -87,7 +85,7 @@ def simulate(
             raise InputError(path, "exists already; --force replaces it")
     channels = [AirChannel(scene, antenna=antenna) for antenna in range(len(names))]
     try:
-        with _all_or_nothing(paths) as temporary:
+        with all_or_nothing(paths) as temporary:
             for antenna, channel in enumerate(channels):
                 data, truth, meta = temporary[antenna * len(_SUFFIXES) :][: len(_SUFFIXES)]
                 _write_capture(scene, channel, datatype, data, truth, meta, progress)
@@ -112,27 +110,6 @@ def _write_capture(
                 progress(samples.size // (2 if datatype == "ci16_le" else 1))
     write_truth(scene, channel, truth)
     _write_metadata(scene, datatype, data, meta)
-
-
-def frame_count(scene: Scene) -> int:
-    """Number of whole sounding frames in the scene's duration.
-
-    Parameters
-    ----------
-    scene : Scene
-
-    Returns
-    -------
-    int
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> scene = load_scene("demo")
-    >>> frame_count(scene) == int(scene.simulation.duration_s / 57.6e-6 + 1e-9)
-    True
-    """
-    return int(scene.simulation.duration_s / scene.snapshot_period_s + 1e-9)
 
 
 def capture(scene: Scene, channel: AirChannel, datatype: str) -> Iterator[np.ndarray]:
@@ -171,67 +148,6 @@ def capture(scene: Scene, channel: AirChannel, datatype: str) -> Iterator[np.nda
             yield samples_of(adc.codes(received))
 
 
-def group_centers(scene: Scene) -> np.ndarray:
-    """Centres of the whole phase groups of a scene's capture.
-
-    Parameters
-    ----------
-    scene : Scene
-
-    Returns
-    -------
-    ndarray of float, shape (groups,)
-        In s from the first sample.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> group_centers(load_scene("demo"))[:2].round(3)
-    array([0.018, 0.054])
-    """
-    groups = frame_count(scene) // scene.phase_group.snapshots
-    return (np.arange(groups) + 0.5) * scene.group_samples / scene.radio.sample_rate_hz
-
-
-def write_truth(scene: Scene, channel: AirChannel, path: str | Path) -> None:
-    """Write the state at the centre of each phase group as CSV, a row per group and sensor.
-
-    ``force_n`` is the force on the sensor even where it is too small to short the line (``touch``
-    0); ``location_mm`` is empty where nothing presses. Numbers are rounded as those of readings.
-
-    Parameters
-    ----------
-    scene : Scene
-    channel : AirChannel
-        That of the scene.
-    path : str or Path
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> scene = load_scene("demo")
-    >>> write_truth(scene, AirChannel(scene), "demo.truth.csv")
-    >>> Path("demo.truth.csv").read_text().splitlines()[0]
-    'time_s,sensor,touch,force_n,location_mm,phase1_deg,phase2_deg'
-    """
-    times = group_centers(scene)
-    states = channel.touch_state(times)
-    with open(path, "w", encoding="utf-8", newline="") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(TRUTH_COLUMNS)
-        for i, time_s in enumerate(times.tolist()):
-            for name, state in states.items():
-                numbers = (state.force_n[i], state.location_mm[i], *state.phases_deg[i])
-                writer.writerow(
-                    [
-                        rounded("time_s", time_s),
-                        name,
-                        int(state.touch[i]),
-                        *map(rounded, TRUTH_COLUMNS[3:], numbers),
-                    ]
-                )
-
-
 def _write_metadata(scene: Scene, datatype: str, data: Path, path: Path) -> None:
     from .._config import VERSION
 
@@ -248,13 +164,3 @@ def _write_metadata(scene: Scene, datatype: str, data: Path, path: Path) -> None
     }
     capture = {"core:sample_start": 0, "core:frequency": scene.radio.center_frequency_hz}
     write_metadata(path, data, fields, [capture])
-
-
-@contextmanager
-def _all_or_nothing(paths: Sequence[Path]) -> Iterator[list[Path]]:
-    """Paths in a temporary folder beside ``paths``; moved there in order after success."""
-    with tempfile.TemporaryDirectory(prefix=".simulate-", dir=paths[0].parent) as folder:
-        temporary = [Path(folder) / path.name for path in paths]
-        yield temporary
-        for source, target in zip(temporary, paths, strict=True):
-            os.replace(source, target)

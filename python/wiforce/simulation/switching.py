@@ -222,6 +222,54 @@ def switch_states(
     return states
 
 
+def states_at(
+    clock: SwitchingClock,
+    switches: tuple[Switch, Switch],
+    delay_s: float,
+    times_s: np.ndarray,
+    window_s: float,
+) -> list[np.ndarray]:
+    """Part of a window about each of some times in which each switch is on.
+
+    Parameters
+    ----------
+    clock : SwitchingClock
+    switches : tuple
+        One of :data:`SWITCHES`.
+    delay_s : float
+        Time by which switch 2 lags behind the clock.
+    times_s : ndarray, shape (n,)
+        In s.
+    window_s : float
+        Length of the window, in s; 0 for an instant.
+
+    Returns
+    -------
+    list of ndarray of float, shape (n,)
+        In [0, 1], one per switch.
+
+    Examples
+    --------
+    >>> clock = SwitchingClock(100.0, 0.0, 0.0, 100.0, 0.0)
+    >>> first, second = states_at(clock, SWITCHES["pulses"], 0.0, np.array([0.0, 2.5e-3]), 1e-6)
+    >>> first.tolist(), second.tolist()
+    ([1.0, 0.0], [0.0, 1.0])
+    """
+    states = []
+    for (rate, (on, off)), lag_s in zip(switches, (0.0, delay_s), strict=True):
+        start, stop = (
+            rate * clock.cycles(times_s - lag_s + side * window_s / 2) for side in (-1, 1)
+        )
+        whole = np.floor(start)
+        start, stop = start - whole, np.maximum(stop, start + 1e-12) - whole
+        covered = sum(
+            np.clip(np.minimum(stop, off + n) - np.maximum(start, on + n), 0, None)
+            for n in (-1, 0, 1, 2)
+        )
+        states.append(np.clip(covered / (stop - start), 0, 1))
+    return states
+
+
 def with_duty_errors(
     switches: tuple[Switch, Switch], errors: tuple[float, float]
 ) -> tuple[Switch, Switch]:

@@ -7,10 +7,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .irregular_clock import IrregularClock
-from .presses import PressedSensor
 from .random_sources import RandomSources
+from .skin import pressed_sensor
 from .streams import Ramp
-from .switching import SWITCHES, SwitchingClock, switch_states, with_duty_errors
+from .switching import (
+    SWITCHES,
+    SwitchingClock,
+    states_at,
+    switch_states,
+    with_duty_errors,
+)
 from .walk import RandomWalk
 
 if TYPE_CHECKING:
@@ -67,13 +73,7 @@ class SwitchedTag:
         if tag.drift_deg_per_sqrt_s:
             seeds, std = sources.effect("drift"), np.deg2rad(tag.drift_deg_per_sqrt_s)
             self._drifts = [RandomWalk(std, seeds.generator(index, end)) for end in (0, 1)]
-        self.pressed = PressedSensor(
-            scene.load_model(tag.truth_model),
-            [press for press in simulation.presses if press.sensor == sensor.name],
-            [move for move in simulation.moves if move.sensor == sensor.name],
-            scene.radio.center_frequency_hz,
-            tag.beam,
-        )
+        self.pressed = pressed_sensor(scene, index)
 
     def reflection(self, first: int, count: int) -> np.ndarray:
         """Reflection during some samples.
@@ -110,6 +110,35 @@ class SwitchedTag:
             values.append(self._off.mean())
         values = [np.atleast_1d(value * path).astype(np.complex64) for value in values]
         return self._sum(states, values, first, count)
+
+    def reflection_at(self, times_s: np.ndarray, window_s: float) -> np.ndarray:
+        """Reflection at single times, such as those of packets.
+
+        Parameters
+        ----------
+        times_s : ndarray, shape (n,)
+            In s, rising.
+        window_s : float
+            Time about each of them that is averaged, in s.
+
+        Returns
+        -------
+        ndarray of complex, shape (n,)
+            r / rho.
+        """
+        first_on, second_on = (
+            switch.T
+            for switch in states_at(self.clock, self._switches, self._delay_s, times_s, window_s)
+        )
+        ends = self.pressed.reflections(times_s)
+        if self._drifts:
+            ends = ends * np.exp(1j * np.stack([walk.at(times_s) for walk in self._drifts], axis=1))
+        both_on = first_on * second_on
+        off = self._off.mean()
+        total = first_on * (ends[:, 0] - self._off[0]) + second_on * (ends[:, 1] - self._off[1])
+        total = total + off + both_on * (self.pressed.through(times_s) + off)
+        reflected: np.ndarray = total * self._rotation * self.pressed.motion(times_s)
+        return reflected
 
     def _sum(
         self, states: Sequence[np.ndarray], values: Sequence[np.ndarray], first: int, count: int

@@ -58,6 +58,7 @@ function take(message) {
     const track = trackOf(reading.sensor);
     track.readings.push(reading);
     track.latest = reading;
+    track.across = track.across || reading.y !== null;
     track.arrivedAt = now;
     page.newest = Math.max(page.newest, reading.time);
   }
@@ -101,12 +102,27 @@ function lengthOf(sensor) {
   return 10 * Math.ceil(farthest / 10);
 }
 
+// Where the strips of a surface are; null for a sensor. Files do not say where they are.
+function planeOf(sensor, track) {
+  const known = page.status.surface;
+  if (known && (sensor === known.name || sensor === `${known.name}-2`)) {
+    const ends = known.strips.flatMap((strip) => strip.x_mm);
+    return {
+      strips: known.strips, x: [Math.min(...ends), Math.max(...ends)], y: known.y_span_mm,
+    };
+  }
+  if (!track.across) return null;
+  const seen = track.readings.filter((reading) => reading.y !== null).map((reading) => reading.y);
+  const low = 10 * Math.floor(Math.min(0, ...seen) / 10), high = Math.max(0, ...seen);
+  return { strips: [], x: [0, lengthOf(sensor)], y: [low, Math.max(low + 10, 10 * Math.ceil(high / 10))] };
+}
+
 function drawSensors() {
   const now = performance.now();
   for (const [sensor, track] of page.tracks) {
     const health = page.status.sensors[sensor] ?? {};
     const ageS = (now - track.arrivedAt) / 1000;
-    track.view.draw(track.latest, health, ageS, lengthOf(sensor));
+    track.view.draw(track.latest, health, ageS, lengthOf(sensor), planeOf(sensor, track));
   }
 }
 

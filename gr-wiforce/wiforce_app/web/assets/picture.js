@@ -12,10 +12,14 @@ const SVG = "http://www.w3.org/2000/svg";
 
 // As wiforce_app/web/page_state.py arranges the columns.
 function asReading(row) {
-  const [sensor, time, touch, force, forceStd, location, locationStd, snr, interference, flags] = row;
+  const [
+    sensor, time, touch, force, forceStd, location, locationStd, snr, interference, flags,
+    y = null, yStd = null, covXY = null,
+  ] = row;
   const warnings = flags.split(" ").filter((flag) => flag && flag !== "reference");
   return {
     sensor, time, touch, force, forceStd, location, locationStd, snr, interference, flags,
+    y, yStd, covXY,
     doubtful: warnings.length > 0,
   };
 }
@@ -73,15 +77,18 @@ class SensorView {
   }
 
   // `health` is what a heartbeat says of the sensor; `ageS` counts from the arrival of the reading.
-  draw(reading, health, ageS, lengthMm) {
+  // `plane` is that of a surface, null for a sensor.
+  draw(reading, health, ageS, lengthMm, plane) {
     const stale = reading === null || !(ageS <= STALE_S);
     this.drawTexts(reading, health, ageS, stale);
     const pressed = !stale && reading.touch === 1;
     const width = this.picture.clientWidth, height = this.picture.clientHeight;
-    const drawn = JSON.stringify([pressed && reading, lengthMm, width, height]);
+    this.root.classList.toggle("plane", plane !== null);
+    const drawn = JSON.stringify([pressed && reading, lengthMm, plane, width, height]);
     if (drawn !== this.drawn && width > 0) {
       this.drawn = drawn;
-      this.drawPicture(pressed ? reading : null, lengthMm, width, height);
+      if (plane !== null) drawPlane(this, pressed ? reading : null, plane, width, height);
+      else this.drawPicture(pressed ? reading : null, lengthMm, width, height);
     }
   }
 
@@ -94,6 +101,7 @@ class SensorView {
     if (touched) {
       force = withSpread(reading.force, reading.forceStd, 2, "N");
       location = withSpread(reading.location, reading.locationStd, 1, "mm");
+      if (reading.y !== null) location = `x ${location}, y ${withSpread(reading.y, reading.yStd, 1, "mm")}`;
     } else if (!stale) {
       force = reading.touch === 0 ? "0 N" : "no reading";
       location = reading.touch === 0 ? "not touched" : "";

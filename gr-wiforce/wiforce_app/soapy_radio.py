@@ -1,0 +1,246 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The driver ``soapy``: any radio with a SoapySDR module, through GNU Radio's Soapy blocks."""
+
+import contextlib
+import math
+import os
+import sys
+import time
+
+from gnuradio.wiforce.errors import InputError
+
+from .radio import End, Radio, absent_rule, last_line, set_environment
+from .radio_request import DeviceAbsent
+
+# SoapyUHD passes on what UHD says; see uhd_radio.py.
+_QUIET = {
+    "SOAPY_SDR_LOG_LEVEL": "FATAL",
+    "UHD_LOG_CONSOLE_LEVEL": "fatal",
+    "UHD_LOG_FASTPATH_DISABLE": "1",
+}
+_PACKAGES = "GNU Radio's gr-soapy (libgnuradio-soapy) and python3-soapysdr"
+# SoapySDR modules of devices that cannot transmit and receive at once, by their documentation.
+_ONE_WAY = {
+    "hackrf": "a HackRF transmits or receives, but not both at once",
+    "rtlsdr": "an RTL-SDR receives only",
+    "airspy": "an Airspy receives only",
+    "airspyhf": "an Airspy HF+ receives only",
+    "sdrplay": "an SDRplay receives only",
+    "miri": "a Mirics device receives only",
+    "audio": "a sound card is no radio",
+}
+_NANO = 1e-9
+# What samples may be late by when they arrive: buffers of drivers hold less.
+_LATE_S = 1.0
+
+
+class SoapyRadio(Radio):
+    """A SoapySDR device. Its blocks start streams at once, not at a given time."""
+
+    starts_together = False
+    _is_checked = False
+
+    def _open(self, request):
+        soapy, library = _libraries()
+        _keep_standard_error()
+        self._opened = []
+        transmits = not request.receive_only
+        args = _arguments("--args", request.args, transmits and request.tx_args is None)
+        device = self._device(library, "--args", args)
+        _check_receiver(library, device, args, request.antennas)
+        receiver = _block(soapy.source, "--args", args, request.antennas)
+        transmitter = None
+        if transmits:
+            option, other = "--args", args
+            if request.tx_args is not None:
+                option, other = "--tx-args", _arguments("--tx-args", request.tx_args, False)
+            other_device = self._device(library, option, other)
+            _check_transmitter(library, other_device, option, other, other == args)
+            transmitter = _SoapyEnd(_block(soapy.sink, option, other))
+        self._clocks = [receiver]
+        if request.tx_args is not None:
+            self._clocks.append(transmitter.block)
+        self.has_time = receiver.has_hardware_time("")
+        info = dict(device.getHardwareInfo())
+        serials = sorted(key for key in info if key.lower().endswith("serial"))
+        self.serial = info[serials[0]] if serials else ""
+        kind = f"{device.getHardwareKey()} (driver {device.getDriverKey()})"
+        self.hardware = ", ".join(text for text in (kind, self.serial) if text)
+        return _SoapyEnd(receiver, request.antennas), transmitter
+
+    def _device(self, library, option, args):
+        """The device that the blocks use, for what they do not report; opened once for all."""
+        try:
+            self._opened.append(library.Device(args))
+        except (RuntimeError, ValueError, IndexError, KeyError) as error:
+            raise DeviceAbsent(option, _absent(error), args) from error
+        return self._opened[-1]
+
+    def _clock_sources(self):
+        return list(self.source.list_clock_sources())
+
+    def _set_clock_source(self, name):
+        for block in self._clocks:
+            block.set_clock_source(name)
+
+    @property
+    def time_s(self):
+        if not self.has_time:
+            return time.monotonic()
+        return self.source.get_hardware_time("") * _NANO
+
+    def accepts_time(self, time_s):
+        # gr-soapy tags what a driver leaves in the time, which may be nothing.
+        if self.has_time and not self._is_checked:
+            self.has_time = abs(self.time_s - time_s) < _LATE_S
+        self._is_checked = True
+        return self.has_time
+
+    def start_together(self, lead_s):
+        return self.time_s
+
+    def collect(self, samples, timeout_s):
+        pass  # the block hands over single packets, after half a second at the latest
+
+
+class _SoapyEnd(End):
+    """Source or sink of gr-soapy."""
+
+    def __init__(self, block, channels=1):
+        super().__init__(block)
+        self._channels = range(channels)
+        for channel in self._channels:
+            # A gain that changes by itself changes the phases as a press does.
+            if block.has_gain_mode(channel):
+                block.set_gain_mode(channel, False)
+
+    def set_rate(self, rate_hz):
+        nearest = _nearest(self.block.get_sample_rate_range(0), rate_hz)
+        if not math.isclose(nearest, rate_hz, rel_tol=1e-6):
+            return nearest
+        for channel in self._channels:
+            self.block.set_sample_rate(channel, nearest)
+        return self.block.get_sample_rate(0)
+
+    def set_carrier(self, carrier_hz):
+        if _nearest(self.block.get_frequency_range(0), carrier_hz) != carrier_hz:
+            return math.inf
+        for channel in self._channels:
+            self.block.set_frequency(channel, carrier_hz)
+        return self.block.get_frequency(0)
+
+    def carrier_limits_hz(self):
+        return _limits(self.block.get_frequency_range(0))
+
+    def gain_limits_db(self):
+        limits = self.block.get_gain_range(0)
+        return limits.minimum(), limits.maximum()
+
+    def set_gain(self, gain_db):
+        for channel in self._channels:
+            self.block.set_gain(channel, gain_db)
+
+    def gain_db(self):
+        return self.block.get_gain(0)
+
+    def antennas(self):
+        return list(self.block.list_antennas(0))
+
+    def set_antenna(self, antenna):
+        for channel in self._channels:
+            self.block.set_antenna(channel, antenna)
+
+    def antenna(self):
+        return self.block.get_antenna(0)
+
+    def bandwidth_limits_hz(self):
+        ranges = self.block.get_bandwidth_range(0)
+        return _limits(ranges) if ranges else None
+
+    def set_bandwidth(self, bandwidth_hz):
+        for channel in self._channels:
+            self.block.set_bandwidth(channel, bandwidth_hz)
+
+    def locked(self):
+        with contextlib.suppress(RuntimeError, ValueError):
+            if "lo_locked" in self.block.list_sensors(0):
+                return str(self.block.read_sensor(0, "lo_locked")).lower() == "true"
+        return True
+
+
+def _libraries():
+    """GNU Radio's blocks, and SoapySDR itself."""
+    set_environment(_QUIET)
+    try:
+        import SoapySDR
+        from gnuradio import soapy
+    except ImportError as error:
+        raise InputError("--driver", f"'soapy' needs {_PACKAGES} ({last_line(error)})") from error
+    return soapy, SoapySDR
+
+
+def _keep_standard_error():
+    """Discard what libraries print: gr-soapy writes letters for losses, which the reader reports.
+
+    What Python prints is kept. The process of a radio has nothing else to say.
+    """
+    kept, discarded = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(discarded, 2)
+    os.close(discarded)
+    sys.stderr = open(kept, "w", encoding="utf-8")
+
+
+def _arguments(option, args, both_ways):
+    """The arguments, which must name a module, and one of radios that can do what is asked."""
+    pairs = (pair.partition("=") for pair in args.split(","))
+    driver = {key.strip(): value.strip() for key, _, value in pairs}.get("driver", "")
+    if not driver:
+        rule = "must name the SoapySDR module, as driver=lime (`SoapySDRUtil --find` lists devices)"
+        raise InputError(option, rule, args)
+    if both_ways and driver in _ONE_WAY:
+        raise InputError(option, f"must name a full-duplex device: {_ONE_WAY[driver]}", args)
+    return args
+
+
+def _check_receiver(library, device, args, antennas):
+    channels = device.getNumChannels(library.SOAPY_SDR_RX)
+    if channels < antennas:
+        rule = f"must name a device with {antennas} receive channel{'s' * (antennas > 1)}"
+        raise InputError("--args", f"{rule} (it has {channels})", args)
+
+
+def _check_transmitter(library, device, option, args, receives):
+    if device.getNumChannels(library.SOAPY_SDR_TX) == 0:
+        raise InputError(option, "must name a full-duplex device: this one receives only", args)
+    if receives and not device.getFullDuplex(library.SOAPY_SDR_TX, 0):
+        rule = "must name a full-duplex device: this one transmits or receives, but not both"
+        raise InputError(option, f"{rule} at once", args)
+
+
+def _block(kind, option, args, channels=1):
+    try:
+        return kind(args, "sc16", channels, "", "", [""], [""])
+    except (RuntimeError, ValueError, IndexError, KeyError) as error:
+        raise DeviceAbsent(option, _absent(error), args) from error
+
+
+def _absent(error):
+    text = str(error)
+    if "No devices found" in text:
+        return absent_rule("no device found")
+    if "no match" in text:
+        return absent_rule("no device found; is the SoapySDR module of this driver installed?")
+    return absent_rule(last_line(error))
+
+
+def _nearest(ranges, value):
+    """The value within ranges that is nearest to one."""
+    return min(
+        (min(max(value, each.minimum()), each.maximum()) for each in ranges),
+        key=lambda each: abs(each - value),
+        default=value,
+    )
+
+
+def _limits(ranges):
+    return min(each.minimum() for each in ranges), max(each.maximum() for each in ranges)

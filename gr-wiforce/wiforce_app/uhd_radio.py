@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The driver ``uhd``: a USRP, through GNU Radio's UHD blocks."""
+
+from .radio import End, Radio, absent_rule, last_line, set_environment
+from .radio_request import DeviceAbsent
+
+# UHD prints dozens of lines that would hide our own. Users who need them set these variables.
+_QUIET = {"UHD_LOG_CONSOLE_LEVEL": "fatal", "UHD_LOG_FASTPATH_DISABLE": "1"}
+
+
+class UhdRadio(Radio):
+    """A UHD device; both streams start at one device time."""
+
+    def _open(self, request):
+        set_environment(_QUIET)
+        from gnuradio import uhd
+
+        receiver = _UhdEnd(_block(uhd.usrp_source, "--args", request.args, request.antennas))
+        transmitter = None
+        if not request.receive_only:
+            option = "--args" if request.tx_args is None else "--tx-args"
+            args = request.args if request.tx_args is None else request.tx_args
+            transmitter = _UhdEnd(_block(uhd.usrp_sink, option, args))
+        self._apart = request.tx_args is not None
+        self.starts_together = not self._apart and not request.receive_only
+        info = receiver.block.get_usrp_info()
+        known = [info.get(key) for key in ("mboard_id", "rx_subdev_name", "mboard_serial")]
+        self.hardware = ", ".join(text for text in known if text)
+        self.serial = info.get("mboard_serial")
+        return receiver, transmitter
+
+    def _clock_sources(self):
+        return self.source.get_clock_sources(0)
+
+    def _set_clock_source(self, name):
+        self.source.set_clock_source(name)
+        if self._apart:
+            self.sink.set_clock_source(name)
+
+    @property
+    def time_s(self):
+        return self.source.get_time_now().get_real_secs()
+
+    def start_together(self, lead_s):
+        from gnuradio import uhd
+
+        start_s = self.time_s + lead_s
+        # The time of another device is not known: its transmitter starts at once.
+        for block in (self.source, None if self._apart else self.sink):
+            if block is not None:
+                block.set_start_time(uhd.time_spec(start_s))
+        return start_s
+
+    def collect(self, samples, timeout_s):
+        self.source.set_recv_timeout(timeout_s, samples == 0)
+        if samples:
+            self.source.set_max_noutput_items(samples)
+
+
+class _UhdEnd(End):
+    """Source or sink of gr-uhd."""
+
+    def __init__(self, block):
+        super().__init__(block)
+        self._channels = range(block.output_signature().min_streams() or 1)
+
+    def set_rate(self, rate_hz):
+        self.block.set_samp_rate(rate_hz)
+        return self.block.get_samp_rate()
+
+    def set_carrier(self, carrier_hz):
+        for channel in self._channels:
+            self.block.set_center_freq(carrier_hz, channel)
+        return self.block.get_center_freq()
+
+    def carrier_limits_hz(self):
+        limits = self.block.get_freq_range()
+        return limits.start(), limits.stop()
+
+    def gain_limits_db(self):
+        limits = self.block.get_gain_range()
+        return limits.start(), limits.stop()
+
+    def set_gain(self, gain_db):
+        for channel in self._channels:
+            self.block.set_gain(gain_db, channel)
+
+    def gain_db(self):
+        return self.block.get_gain()
+
+    def antennas(self):
+        return list(self.block.get_antennas())
+
+    def set_antenna(self, antenna):
+        for channel in self._channels:
+            self.block.set_antenna(antenna, channel)
+
+    def antenna(self):
+        return self.block.get_antenna()
+
+    def bandwidth_limits_hz(self):
+        limits = self.block.get_bandwidth_range()
+        return limits.start(), limits.stop()
+
+    def set_bandwidth(self, bandwidth_hz):
+        for channel in self._channels:
+            self.block.set_bandwidth(bandwidth_hz, channel)
+
+    def locked(self):
+        if "lo_locked" not in self.block.get_sensor_names():
+            return True
+        return self.block.get_sensor("lo_locked").to_bool()
+
+
+def _block(kind, option, args, channels=1):
+    from gnuradio import uhd
+
+    stream = uhd.stream_args(cpu_format="sc16", otw_format="sc16", channels=list(range(channels)))
+    try:
+        block = kind(args, stream)
+    except (RuntimeError, ValueError, IndexError, KeyError) as error:
+        reason = "no device found" if "No devices found" in str(error) else last_line(error)
+        raise DeviceAbsent(option, absent_rule(reason), args) from error
+    block.set_log_level("off")  # the reader reports gaps
+    return block

@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Times of readings as text: ISO 8601 in UTC, to the microsecond."""
+
+import re
+from datetime import datetime, timezone
+
+
+def written_utc(utc_s: int, microseconds: int = 0) -> str:
+    """Write a time.
+
+    Parameters
+    ----------
+    utc_s : int
+        Whole seconds since 1970.
+    microseconds : int, optional
+        The rest, 0 to 999 999.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> written_utc(1769903999, 250000)
+    '2026-01-31T23:59:59.250000Z'
+    """
+    time = datetime.fromtimestamp(utc_s, timezone.utc).replace(microsecond=microseconds)
+    return time.strftime("%Y-%m-%dT%H:%M:%S.%fZ")
+
+
+def parsed_utc(text: str) -> datetime:
+    """Parse a time that :func:`written_utc`, or another program, has written.
+
+    Parameters
+    ----------
+    text : str
+        With any number of decimals of the second.
+
+    Returns
+    -------
+    datetime.datetime
+
+    Raises
+    ------
+    ValueError
+        When it is no time.
+
+    Examples
+    --------
+    >>> parsed_utc("2026-01-31T23:59:59.5Z").isoformat()
+    '2026-01-31T23:59:59.500000+00:00'
+    """
+    # Python 3.10 accepts neither Z nor other decimals than three or six.
+    decimals = re.sub(r"\.(\d+)", lambda found: f".{found[1]:0<6.6}", text)
+    return datetime.fromisoformat(decimals.replace("Z", "+00:00"))

@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Expected errors of a press on a surface, at points on its strips and between them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..surface.estimator import SurfaceEstimator
+from ..surface.skin import Skin
+from .expected import MEDIAN, phase_std_deg
+from .plan import Plan
+
+# Step of a numerical derivative by y, in mm.
+_STEP_MM = 0.05
+# With this share a press between two strips that are shorted by 0.9 N is seen from 3.6 N on.
+_LEAST_SHARE = 0.25
+
+
+@dataclass(frozen=True)
+class SurfaceExpected:
+    """Expected median errors of a press at one point.
+
+    Attributes
+    ----------
+    x_mm, y_mm, force_n : float
+        The press.
+    strip : str
+        Sensor of the strip beneath; empty between strips.
+    force_error_n, x_error_mm, y_error_mm : float
+        From noise, the calibrations of the strips and the spreading law.
+    force_error_n_by_noise, x_error_mm_by_noise, y_error_mm_by_noise : float or None
+        The Cramer-Rao bound of the noise of the phases alone, as a median; None where a single
+        strip is touched, which does not determine y.
+
+    Examples
+    --------
+    >>> SurfaceExpected(40.0, 6.0, 5.0, "", 0.1, 0.2, 0.3, 0.01, 0.02, 0.03).y_error_mm
+    0.3
+    """
+
+    x_mm: float
+    y_mm: float
+    force_n: float
+    strip: str
+    force_error_n: float
+    x_error_mm: float
+    y_error_mm: float
+    force_error_n_by_noise: float | None
+    x_error_mm_by_noise: float | None
+    y_error_mm_by_noise: float | None
+
+
+def expect_surface(plan: Plan) -> tuple[SurfaceExpected, ...]:
+    """Expected errors on the strips of a surface and halfway between them.
+
+    Parameters
+    ----------
+    plan : Plan
+        Of a scene with a surface; its ``simulation`` gives the noise.
+
+    Returns
+    -------
+    tuple of SurfaceExpected
+        In the order of y, for a press in the middle along x with half of the force that the strips'
+        calibrations reach. Empty without a surface.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.planning.plan import plan
+    >>> points = expect_surface(plan("surface_four_strips"))
+    >>> [point.strip for point in points][:3], points[1].y_mm
+    (['strip1', '', 'strip2'], 6.0)
+    """
+    skin = plan.skin
+    if skin is None:
+        return ()
+    noise = phase_std_deg(plan)[list(skin.indices)]
+    own = skin.y_mm
+    y = np.sort(np.concatenate([own, (own[1:] + own[:-1]) / 2]))
+    force = float(max(1.0, round(skin.top_force_n / 2)))
+    x = float(np.mean(skin.x_span_mm))
+    loads = force * skin.shares(y)
+    touched = loads >= skin.onset_force_n
+    phases = np.stack(
+        [
+            strip.model.phases_deg(loads[:, i], strip.location_of(x), skin.frequency_hz)
+            for i, strip in enumerate(skin.strips)
+        ],
+        axis=1,
+    )
+    std = np.broadcast_to(noise, phases.shape)
+    found = SurfaceEstimator(skin).read(phases, std, np.ones(touched.shape, bool), touched)
+    with np.errstate(invalid="ignore"):
+        errors = MEDIAN * np.sqrt(np.einsum("gaa->ga", found.covariance[:, 0]))
+    names = {strip.y_mm: strip.sensor for strip in skin.strips}
+    return tuple(
+        SurfaceExpected(
+            x,
+            float(at),
+            force,
+            names.get(float(at), ""),
+            *errors[i].tolist(),
+            *_bound(skin, force, x, float(at), noise),
+        )
+        for i, at in enumerate(y)
+    )
+
+
+def _bound(skin: Skin, force: float, x: float, y: float, noise: np.ndarray) -> list:
+    """Cramer-Rao bound of force, x and y from the phases of the touched strips, as medians."""
+    share = skin.shares(np.array([y]))[0]
+    rise = np.diff(skin.shares(np.array([y - _STEP_MM, y + _STEP_MM])), axis=0)[0] / (2 * _STEP_MM)
+    information = np.zeros((3, 3))
+    for i, strip in enumerate(skin.strips):
+        if share[i] * force < skin.onset_force_n[i]:
+            continue
+        forward = strip.model.inverter(skin.frequency_hz).forward
+        at = forward.clip(np.array([share[i] * force]), np.array([strip.location_of(x)]))
+        slopes = forward.slopes(*at)[0]
+        sign = -1.0 if strip.reversed else 1.0
+        to_press = np.array([[share[i], 0.0, force * rise[i]], [0.0, sign, 0.0]])
+        by_press = slopes @ to_press / noise[i][:, None]
+        information += by_press.T @ by_press
+    if np.linalg.matrix_rank(information) < 3:
+        return [None] * 3
+    bound: list = (MEDIAN * np.sqrt(np.diag(np.linalg.inv(information)))).tolist()
+    return bound
+
+
+def surface_warnings(plan: Plan) -> list[str]:
+    """What a user of a surface should know before a measurement.
+
+    Parameters
+    ----------
+    plan : Plan
+        Of a scene.
+
+    Returns
+    -------
+    list of str
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from gnuradio.wiforce.planning.plan import plan
+    >>> from gnuradio.wiforce.scene import load_scene
+    >>> scene = load_scene("surface_four_strips")
+    >>> bare = replace(scene, surface=replace(scene.surface, spreading=None))
+    >>> print(surface_warnings(plan(bare))[0])
+    surface: without a spreading law it is not read; `calibrate --surface` makes one
+    """
+    surface = plan.require_scene().surface
+    if surface is None:
+        return []
+    if plan.skin is None:
+        return ["surface: without a spreading law it is not read; `calibrate --surface` makes one"]
+    skin = plan.skin
+    between = skin.shares((skin.y_mm[1:] + skin.y_mm[:-1]) / 2).max(axis=-1).min()
+    if between < _LEAST_SHARE:
+        onset = float(skin.onset_force_n.max() / max(between, 1e-3))
+        return [
+            f"surface: between strips the largest share is {between:.2f}; presses below "
+            f"{onset:.1f} N are not seen there; lay the strips closer, or use a stiffer skin"
+        ]
+    return []

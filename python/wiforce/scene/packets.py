@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Packets whose channel another device measures, instead of frames that a radio samples."""
+
+from ..io.schema import declared, key
+from ..io.values import Choice, Integer, Number
+
+# Time that a channel estimate averages, in s: two long training symbols of 3.2 us each, as in the
+# legacy and HT preambles (IEEE 802.11-2020, 17.3.3 and 19.3.9).
+_TRAINING_S = 6.4e-6
+# Share of each kind of fault that leaves something to read.
+_MOST_LOST = 0.9
+
+
+@declared
+class Packets:
+    """Packets, each of which gives one snapshot of the channel at a time of its own.
+
+    Examples
+    --------
+    >>> Packets().interval_s
+    0.001
+    """
+
+    interval_s: float = key(
+        Number(unit="s", low=1e-5, high=10),
+        default=1e-3,
+        doc="Mean time between packets that are received: 0.0026 to 0.112 for an ESP32, about "
+        "0.001 for better hardware. Phase groups last `phase_group.snapshots` times this.",
+    )
+    gaps: str = key(
+        Choice(words=("exponential", "regular")),
+        default="exponential",
+        doc="Times between packets, for `plan` and `simulate`: `exponential` as in traffic of "
+        "independent senders, `regular` as from a sender with a timer.",
+    )
+    window_s: float = key(
+        Number(unit="s", low=1e-7, high=1e-2),
+        default=_TRAINING_S,
+        doc="Time of a packet that its channel estimate averages, Ta: that of its training "
+        "symbols.",
+    )
+    subcarriers: int = key(
+        Integer(low=4, high=4096),
+        default=52,
+        doc="Subcarriers, for `plan` and `simulate`; `read` uses those of the file.",
+    )
+    spacing_hz: float = key(
+        Number(unit="Hz", low=1e3, high=1e8),
+        default=312.5e3,
+        doc="Distance of these subcarriers.",
+    )
+
+
+@declared
+class PacketFaults:
+    """What commodity receivers do to channel snapshots, for `simulate`.
+
+    Examples
+    --------
+    >>> PacketFaults(lost=0.1).gain_step_db
+    0.0
+    """
+
+    lost: float = key(
+        Number(low=0, high=_MOST_LOST), default=0.0, doc="Share of the packets that is lost."
+    )
+    repeated: float = key(
+        Number(low=0, high=_MOST_LOST),
+        default=0.0,
+        doc="Share of the packets that is reported twice, as by a driver that logs retransmissions "
+        "again.",
+    )
+    gain_step_db: float = key(
+        Number(unit="dB", low=0, high=30),
+        default=0.0,
+        doc="Step of the receiver's automatic gain, which all antennas share: each packet is "
+        "received with a gain of -1, 0 or 1 of these steps.",
+    )
+    timing_offset_s: float = key(
+        Number(unit="s", low=0, high=1e-6),
+        default=0.0,
+        doc="Standard deviation of the sampling time from packet to packet: a phase that is "
+        "linear over the subcarriers, common to all antennas.",
+    )

@@ -1,0 +1,244 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The section ``surface`` of a scene: strips side by side under one skin."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import combinations
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import InputError
+from ..io.schema import ListOf, Mapping, declared, key
+from ..io.values import Choice, Integer, Number, Text
+from ..surface.file import SpreadingKeys, read_spreading
+from ..surface.skin import Skin, Strip
+from ..surface.spreading import Spreading
+from .simulated_tags import MAX_SENSORS, MODEL_NAME_LENGTH, sensor_name
+
+if TYPE_CHECKING:
+    from .schema import Scene
+
+_POSITION = Number(unit="mm", low=-10_000, high=10_000)
+_LEAST_DISTANCE_MM = 0.1
+
+
+@declared
+class SurfaceStrip:
+    """A strip of a surface.
+
+    Examples
+    --------
+    >>> SurfaceStrip(sensor="left", y_mm=12.0).direction
+    '+x'
+    """
+
+    sensor: str = sensor_name()
+    y_mm: float = key(_POSITION, doc="Position of the strip across.")
+    x_mm: float = key(_POSITION, default=0.0, doc="Where port 1 of the strip is along x.")
+    direction: str = key(
+        Choice(words=("+x", "-x")),
+        default="+x",
+        doc="Direction from port 1 to port 2.",
+    )
+
+
+@declared
+class Surface:
+    """Sensors side by side under one skin, read together as a surface.
+
+    Examples
+    --------
+    >>> strips = (SurfaceStrip(sensor="a", y_mm=0.0), SurfaceStrip(sensor="b", y_mm=12.0))
+    >>> Surface(strips=strips, spreading_file="skin.yaml").names
+    ('skin',)
+    """
+
+    name: str = key(
+        Text(limit=64), default="skin", doc="Name in the readings; differs from every sensor's."
+    )
+    strips: tuple[SurfaceStrip, ...] = key(
+        ListOf(of=SurfaceStrip, least=2, most=MAX_SENSORS),
+        doc="The strips, in any order.",
+    )
+    presses: int = key(
+        Integer(low=1, high=2),
+        default=1,
+        doc="Presses that are resolved at a time. With 2, the second one has rows of its own, "
+        "named after the surface with `-2` behind.",
+    )
+    spreading: SpreadingKeys | None = key(
+        Mapping(of=SpreadingKeys, optional=True),
+        default=None,
+        doc="How the skin spreads a press; or `spreading_file`. Without either, the strips are "
+        "read, but not the surface.",
+    )
+    spreading_file: str | None = key(
+        Text(limit=MODEL_NAME_LENGTH, optional=True),
+        default=None,
+        doc="File that `calibrate --surface` has written, relative to the scene file.",
+    )
+
+    @property
+    def known(self) -> bool:
+        """Whether the spreading law is known, so that the surface is read."""
+        return self.spreading is not None or self.spreading_file is not None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of its rows in the readings; none without a spreading law."""
+        return (self.name, f"{self.name}-2")[: self.presses if self.known else 0]
+
+    def law(self, folder: Path) -> SpreadingKeys:
+        """The spreading law, as stated or from its file.
+
+        Parameters
+        ----------
+        folder : Path
+            Of the scene file.
+
+        Returns
+        -------
+        SpreadingKeys
+
+        Raises
+        ------
+        InputError
+            As :func:`~..surface.file.read_spreading`.
+        """
+        if self.spreading is not None:
+            return self.spreading
+        return read_spreading(folder / str(self.spreading_file))
+
+
+def skin_of(scene: "Scene") -> Skin | None:
+    """The surface of a scene, with its models and its spreading law.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    Skin or None
+        None for a scene without a surface, or without its spreading law.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.scene import load_scene
+    >>> skin_of(load_scene("demo")) is None
+    True
+    """
+    bare = bare_skin(scene)
+    if bare is None or scene.surface is None or not scene.surface.known:
+        return None
+    law = scene.surface.law(scene.path.parent if scene.path else Path())
+    return replace(bare, spreading=law.spreading())
+
+
+def bare_skin(scene: "Scene") -> Skin | None:
+    """The surface of a scene with a spreading law that means nothing.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    Skin or None
+        None for a scene without a surface.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.scene import load_scene
+    >>> bare_skin(load_scene("surface_four_strips")).y_mm.tolist()
+    [0.0, 12.0, 24.0, 36.0]
+    """
+    surface = scene.surface
+    if surface is None:
+        return None
+    sensors = {sensor.name: sensor for sensor in scene.sensors}
+    strips = tuple(
+        Strip(
+            each.sensor,
+            sensors[each.sensor].load_model(scene),
+            each.y_mm,
+            each.x_mm,
+            each.direction == "-x",
+        )
+        for each in sorted(surface.strips, key=lambda strip: strip.y_mm)
+    )
+    indices = tuple(scene.sensor_names.index(strip.sensor) for strip in strips)
+    nothing = Spreading((0.0, 1.0), (1.0, 0.0), 1.0, 1.0)
+    return Skin(surface.name, strips, indices, nothing, scene.radio.center_frequency_hz)
+
+
+def surface_violations(scene: "Scene") -> Iterator[tuple[str, str, Any] | tuple[str, str]]:
+    """What contradicts itself in the surface of a scene and in the presses on it.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Yields
+    ------
+    tuple
+        Dotted key, rule and value, where the rule does not state the value itself.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.scene import load_scene
+    >>> list(surface_violations(load_scene("demo")))
+    []
+    """
+    surface = scene.surface
+    presses = scene.simulation.surface_presses
+    if surface is None:
+        if presses:
+            yield "simulation.surface_presses", "need a surface in the scene"
+        return
+    for name in (surface.name, f"{surface.name}-2")[: surface.presses]:
+        if name in scene.sensor_names:
+            yield "surface.name", "must differ from the name of every sensor", surface.name
+    for (i, first), (j, second) in combinations(enumerate(surface.strips), 2):
+        if first.sensor == second.sensor:
+            rule = f"must differ from that of surface.strips[{i}]"
+            yield f"surface.strips[{j}].sensor", rule, second.sensor
+        if abs(first.y_mm - second.y_mm) < _LEAST_DISTANCE_MM:
+            rule = f"must lie {_LEAST_DISTANCE_MM:g} mm or more from that of surface.strips[{i}]"
+            yield f"surface.strips[{j}].y_mm", rule, second.y_mm
+    if surface.spreading is not None and surface.spreading_file is not None:
+        yield "surface.spreading_file", "must be left out where surface.spreading is given"
+    try:
+        law = surface.law(scene.path.parent if scene.path else Path()) if surface.known else None
+    except InputError as error:
+        yield "surface.spreading_file", str(error)
+        return
+    if law is not None and law.strip_shares and len(law.strip_shares) != len(surface.strips):
+        rule = f"must be a law of as many strips as the surface has, {len(surface.strips)}"
+        where = "surface.spreading_file" if surface.spreading is None else "surface.spreading"
+        yield where, rule, len(law.strip_shares)
+    skin = bare_skin(scene)
+    assert skin is not None
+    if skin.x_span_mm[0] >= skin.x_span_mm[1]:
+        yield "surface.strips", "must overlap along x; see x_mm and direction"
+    yield from _press_violations(scene, skin)
+
+
+def _press_violations(scene: "Scene", skin: Skin) -> Iterator[tuple[str, str, Any]]:
+    truths = {tag.sensor: tag.truth_model for tag in scene.simulation.tags}
+    lengths = [scene.load_model(truths[strip.sensor]).length_mm for strip in skin.strips]
+    for i, press in enumerate(scene.simulation.surface_presses):
+        where = f"simulation.surface_presses[{i}]"
+        if press.start_s < scene.reference_s:
+            rule = f"must not begin before reference_s ({scene.reference_s:g} s)"
+            yield f"{where}.start_s", rule, press.start_s
+        if press.start_s >= scene.simulation.duration_s:
+            rule = f"must begin before simulation.duration_s ({scene.simulation.duration_s:g})"
+            yield f"{where}.start_s", rule, press.start_s
+        for strip, length_mm in zip(skin.strips, lengths, strict=True):
+            if not 0 <= strip.location_of(press.x_mm) <= length_mm:
+                rule = f"must lie on the line of strip '{strip.sensor}'"
+                yield f"{where}.x_mm", rule, press.x_mm
+        low, high = skin.y_mm[0] - skin.spacing_mm, skin.y_mm[-1] + skin.spacing_mm
+        if not low <= press.y_mm <= high:
+            yield f"{where}.y_mm", f"must lie on the surface, {low:g} to {high:g} mm", press.y_mm

@@ -1,0 +1,320 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Weights of phase groups whose snapshots have times of their own instead of a grid.
+
+What :mod:`.weights` does for frames that follow each other, for packets: a group is modelled as
+tones plus clutter at its exact times, and solved by least squares. Lines do not alias here, unless
+packets are regular: two lines are one tone where these times do not tell them apart.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from ..errors import InputError
+from .lines import Tone
+from .partial_weights import WORST_PARTIAL_GAIN, PartialWeights
+from .weights import ToneTable
+
+# Lines whose correlation over the times exceeds the first are one tone: sinc(0.3), as on a grid
+# (lines.py). A line is left out where its correlation with its own mirror image, or the share of
+# it that is clutter, exceeds the others: half of it can then not be told apart.
+_SAME_TONE = 0.86
+_OWN_MIRROR = 0.7
+_CLUTTER_SHARE = 0.5
+# Sequences beyond 2BT: what remains of clutter is 60 to 100 dB down, as much as channel estimates
+# of 10 to 16 bits resolve.
+_EXTRA_SEQUENCES = 8
+# Condition of the basis beyond which tones count as undetermined; half of the digits remain.
+_WORST_CONDITION = 1e6
+
+
+@dataclass(frozen=True)
+class TimedWeights(PartialWeights):
+    """Least-squares weights at the times of a group's snapshots.
+
+    Attributes
+    ----------
+    mask, weights, covariance
+        As those of :class:`.partial_weights.PartialWeights`; every snapshot is present.
+    times_s : ndarray, shape (n,)
+        From the group's centre, in s.
+
+    Examples
+    --------
+    >>> table = timed_table([120.0], np.linspace(-0.25, 0.25, 500), 0.5)
+    >>> table.at(np.array([0.1, 0.2])) is None  # two snapshots determine nothing
+    True
+    """
+
+    times_s: np.ndarray = field(default_factory=lambda: np.zeros(0), repr=False)
+
+
+@dataclass(frozen=True)
+class TimedTable(ToneTable):
+    """Weights of a run whose groups have times of their own: those of a typical group.
+
+    Attributes
+    ----------
+    tones, weights, basis, snapshot_period_s, room
+        As those of :class:`.weights.ToneTable`, on a typical group; without ``basis`` and ``room``.
+    typical_s : ndarray, shape (N,)
+        Times of the typical group from its centre, in s.
+    clutter_hz : float
+        Clutter band, in Hz.
+
+    Examples
+    --------
+    >>> times_s = np.sort(np.random.default_rng(1).uniform(-0.25, 0.25, 450))
+    >>> table = timed_table([120.0], times_s, 0.5)
+    >>> static_path = np.ones(450)
+    >>> bool(np.abs(table.weights @ static_path).max() < 1e-9)
+    True
+    """
+
+    typical_s: np.ndarray = field(default_factory=lambda: np.zeros(0), repr=False)
+    clutter_hz: float = 0.0
+
+    @cached_property
+    def times_s(self) -> np.ndarray:
+        """Times of the typical group from its centre, in s; shape (N,)."""
+        return self.typical_s
+
+    def at(self, times_s: np.ndarray) -> TimedWeights | None:
+        """Weights of a group.
+
+        Parameters
+        ----------
+        times_s : ndarray, shape (n,)
+            Times of its snapshots from its centre, in s.
+
+        Returns
+        -------
+        TimedWeights or None
+            None when these snapshots do not determine the tones.
+        """
+        weights = _solve(self._columns(times_s), len(self.tones))
+        if weights is None:
+            return None
+        noise_gain = np.sum(np.abs(weights) ** 2, axis=1) * len(times_s)
+        if noise_gain.max() > WORST_PARTIAL_GAIN:
+            return None
+        return TimedWeights(np.ones(len(times_s), bool), weights, times_s=times_s)
+
+    def residual(self, times_s: np.ndarray, channel: np.ndarray) -> float:
+        """What neither tones nor clutter explain of a group.
+
+        Parameters
+        ----------
+        times_s : ndarray, shape (n,)
+            Times of its snapshots from its centre, in s; more than tones and clutter together.
+        channel : ndarray of complex, shape (n, K)
+
+        Returns
+        -------
+        float
+            Mean power per degree of freedom.
+        """
+        basis = np.linalg.qr(self._columns(times_s))[0]
+        explained = np.sum(np.abs(basis.T @ channel) ** 2)
+        freedom = (len(times_s) - basis.shape[1]) * channel.shape[1]
+        return float((np.sum(np.abs(channel) ** 2) - explained) / max(freedom, 1))
+
+    def _columns(self, times_s: np.ndarray) -> np.ndarray:
+        """Cosines, sines and clutter at some times."""
+        upper = [tone.frequency_hz for tone in self.tones if tone.frequency_hz > 0]
+        phases = 2 * np.pi * np.outer(times_s, upper)
+        clutter = clutter_at(times_s, self.group_period_s, self.clutter_hz)
+        return np.hstack([np.cos(phases), np.sin(phases), clutter])
+
+
+def timed_table(
+    clocks_hz: Sequence[float],
+    times_s: np.ndarray,
+    period_s: float,
+    clutter_hz: float = 0.0,
+    harmonics: int = 8,
+) -> TimedTable:
+    """Weight table for the lines of all tags, at the times of a typical group.
+
+    Parameters
+    ----------
+    clocks_hz : sequence of float, length S
+        Nominal fs of each tag, in Hz.
+    times_s : ndarray, shape (N,)
+        Times of a typical group's snapshots from its centre, in s.
+    period_s : float
+        Length of a group, in s.
+    clutter_hz : float
+        Highest Doppler frequency of anything that moves; 0 when nothing does.
+    harmonics : int
+        Lines +-1..+-harmonics are used.
+
+    Returns
+    -------
+    TimedTable
+
+    Raises
+    ------
+    InputError
+        When the snapshots of the group do not determine the lines of every tag.
+
+    Examples
+    --------
+    >>> times_s = np.sort(np.random.default_rng(1).uniform(-0.25, 0.25, 450))
+    >>> table = timed_table([120.0, 134.0], times_s, 0.5)
+    >>> len(table.tones), table.tones[-1].frequency_hz
+    (32, 1072.0)
+    """
+    tones = timed_lines(clocks_hz, times_s, period_s, clutter_hz, harmonics)
+    empty = np.zeros((len(tones), len(times_s)), complex)
+    table = TimedTable(
+        tones, empty, None, period_s / len(times_s), typical_s=times_s, clutter_hz=clutter_hz
+    )
+    found = table.at(times_s)
+    if found is None or not tones:
+        rule = (
+            f"must be longer: its {len(times_s)} packets do not determine {len(tones)} lines of "
+            f"the tags beside clutter of {clutter_hz:g} Hz"
+        )
+        raise InputError("group_length", rule, len(times_s))
+    for tag, clock_hz in enumerate(clocks_hz):
+        if not any(len(tone.owners) == 1 and tone.owners[0][0] == tag for tone in tones):
+            rule = "must leave the tag a line that these packets tell apart from every other"
+            raise InputError(f"clocks_hz[{tag}]", rule, clock_hz)
+    return replace(table, weights=found.weights)
+
+
+def timed_lines(
+    clocks_hz: Sequence[float],
+    times_s: np.ndarray,
+    period_s: float,
+    clutter_hz: float = 0.0,
+    harmonics: int = 8,
+) -> tuple[Tone, ...]:
+    """Tones on which tags are read at given times.
+
+    Parameters
+    ----------
+    clocks_hz, times_s, period_s, clutter_hz, harmonics
+        As for :func:`timed_table`.
+
+    Returns
+    -------
+    tuple of Tone
+        Ascending in frequency; symmetric about 0.
+
+    Examples
+    --------
+    Packets at exactly 1 kHz show line 7 of 120 Hz at 160 Hz; irregular ones show it where it is:
+
+    >>> regular = np.arange(500) * 1e-3
+    >>> irregular = regular + np.random.default_rng(1).uniform(0, 1e-3, 500)
+    >>> [len(timed_lines([125.0], t, 0.5)) // 2 for t in (regular, irregular)]
+    [3, 8]
+    """
+    clutter, _ = np.linalg.qr(clutter_at(times_s, period_s, clutter_hz))
+    lines = sorted(
+        (m, m * clock_hz, tag) for m in range(1, harmonics + 1) for tag, clock_hz in _all(clocks_hz)
+    )
+    found: list[tuple[float, list[tuple[int, int]], np.ndarray]] = []
+    # The slowest lines first: they are the strongest, and give a shared tone its frequency.
+    for m, hertz, tag in lines:
+        wave = np.exp(2j * np.pi * hertz * times_s) / np.sqrt(len(times_s))
+        slow = np.sum(np.abs(clutter.T @ wave) ** 2)
+        if slow > _CLUTTER_SHARE or abs(np.sum(wave**2)) > _OWN_MIRROR:
+            continue
+        for _, owners, other in found:
+            same, mirrored = abs(np.vdot(other, wave)), abs(np.sum(other * wave))
+            if max(same, mirrored) > _SAME_TONE:
+                owners.append((tag, m if same >= mirrored else -m))
+                break
+        else:
+            found.append((hertz, [(tag, m)], wave))
+    positive = [Tone(hertz, tuple(owners), hertz) for hertz, owners, _ in sorted(found, key=_first)]
+    negative = [
+        Tone(-tone.frequency_hz, tuple((tag, -m) for tag, m in tone.owners), -tone.line_hz)
+        for tone in positive
+    ]
+    return tuple(negative[::-1] + positive)
+
+
+def _all(clocks_hz: Sequence[float]) -> list[tuple[int, float]]:
+    return list(enumerate(clocks_hz))
+
+
+def _first(line: tuple[float, list[tuple[int, int]], np.ndarray]) -> float:
+    return line[0]
+
+
+def clutter_at(times_s: np.ndarray, period_s: float, clutter_hz: float) -> np.ndarray:
+    """Basis of everything slower than ``clutter_hz``, at given times.
+
+    Parameters
+    ----------
+    times_s : ndarray, shape (n,)
+        From the group's centre, in s.
+    period_s : float
+        Length of the group, in s.
+    clutter_hz : float
+        Highest Doppler frequency B of anything that moves; 0 when nothing moves.
+
+    Returns
+    -------
+    ndarray of float, shape (n, order)
+        The constant alone when nothing moves, otherwise prolate spheroidal wave functions. Not
+        orthogonal at these times.
+
+    Notes
+    -----
+    The functions whose samples on a grid are the sequences of :mod:`.clutter`: eigenfunctions of
+    the band limit B within the group's length, expanded in Legendre polynomials (H. Xiao,
+    V. Rokhlin, N. Yarvin, "Prolate spheroidal wavefunctions, quadrature and interpolation",
+    Inverse Problems 17 (2001), section 4).
+
+    Examples
+    --------
+    >>> times_s = np.sort(np.random.default_rng(1).uniform(-0.25, 0.25, 400))
+    >>> basis = np.linalg.qr(clutter_at(times_s, 0.5, 20.0))[0]
+    >>> walker = np.cos(2 * np.pi * 19.0 * times_s + 0.7)
+    >>> residual = walker - basis @ (basis.T @ walker)
+    >>> bool(np.linalg.norm(residual) < 1e-4 * np.linalg.norm(walker))
+    True
+    """
+    if clutter_hz == 0:
+        return np.ones((len(times_s), 1))
+    order = int(np.ceil(2 * clutter_hz * period_s)) + _EXTRA_SEQUENCES
+    expansion = _prolate_functions(np.pi * clutter_hz * period_s, order)
+    return legendre.legvander(2 * times_s / period_s, len(expansion) - 1) @ expansion
+
+
+@lru_cache
+def _prolate_functions(band: float, order: int) -> np.ndarray:
+    """Legendre coefficients of the first prolate functions of a band limit c; (terms, order)."""
+    k = np.arange(2 * order + int(2 * band) + 30, dtype=float)
+    diagonal = k * (k + 1) + (2 * k * (k + 1) - 1) / ((2 * k + 3) * (2 * k - 1)) * band**2
+    j = k[:-2]
+    beside = (j + 2) * (j + 1) / ((2 * j + 3) * np.sqrt((2 * j + 1) * (2 * j + 5))) * band**2
+    matrix = np.diag(diagonal) + np.diag(beside, 2) + np.diag(beside, -2)
+    _, functions = np.linalg.eigh(matrix)
+    normalised: np.ndarray = functions[:, :order] * np.sqrt(k + 0.5)[:, None]
+    return normalised
+
+
+def _solve(columns: np.ndarray, tones: int) -> np.ndarray | None:
+    """Rows of the pseudo-inverse of [tones, clutter] that are tones; None if undetermined.
+
+    ``columns`` holds cosines and sines of the upper half of the tones, and clutter.
+    """
+    if len(columns) <= columns.shape[1]:
+        return None
+    scale = 1 / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    orthogonal, triangle = np.linalg.qr(columns * scale)
+    sizes = np.linalg.svd(triangle, compute_uv=False)
+    if not sizes[-1] * _WORST_CONDITION > sizes[0]:
+        return None
+    rows = np.linalg.solve(triangle, orthogonal.T)[:tones] * scale[:tones, None]
+    upper = (rows[: tones // 2] - 1j * rows[tones // 2 :]) / 2
+    return np.vstack([upper[::-1].conj(), upper])

@@ -1,0 +1,306 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Simulated channel snapshots: what a Wi-Fi card would report of each packet of a scene.
+
+The channel of each antenna and subcarrier is a sum of paths; a packet rotates, scales and delays
+all antennas alike. Nothing here is shared with the estimator.
+"""
+
+import json
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError, unwritable
+from ..io.textfile import check_output
+from ..scene import Scene, load_scene
+from .presses import TouchState
+from .random_sources import RandomSources
+from .streams import Ramp
+from .tag import SwitchedTag
+from .truth_file import all_or_nothing, write_truth
+
+# Delay spread of a room's echoes (tens of ns indoors: IEEE 802.11-03/940r4, models B to D), their
+# number, and the power of all of them relative to the direct path.
+_SPREAD_S = 30e-9
+_ECHOES = 12
+_ECHO_POWER = 1.0
+# Paths by way of moving objects, as in simulation/paths.py.
+_MOVERS = 4
+# c1[1] = d1 sinc(d1) of the pulses of clock 1: the line that a scene's levels refer to.
+_LINE = 0.25 * float(np.sinc(0.25))
+# Packets of a piece, and time that a repeated packet comes late: as quick as a bus.
+_PIECE = 4096
+_REPEAT_S = 20e-6
+_SUFFIXES = (".npz", ".truth.csv")
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedPackets:
+    """Channel snapshots of a scene.
+
+    Attributes
+    ----------
+    time_s : ndarray, shape (n,)
+        Of each packet, the first one at 0, in s.
+    channel : ndarray of complex64, shape (n, K, antennas)
+    subcarrier_hz : ndarray, shape (K,)
+        Against the carrier.
+    tags : dict of str to SwitchedTag
+        By sensor name.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> SimulatedPackets(np.zeros(1), np.ones((1, 2, 2)), np.zeros(2), {}).touch_state(np.zeros(1))
+    {}
+    """
+
+    time_s: np.ndarray
+    channel: np.ndarray
+    subcarrier_hz: np.ndarray
+    tags: dict[str, SwitchedTag]
+
+    def touch_state(self, times_s: np.ndarray) -> dict[str, TouchState]:
+        """State of each sensor at some times, by name."""
+        return {name: tag.pressed.state(times_s) for name, tag in self.tags.items()}
+
+
+def simulate_packets(
+    scene: str | Path | dict[str, Any] | Scene,
+    name: str | Path,
+    progress: Callable[[int], object] | None = None,
+    overwrite: bool = True,
+) -> list[Path]:
+    """Write the channel snapshots of a scene with packets, and their truth.
+
+    Parameters
+    ----------
+    scene : str, Path, dict or Scene
+        With ``packets``.
+    name : str or Path
+        Path of the capture; ``.npz`` at its end is left out.
+    progress : callable, optional
+        Called with the number of packets simulated since the last call.
+    overwrite : bool
+        Replace existing files; otherwise they are refused.
+
+    Returns
+    -------
+    list of Path
+        ``NAME.npz`` and ``NAME.truth.csv``.
+
+    Raises
+    ------
+    InputError
+        For a mistake in the scene, a scene without packets, or files that cannot be written or
+        exist already.
+    OutputError
+        When the disk is full.
+
+    Examples
+    --------
+    >>> scene = {
+    ...     "packets": {}, "phase_group": {"snapshots": 100},
+    ...     "sensors": [{"name": "arm", "model": "line-900mhz-calibrated", "clock_hz": 90}],
+    ...     "simulation": {"truth_model": "line-900mhz", "duration_s": 0.5},
+    ... }
+    >>> [path.name for path in simulate_packets(scene, "short")]
+    ['short.npz', 'short.truth.csv']
+    """
+    scene = load_scene(scene)
+    stem = os.fspath(name).removesuffix(".npz")
+    if os.path.basename(stem) in ("", ".", "..") or not stem.isprintable():
+        raise InputError("NAME", "must be the name of a file, to which .npz is added", str(name))
+    paths = [Path(f"{stem}{suffix}") for suffix in _SUFFIXES]
+    for path in paths:
+        check_output(path, scene.files)
+        if path.exists() and not overwrite:
+            raise InputError(path, "exists already; --force replaces it")
+    packets = packets_of(scene, progress)
+    try:
+        with all_or_nothing(paths) as (data, truth):
+            write_truth(scene, packets, truth)
+            with open(data, "wb") as stream:
+                np.savez(
+                    stream,
+                    time_s=packets.time_s,
+                    channel=packets.channel,
+                    subcarrier_hz=packets.subcarrier_hz,
+                    center_frequency_hz=scene.radio.center_frequency_hz,
+                    scene=json.dumps(scene.as_dict()),
+                )
+    except OSError as error:
+        raise unwritable(stem, error) from error
+    return paths
+
+
+def packets_of(scene: Scene, progress: Callable[[int], object] | None = None) -> SimulatedPackets:
+    """Simulate the channel snapshots of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        With ``packets``.
+    progress : callable, optional
+        Called with the number of packets simulated since the last call.
+
+    Returns
+    -------
+    SimulatedPackets
+
+    Raises
+    ------
+    InputError
+        For a scene without packets.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.scene import load_scene
+    >>> packets_of(load_scene("demo"))
+    Traceback (most recent call last):
+    gnuradio.wiforce.errors.InputError: packets: must be a mapping in a scene whose channel \
+snapshots are simulated
+    """
+    if scene.packets is None:
+        rule = "must be a mapping in a scene whose channel snapshots are simulated"
+        raise InputError("packets", rule)
+    own, simulation = scene.packets, scene.simulation
+    antennas = scene.environment.receive_antennas
+    hertz = (np.arange(own.subcarriers) - (own.subcarriers - 1) / 2) * own.spacing_hz
+    shared = RandomSources(simulation.seed, 0)
+    tags = [SwitchedTag(scene, i, shared, Ramp(1e6)) for i in range(len(scene.sensors))]
+    seeds = shared.effect("packets")
+    time_s = _times(scene, seeds.generator(0))
+    rooms = [_Room(scene, RandomSources(simulation.seed, a), hertz) for a in range(antennas)]
+    phases = seeds.generator(1).uniform(0, 2 * np.pi, _MOVERS)
+    pieces = []
+    for first in range(0, len(time_s), _PIECE):
+        piece = time_s[first : first + _PIECE]
+        reflections = np.array([tag.reflection_at(piece, own.window_s) for tag in tags])
+        common = _common(scene, piece, hertz, seeds.generator(2, first))
+        channels = [room.channel(piece, reflections, phases) for room in rooms]
+        pieces.append((common[:, :, None] * np.stack(channels, axis=2)).astype(np.complex64))
+        if progress is not None:
+            progress(len(piece))
+    channel = np.concatenate(pieces)
+    time_s, channel = _repeated(scene, time_s, channel, seeds.generator(3))
+    named = {tag.name: tag for tag in tags}
+    return SimulatedPackets(time_s, channel, hertz, named)
+
+
+def _times(scene: Scene, rng: np.random.Generator) -> np.ndarray:
+    """Times of the packets that are received, the first one at 0."""
+    assert scene.packets is not None
+    interval_s, duration_s = scene.packets.interval_s, scene.simulation.duration_s
+    faults = scene.simulation.packets
+    lost = faults.lost if faults else 0.0
+    # The interval is that of packets received: more are sent where some are lost.
+    sent_s = interval_s * (1 - lost)
+    count = int(duration_s / sent_s * 1.2) + 100
+    if scene.packets.gaps == "regular":
+        times = np.arange(count) * sent_s
+    else:
+        times = np.concatenate([[0.0], np.cumsum(rng.exponential(sent_s, count))])
+    received = rng.random(len(times)) >= lost
+    received[0] = True
+    return times[received & (times < duration_s)]
+
+
+def _common(
+    scene: Scene, time_s: np.ndarray, hertz: np.ndarray, rng: np.random.Generator
+) -> np.ndarray:
+    """Factor of each packet and subcarrier that all antennas share; shape (n, K)."""
+    faults, count = scene.simulation.packets, len(time_s)
+    phase, gain_db, delay_s = np.zeros((3, count))
+    if scene.environment.reader_clock == "free":
+        phase = rng.uniform(0, 2 * np.pi, count)
+    if faults:
+        gain_db = faults.gain_step_db * rng.integers(-1, 2, count)
+        delay_s = faults.timing_offset_s * rng.standard_normal(count)
+    turned = phase[:, None] - 2 * np.pi * np.outer(delay_s, hertz)
+    common: np.ndarray = 10 ** (gain_db[:, None] / 20) * np.exp(1j * turned)
+    return common
+
+
+def _repeated(
+    scene: Scene, time_s: np.ndarray, channel: np.ndarray, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Some packets once more, shortly after themselves."""
+    faults = scene.simulation.packets
+    again = rng.random(len(time_s)) < (faults.repeated if faults else 0.0)
+    order = np.sort(np.concatenate([np.arange(len(time_s)), np.flatnonzero(again)]))
+    second = np.concatenate([[False], np.diff(order) == 0])
+    times = time_s[order]
+    later = np.append(time_s[1:], np.inf)[order]
+    times = np.where(second, np.minimum(times + _REPEAT_S, later), times)
+    return times, channel[order]
+
+
+class _Room:
+    """The paths to one antenna."""
+
+    def __init__(self, scene: Scene, sources: RandomSources, hertz: np.ndarray) -> None:
+        simulation, rng = scene.simulation, sources.paths
+        self._noise_rng = sources.noise
+        self._noise = _LINE * 10 ** (-simulation.snr_db / 20)
+        self._static = _scaled(_echoes(rng, hertz, 1.0), _level(simulation.static_clutter_db))
+        self._tags = [
+            _scaled(_tag_path(rng, hertz, simulation.tag_coherence_hz), 10 ** (tag.level_db / 20))
+            for tag in simulation.tags
+        ]
+        level = _level(simulation.moving_clutter_db) / np.sqrt(_MOVERS)
+        self._moving = [_scaled(_echoes(rng, hertz, 0.0), level) for _ in range(_MOVERS)]
+        self._doppler_hz = simulation.moving_clutter_hz * np.array([1.0, -0.7, 0.4, -0.9])[:_MOVERS]
+
+    def channel(
+        self, time_s: np.ndarray, reflections: np.ndarray, phases: np.ndarray
+    ) -> np.ndarray:
+        """Channel with noise at some times, shape (n, K), from the tags' reflections."""
+        channel = self._static + sum(
+            np.multiply.outer(r, path) for r, path in zip(reflections, self._tags, strict=True)
+        )
+        for path, hertz, phase in zip(self._moving, self._doppler_hz, phases, strict=True):
+            if path.any():
+                turns = np.exp(1j * (2 * np.pi * hertz * time_s + phase))
+                channel = channel + np.multiply.outer(turns, path)
+        noise = self._noise_rng.standard_normal((*channel.shape, 2)) @ np.array([1, 1j])
+        received: np.ndarray = channel + self._noise / np.sqrt(2) * noise
+        return received
+
+
+def _level(level_db: float | None) -> float:
+    """Amplitude that is so far above that of the tag's line; 0 for None."""
+    return 0.0 if level_db is None else _LINE * 10 ** (level_db / 20)
+
+
+def _scaled(path: np.ndarray, amplitude: float) -> np.ndarray:
+    """A path scaled to an rms amplitude over the subcarriers."""
+    scaled: np.ndarray = path * (amplitude / np.sqrt(np.mean(np.abs(path) ** 2)))
+    return scaled
+
+
+def _echoes(rng: np.random.Generator, hertz: np.ndarray, direct: float) -> np.ndarray:
+    """A direct path, and echoes with exponential delays and random phases; shape (K,)."""
+    delays_s = rng.exponential(_SPREAD_S, _ECHOES)
+    echoes = rng.standard_normal((_ECHOES, 2)) @ np.array([1, 1j])
+    echoes *= np.sqrt(_ECHO_POWER / (2 * _ECHOES))
+    phase = np.exp(2j * np.pi * rng.random())
+    return direct * phase + np.exp(-2j * np.pi * np.outer(hertz, delays_s)) @ echoes
+
+
+def _tag_path(
+    rng: np.random.Generator, hertz: np.ndarray, coherence_hz: float | None
+) -> np.ndarray:
+    """Path by way of a tag: a single delay, or Rayleigh fading of a coherence bandwidth."""
+    if coherence_hz is None:
+        delay_s = rng.exponential(_SPREAD_S)
+        return np.exp(2j * np.pi * (rng.random() - hertz * delay_s))
+    # Half the correlation remains at the coherence bandwidth of an exponential delay profile.
+    delays_s = rng.exponential(1 / (2 * np.pi * coherence_hz) * np.sqrt(3), _ECHOES)
+    taps = rng.standard_normal((_ECHOES, 2)) @ np.array([1, 1j])
+    fading: np.ndarray = np.exp(-2j * np.pi * np.outer(hertz, delays_s)) @ taps
+    return fading

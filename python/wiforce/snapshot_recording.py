@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Files of channel snapshots to readings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from threadpoolctl import ThreadpoolController
+
+from .errors import InputError
+from .estimation.antenna_combination import AntennaCombination, without_gain_steps
+from .estimation.groups import Array, Groups
+from .estimation.packet_groups import whole_groups
+from .estimation.press_evidence import Suspicion
+from .io.channel_snapshots import ChannelSnapshots
+from .io.readings import GroupCounts, Reading
+from .planning.packet_plan import fitted_plan, groups_of, tag_ratios
+from .planning.plan import Plan, PlanOrScene, as_plan
+from .receiver import Receiver
+
+# Groups that are passed to the receiver at once.
+_BATCH = 16
+
+
+class SnapshotReader:
+    """Reads channel snapshots batch by batch; iterating gives the readings of each, in order.
+
+    Parameters
+    ----------
+    recording : ChannelSnapshots
+    plan : Plan, or str, Path, dict or Scene
+        Of a scene with ``packets``.
+    tracked : bool
+        Follow each press over time instead of inverting each group by itself.
+    on_groups : callable, optional
+        Called with every batch of Groups that has been read (see ``Receiver``).
+
+    Attributes
+    ----------
+    plan : Plan
+        Fitted to the packets of the file.
+    receiver : Receiver
+        Reads the groups.
+    groups : int
+        Whole phase groups that the recording spans.
+
+    Raises
+    ------
+    InputError
+        When the file contradicts the scene, has a single antenna with an oscillator of its own, or
+        is shorter than the reference and one group.
+
+    Examples
+    --------
+    >>> for readings in SnapshotReader(open_snapshots("press.npz"), plan):  # doctest: +SKIP
+    ...     print(len(readings))
+    """
+
+    times_ignored = 0
+
+    def __init__(
+        self,
+        recording: ChannelSnapshots,
+        plan: PlanOrScene,
+        tracked: bool = False,
+        on_groups: Callable[[Groups], None] | None = None,
+    ) -> None:
+        plan = as_plan(plan)
+        _check(recording, plan)
+        self._recording = recording
+        self._blas = ThreadpoolController()
+        time_s = recording.time_s - recording.time_s[0]
+        self.groups = whole_groups(time_s, plan.group_period_s)
+        needed = plan.reference_groups + 1
+        if self.groups < needed:
+            rule = (
+                f"must span {needed} phase groups or more ({needed * plan.group_period_s:.3g} s): "
+                "the untouched reference, and one to read"
+            )
+            raise InputError(recording.path, rule, self.groups)
+        scene = plan.require_scene()
+        untouched = time_s < scene.reference_s
+        free = scene.environment.reader_clock == "free"
+        # Threads are slower than one core for matrices as small as these.
+        with self._blas.limit(limits=1, user_api="blas"):
+            channel = _without_oscillator(recording, untouched, free)
+            self.plan = fitted_plan(plan, recording.subcarrier_hz, time_s, channel)
+            if free:
+                ratios = tag_ratios(self.plan, time_s, channel, recording.antennas)
+                self.plan = replace(self.plan, tag_ratios=ratios)
+            self.source = groups_of(self.plan, time_s, channel)
+        self.receiver = Receiver(self.plan, tracked, derotated=False, on_groups=on_groups)
+
+    @property
+    def notes(self) -> list[str]:
+        """What was left out of the file, a sentence each."""
+        recording, found = self._recording, []
+        if recording.repeated:
+            found.append(f"{recording.repeated} repeated packets were dropped")
+        if recording.unusable:
+            rule = "packets without finite values were dropped"
+            found.append(f"{recording.unusable} {rule}")
+        return found
+
+    def samples_missing(self) -> dict[Path, int]:
+        """Samples that files lacked while they were read: none, as for other recordings."""
+        return {}
+
+    def frames_moved(self) -> dict[Path, int]:
+        """Frames found at another place: none, as for other recordings."""
+        return {}
+
+    @property
+    def counts(self) -> GroupCounts:
+        """Group counts by outcome, so far."""
+        return self.receiver.counts
+
+    def suspicions(self) -> dict[str, list[Suspicion]]:
+        """Mistakes that the presses so far suggest: see ``Receiver.suspicions``."""
+        return self.receiver.suspicions()
+
+    def __iter__(self) -> Iterator[list[Reading]]:
+        for first in range(0, self.groups, _BATCH):
+            with self._blas.limit(limits=1, user_api="blas"):
+                groups = self.source.read(first, min(first + _BATCH, self.groups))
+            if len(groups):
+                yield self.receiver.process(groups)
+        yield self.receiver.finish(self.groups)
+
+
+def _check(recording: ChannelSnapshots, plan: Plan) -> None:
+    scene = plan.require_scene()
+    if scene.packets is None:
+        rule = "holds channel snapshots, but the scene describes samples: it needs 'packets:'"
+        raise InputError(recording.path, rule)
+    free = scene.environment.reader_clock == "free"
+    if free and recording.antennas == 1:
+        rule = (
+            "has a single antenna, and the receiver's oscillator runs freely: each packet has a "
+            "phase of its own, which cannot be told from the tag's; two antennas on the same "
+            "oscillator are needed"
+        )
+        raise InputError(recording.path, rule)
+    stated, carrier_hz = scene.radio.center_frequency_hz, recording.center_frequency_hz
+    if carrier_hz is not None and abs(carrier_hz - stated) > 1.0:
+        rule = f"center_frequency_hz must be that of the scene ({stated:.9g})"
+        raise InputError(recording.path, rule, carrier_hz)
+
+
+def _without_oscillator(recording: ChannelSnapshots, untouched: Array, free: bool) -> Array:
+    """Channels of each packet without phase and gain of the receiver; shape (n, channels)."""
+    channel: Any = recording.channel
+    if not free:
+        return np.asarray(channel.reshape(len(channel), -1))
+    channel, _ = without_gain_steps(channel)
+    combination = AntennaCombination(channel[untouched], recording.subcarrier_hz)
+    return combination.process(channel)

@@ -1,0 +1,316 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The spreading law of a skin from presses at known points."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from .file import SpreadingKeys
+from .skin import Skin
+from .spreading import Spreading, gaussian_spreading
+
+Array = NDArray[np.float64]
+
+# Points of a table per distance of the strips, and how far beyond the presses it may reach.
+_PER_SPACING = 3
+# A law of least complexity: second differences of the shares have this standard deviation. Those
+# of a plate on a foundation, at a third of a spacing, are 0.01 to 0.05.
+_BEND = 0.05
+# A law through taps every 3 mm misses the shares between them by so much, whatever their scatter
+# (tests/qa_surface_captures.py).
+_LEAST_STD, _LEAST_LOCATION_MM = 0.0125, 0.05
+# Behind its last point a table is 0, so its end must be.
+_END_STD = 0.003
+_LEAST_SHARES = 6
+# A curve of its own needs the strip's share on it and on both sides, or on one side in two places.
+_LEAST_PER_STRIP = 3
+_FOLDS = 10
+# Rounds after which untouched strips that the law contradicts have been found; three suffice.
+_ROUNDS = 3
+_HALVINGS = 20
+# Spacings beyond which strips are not loaded; standard deviation of shares that no tap determines.
+_REACH, _UNKNOWN = 3, 0.5
+
+
+@dataclass(frozen=True)
+class SurfaceTaps:
+    """Presses at known points, and what S strips showed of them.
+
+    Attributes
+    ----------
+    force_n, x_mm, y_mm : ndarray, shape (n,)
+        Of each press.
+    strip_force_n, strip_force_std_n : ndarray, shape (n, S)
+        Force that each strip showed; NaN where it was untouched or not received.
+    strip_x_mm, strip_x_std_mm : ndarray, shape (n, S)
+        Location along x that it showed.
+    untouched : ndarray of bool, shape (n, S)
+
+    Examples
+    --------
+    >>> one = np.ones((3, 4))
+    >>> len(SurfaceTaps(np.ones(3), np.ones(3), np.ones(3), one, one, one, one, one < 0))
+    3
+    """
+
+    force_n: Array
+    x_mm: Array
+    y_mm: Array
+    strip_force_n: Array
+    strip_force_std_n: Array
+    strip_x_mm: Array
+    strip_x_std_mm: Array
+    untouched: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.force_n)
+
+
+@dataclass(frozen=True)
+class SpreadingFit:
+    """A calibrated spreading law, and how well it explains the taps.
+
+    Attributes
+    ----------
+    law : SpreadingKeys
+    shares, untouched : int
+        Strips that showed a share, and that showed none, over all taps.
+    rms : float
+        Residual of the shares.
+
+    Examples
+    --------
+    >>> SpreadingFit(SpreadingKeys(share=0.5, width_mm=10.0), 20, 12, 0.01).law.law
+    'gaussian'
+    """
+
+    law: SpreadingKeys
+    shares: int
+    untouched: int
+    rms: float
+
+
+def fit_spreading(skin: Skin, taps: SurfaceTaps, law: str = "strips") -> SpreadingFit:
+    """Fit a spreading law.
+
+    Parameters
+    ----------
+    skin : Skin
+        Positions of the strips; its law is not used.
+    taps : SurfaceTaps
+    law : str
+        ``strips``, ``table`` or ``gaussian``.
+
+    Returns
+    -------
+    SpreadingFit
+        The standard deviations of the law are those of taps that are left out of the fit in turn,
+        less the noise of the strips' own readings.
+
+    Raises
+    ------
+    InputError
+        When the taps do not determine the law.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.scene import load_scene
+    >>> from gnuradio.wiforce.scene.surface import skin_of
+    >>> skin = skin_of(load_scene("surface_four_strips"))
+    >>> y = np.arange(0.0, 37.0, 3.0)
+    >>> force, x = np.full(13, 6.0), np.full(13, 40.0)
+    >>> borne = force[:, None] * skin.shares(y)
+    >>> shown = np.where(borne > 0.9, borne, np.nan)
+    >>> there = np.where(borne > 0.9, 40.0, np.nan)
+    >>> taps = SurfaceTaps(
+    ...     force, x, y, shown, 0.05 + 0 * shown, there, 0.1 + 0 * there, borne <= 0.9)
+    >>> found = fit_spreading(skin, taps, "table").law.spreading()
+    >>> found.share([0.0, 12.0]).round(2).tolist()
+    [0.55, 0.24]
+    """
+    share = taps.strip_force_n / taps.force_n[:, None]
+    noise = taps.strip_force_std_n / taps.force_n[:, None]
+    shown = np.isfinite(share) & np.isfinite(noise)
+    distance, count = taps.y_mm[:, None] - skin.y_mm, int(shown.sum())
+    if count < _LEAST_SHARES or len(np.unique(np.abs(distance[shown]).round(1))) < 3:
+        rule = (
+            f"must press strips {_LEAST_SHARES} times or more, at three distances across or more: "
+            "on strips and between them"
+        )
+        raise InputError("taps", rule, count)
+    for strip, own in zip(skin.strips, shown.T, strict=True):
+        if law == "strips" and own.sum() < _LEAST_PER_STRIP:
+            rule = f"must press each strip {_LEAST_PER_STRIP} times or more, or --law table be used"
+            raise InputError("taps", f"{rule}; strip '{strip.sensor}'", int(own.sum()))
+    most = skin.onset_force_n / taps.force_n[:, None]
+    data = _Data(distance, np.nan_to_num(share), np.nan_to_num(noise), shown, taps.untouched, most)
+    make, std = _FAMILIES[law](skin.spacing_mm, data), 0.02
+    every = np.ones(len(taps), bool)
+    for _ in range(3):
+        std = _left_out_std(make, data, std)
+    keys = make(data, every, std)
+    law_found = SpreadingKeys(share_std=round(std, 4), **keys).spreading()
+    residual = (_expected(law_found, data) - data.share)[shown]
+    off = np.where(shown, taps.strip_x_mm - taps.x_mm[:, None], 0.0)
+    own_mm2 = np.where(shown, taps.strip_x_std_mm, 0.0) ** 2
+    along = float(np.sqrt(max((off**2 - own_mm2)[shown].mean(), _LEAST_LOCATION_MM**2)))
+    found = SpreadingKeys(share_std=round(std, 4), location_std_mm=round(along, 3), **keys)
+    rms = float(np.sqrt(np.mean(residual**2)))
+    return SpreadingFit(found, count, int(taps.untouched.sum()), rms)
+
+
+@dataclass(frozen=True)
+class _Data:
+    """Shares of n taps and S strips, shape (n, S).
+
+    ``most`` is the share that an untouched strip bears at most; distances have a sign.
+    """
+
+    distance_mm: Array
+    share: Array
+    noise: Array
+    shown: NDArray[np.bool_]
+    untouched: NDArray[np.bool_]
+    most: Array
+
+    def of_strip(self, strip: int) -> "_Data":
+        return _Data(*(v[:, strip : strip + 1] for v in vars(self).values()))
+
+
+# Data, the taps to use and the standard deviation of a share, to the keys of a law.
+_Make = Callable[[_Data, NDArray[np.bool_], float], dict[str, Any]]
+
+
+def _expected(law: Spreading, data: _Data) -> Array:
+    strips = range(data.distance_mm.shape[1])
+    return np.stack([law.share_of(i, data.distance_mm[:, i]) for i in strips], axis=-1)
+
+
+def _knots(spacing_mm: float, data: _Data) -> Array:
+    """Distances of a table's points, from 0 to beyond what the taps reach."""
+    step = spacing_mm / _PER_SPACING
+    known = np.abs(data.distance_mm)[data.shown | data.untouched]
+    reach = min(float(known.max()), _REACH * spacing_mm) + step
+    knots: Array = step * np.arange(int(np.ceil(reach / step)) + 1)
+    return knots
+
+
+def _table(spacing_mm: float, data: _Data) -> _Make:
+    knots = _knots(spacing_mm, data)
+    middle = len(knots) - 1
+
+    def make(data: _Data, used: NDArray[np.bool_], std: float) -> dict[str, Any]:
+        both = _basis(np.concatenate([-knots[:0:-1], knots]), data.distance_mm)
+        basis = both[..., middle:].copy()
+        basis[..., 1:] += both[..., :middle][..., ::-1]
+        # The same on both sides, and nothing at the end.
+        bends = np.diff(np.eye(len(knots))[np.r_[1, : len(knots)]], 2, axis=0) / _BEND
+        end = np.eye(len(knots))[-1:] / _END_STD
+        shares = _least_squares(basis, data, used, std, np.concatenate([bends, end]))
+        points = tuple(knots.round(4).tolist())
+        return {"law": "table", "distance_mm": points, "shares": shares}
+
+    return make
+
+
+def _strips(spacing_mm: float, data: _Data) -> _Make:
+    positive = _knots(spacing_mm, data)
+    knots = np.concatenate([-positive[:0:-1], positive])
+
+    def make(data: _Data, used: NDArray[np.bool_], std: float) -> dict[str, Any]:
+        # Points that no tap determines are drawn to 0.
+        more = [np.diff(np.eye(len(knots)), 2, axis=0) / _BEND, np.eye(len(knots)) / _UNKNOWN]
+        penalty = np.concatenate(more)
+        curves = []
+        for strip in range(data.share.shape[1]):
+            own = data.of_strip(strip)
+            basis = _basis(knots, own.distance_mm)
+            curves.append(_least_squares(basis, own, used, std, penalty))
+        points = tuple(knots.round(4).tolist())
+        return {"law": "strips", "distance_mm": points, "strip_shares": tuple(curves)}
+
+    return make
+
+
+def _gaussian(spacing_mm: float, data: _Data) -> _Make:
+    def make(data: _Data, used: NDArray[np.bool_], std: float) -> dict[str, Any]:
+        from scipy.optimize import least_squares
+
+        def residuals(parameters: Array) -> Array:
+            law = gaussian_spreading(parameters[0], parameters[1], 1.0, 1.0)
+            off = _expected(law, data) - np.where(data.shown, data.share, data.most)
+            off = np.where(data.shown, off, np.maximum(off, 0) * data.untouched)
+            weighted: Array = (off / np.hypot(data.noise, std))[used].ravel()
+            return weighted
+
+        bounds = [0.01, 0.1], [1.0, 1000.0]
+        share, width = least_squares(residuals, [0.5, 0.8 * spacing_mm], bounds=bounds).x
+        return {"law": "gaussian", "share": round(share, 5), "width_mm": round(width, 4)}
+
+    return make
+
+
+_FAMILIES = {"strips": _strips, "table": _table, "gaussian": _gaussian}
+LAWS = tuple(_FAMILIES)
+
+
+def _basis(knots: Array, distance_mm: Array) -> Array:
+    """What each point of a table adds to the shares; shape (n, S, points)."""
+    from scipy.interpolate import CubicSpline
+
+    inside = np.clip(distance_mm, knots[0], knots[-1])
+    found: Array = CubicSpline(knots, np.eye(len(knots)), bc_type="natural")(inside)
+    return found
+
+
+def _least_squares(
+    basis: Array, data: _Data, used: NDArray[np.bool_], std: float, penalty: Array
+) -> tuple[float, ...]:
+    """Points of a table; untouched strips count where it would give them too much."""
+    from scipy.optimize import nnls
+
+    wanted = np.where(data.shown, data.share, data.most)
+    weight = 1 / np.hypot(data.noise, std)
+    counts, points = data.shown & used[:, None], np.zeros(basis.shape[-1])
+    for _ in range(_ROUNDS):
+        rows = np.concatenate([basis[counts] * weight[counts][:, None], penalty])
+        values = np.concatenate([wanted[counts] * weight[counts], np.zeros(len(penalty))])
+        points = nnls(rows, values)[0]
+        above = data.untouched & (basis @ points > data.most)
+        counts = (data.shown | above) & used[:, None]
+    return tuple(np.clip(points, 0, 1).round(5).tolist())
+
+
+def _left_out_std(make: _Make, data: _Data, std: float) -> float:
+    """Error of shares whose taps are not fitted, without the noise of the strips."""
+    # Taps at one y are left out together, since they determine the law there; not the outer ones,
+    # beyond which nothing does.
+    _, place = np.unique(data.distance_mm[:, 0].round(1), return_inverse=True)
+    inner = (place > 0) & (place < place.max())
+    folds = min(_FOLDS, int(place.max()) + 1)
+    errors: list[float] = []
+    noises: list[float] = []
+    for fold in range(folds):
+        used = ~inner | (place % folds != fold)
+        if not data.shown[used].any() or not data.shown[~used].any():
+            continue
+        law = SpreadingKeys(**make(data, used, std)).spreading()
+        off = _expected(law, data) - data.share
+        left_out = data.shown & ~used[:, None]
+        errors += off[left_out].tolist()
+        noises += data.noise[left_out].tolist()
+    return _excess_std(np.array(errors), np.array(noises))
+
+
+def _excess_std(errors: Array, noises: Array) -> float:
+    """What errors lack of having their expected size, 1 in standard deviations, with this noise."""
+    low, high = _LEAST_STD, 1.0
+    for _ in range(_HALVINGS):
+        middle = (low * high) ** 0.5
+        larger = len(errors) and np.mean(errors**2 / (noises**2 + middle**2)) > 1
+        low, high = (middle, high) if larger else (low, middle)
+    return low

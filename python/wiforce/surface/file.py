@@ -1,0 +1,284 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Spreading laws in scene files and in files of their own."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ..errors import unwritable
+from ..io.schema import DRAFT_7, declared, json_schema, key, plain, read
+from ..io.textfile import write_whole
+from ..io.values import Choice, KeyPath, Number, Scope, Text, ValueType, as_number
+from ..io.yamlfile import read_yaml
+from .spreading import Spreading, StripSpreading, gaussian_spreading
+
+_MOST_POINTS = 200
+_MOST_STRIPS = 16
+LEAST_STEP_MM = 0.01
+# What is assumed of a law that was not calibrated: two laws with the same share beneath the press
+# and the same width differ by so much (docs/surfaces.md).
+_SHARE_STD, _LOCATION_STD_MM = 0.04, 0.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Numbers(ValueType):
+    """A list of finite numbers, read as a tuple.
+
+    Parameters
+    ----------
+    optional : bool
+        Whether null is allowed.
+    low, high : float
+        Limits of each.
+
+    Examples
+    --------
+    >>> Numbers(low=0, high=1).read([0, "0.5"], KeyPath("scene.yaml"), Scope())
+    (0.0, 0.5)
+    """
+
+    low: float
+    high: float
+
+    @property
+    def allowed(self) -> str:
+        return f"a list of 2 to {_MOST_POINTS} numbers from {self.low:g} to {self.high:g}"
+
+    def _read(self, value: Any, where: KeyPath, scope: Scope) -> tuple[float, ...]:
+        if isinstance(value, list | tuple) and 2 <= len(value) <= _MOST_POINTS:
+            numbers = tuple(as_number(each) for each in value)
+            if all(n is not None and self.low <= n <= self.high for n in numbers):
+                return tuple(float(n) for n in numbers if n is not None)
+        raise where.error(self.rule, value)
+
+    def plain(self, value: tuple[float, ...] | None) -> list[float] | None:
+        return None if value is None else list(value)
+
+    def _json_schema(self) -> dict[str, Any]:
+        items = Number(low=self.low, high=self.high).json_schema()
+        return {"type": "array", "minItems": 2, "maxItems": _MOST_POINTS, "items": items}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Curves(ValueType):
+    """A list of lists of shares, one per strip, read as a tuple of tuples.
+
+    Parameters
+    ----------
+    optional : bool
+        Whether null is allowed.
+
+    Examples
+    --------
+    >>> Curves().read([[0.5, 0], [0.4, 0]], KeyPath("scene.yaml"), Scope())
+    ((0.5, 0.0), (0.4, 0.0))
+    """
+
+    _row = Numbers(low=0, high=1)
+
+    @property
+    def allowed(self) -> str:
+        return f"a list of 2 to {_MOST_STRIPS} lists, each {self._row.allowed}"
+
+    def _read(self, value: Any, where: KeyPath, scope: Scope) -> tuple[tuple[float, ...], ...]:
+        if not isinstance(value, list | tuple) or not 2 <= len(value) <= _MOST_STRIPS:
+            raise where.error(self.rule, value)
+        return tuple(self._row.read(row, where.item(i), scope) for i, row in enumerate(value))
+
+    def plain(self, value: tuple[tuple[float, ...], ...] | None) -> list[list[float]] | None:
+        return None if value is None else [list(row) for row in value]
+
+    def _json_schema(self) -> dict[str, Any]:
+        rows = {"minItems": 2, "maxItems": _MOST_STRIPS, "items": self._row.json_schema()}
+        return {"type": "array", **rows}
+
+
+def _check_gaussian(value: float | None, scope: Scope) -> str | None:
+    if scope["law"] == "gaussian" and value is None:
+        return "is missing, a gaussian law needs share and width_mm"
+    return None
+
+
+def _check_distances(value: tuple[float, ...] | None, scope: Scope) -> str | None:
+    if scope["law"] == "gaussian":
+        return None
+    if value is None:
+        return "is missing, a table needs distance_mm and shares or strip_shares"
+    if scope["law"] == "strips":
+        rising = all(b - a >= LEAST_STEP_MM for a, b in pairwise(value))
+        return None if rising else f"must rise, by {LEAST_STEP_MM:g} mm or more"
+    if value[0] != 0 or any(b - a < LEAST_STEP_MM for a, b in pairwise(value)):
+        return f"must begin with 0 and rise, by {LEAST_STEP_MM:g} mm or more"
+    return None
+
+
+def _check_shares(value: tuple[float, ...] | None, scope: Scope) -> str | None:
+    if scope["law"] != "table":
+        return None
+    if value is None:
+        return "is missing, a table needs distance_mm and shares"
+    if len(value) != len(scope["distance_mm"]):
+        return f"must have as many numbers as distance_mm, {len(scope['distance_mm'])}"
+    return None if value[0] > 0 else "must begin with a share above 0"
+
+
+def _check_curves(value: tuple[tuple[float, ...], ...] | None, scope: Scope) -> str | None:
+    if scope["law"] != "strips":
+        return None
+    if value is None:
+        return "is missing, the law of single strips needs distance_mm and strip_shares"
+    points = len(scope["distance_mm"])
+    if any(len(row) != points or not max(row) > 0 for row in value):
+        return f"must have as many numbers as distance_mm for each strip, {points}, not all 0"
+    return None
+
+
+@declared
+class SpreadingKeys:
+    """How the skin spreads a press over the strips.
+
+    Examples
+    --------
+    >>> law = read(SpreadingKeys, {"share": 0.5, "width_mm": 10}, KeyPath("scene.yaml"))
+    >>> law.spreading().share(0.0).round(3)
+    0.5
+    """
+
+    law: str = key(
+        Choice(words=("gaussian", "table", "strips")),
+        default="gaussian",
+        doc="`gaussian`: the share falls with the distance across as a Gaussian. `table`: by the "
+        "points in `distance_mm` and `shares`. `strips`: likewise, each strip by its own "
+        "`strip_shares`. `calibrate --surface` writes all three.",
+    )
+    share: float | None = key(
+        Number(low=0, above=True, high=1, optional=True),
+        default=None,
+        check=_check_gaussian,
+        doc="Gaussian: share of a press that the strip right beneath it bears.",
+    )
+    width_mm: float | None = key(
+        Number(unit="mm", low=0.1, high=1000, optional=True),
+        default=None,
+        check=_check_gaussian,
+        doc="Gaussian: distance at which the share has fallen to 61 %.",
+    )
+    distance_mm: tuple[float, ...] | None = key(
+        Numbers(low=-1000, high=1000, optional=True),
+        default=None,
+        check=_check_distances,
+        doc="Table: distances across from the press, rising from 0; behind the last one a strip "
+        "bears nothing. Strips: y of a press less that of the strip, rising.",
+    )
+    shares: tuple[float, ...] | None = key(
+        Numbers(low=0, high=1, optional=True),
+        default=None,
+        check=_check_shares,
+        doc="Table: share of the press at each distance.",
+    )
+    strip_shares: tuple[tuple[float, ...], ...] | None = key(
+        Curves(optional=True),
+        default=None,
+        check=_check_curves,
+        doc="Strips: for each, in the order of y, its share at each distance.",
+    )
+    share_std: float = key(
+        Number(low=0.001, high=1),
+        default=_SHARE_STD,
+        doc="Standard deviation of the shares: the error of this law, which enters that of every "
+        "reading.",
+    )
+    location_std_mm: float = key(
+        Number(unit="mm", low=0.01, high=100),
+        default=_LOCATION_STD_MM,
+        doc="Standard deviation of the location that a strip shows, against that of the press.",
+    )
+    source: str | None = key(
+        Text(limit=1000, optional=True), default=None, doc="Where the law comes from."
+    )
+
+    def spreading(self) -> Spreading:
+        """The law itself."""
+        errors = self.share_std, self.location_std_mm
+        if self.law == "gaussian":
+            assert self.share is not None and self.width_mm is not None
+            return gaussian_spreading(self.share, self.width_mm, *errors)
+        assert self.distance_mm is not None
+        if self.law == "strips":
+            assert self.strip_shares is not None
+            columns = zip(*self.strip_shares, strict=True)
+            mean = tuple(sum(column) / len(column) for column in columns)
+            return StripSpreading(self.distance_mm, mean, *errors, self.strip_shares)
+        assert self.shares is not None
+        return Spreading(self.distance_mm, self.shares, *errors)
+
+
+def read_spreading(path: str | Path) -> SpreadingKeys:
+    """Read the file of a spreading law.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    SpreadingKeys
+
+    Raises
+    ------
+    InputError
+        Naming file, key, rule and value.
+
+    Examples
+    --------
+    >>> _ = Path("skin.yaml").write_text("{law: gaussian, share: 0.5, width_mm: 10}")
+    >>> read_spreading("skin.yaml").width_mm
+    10.0
+    """
+    return read(SpreadingKeys, read_yaml(path), KeyPath(str(path)))
+
+
+def write_spreading(law: SpreadingKeys, path: str | Path) -> None:
+    """Write the file of a spreading law.
+
+    Parameters
+    ----------
+    law : SpreadingKeys
+    path : str or Path
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written.
+
+    Examples
+    --------
+    >>> law = SpreadingKeys(share=0.5, width_mm=10.0)
+    >>> write_spreading(law, "skin.yaml")
+    >>> read_spreading("skin.yaml") == law
+    True
+    """
+    values = {name: value for name, value in plain(SpreadingKeys, law).items() if value is not None}
+    text = yaml.safe_dump(values, sort_keys=False, default_flow_style=None, width=100)
+    try:
+        write_whole(path, text)
+    except OSError as error:
+        raise unwritable(path, error) from error
+
+
+def spreading_json_schema() -> dict[str, Any]:
+    """JSON Schema of files of spreading laws, draft 7.
+
+    Returns
+    -------
+    dict
+
+    Examples
+    --------
+    >>> spreading_json_schema()["title"]
+    'gr-wiforce spreading law'
+    """
+    return {"$schema": DRAFT_7, "title": "gr-wiforce spreading law"} | json_schema(SpreadingKeys)

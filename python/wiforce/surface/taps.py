@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Presses at known points: their table, and what strips showed of them in a file of readings."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..io.textfile import read_csv
+from ..io.values import as_number
+from .calibration import SurfaceTaps
+from .skin import Skin
+
+_COLUMNS = ("start_s", "end_s", "force_n", "x_mm", "y_mm")
+_MOST_TAPS = 10_000
+_LARGEST = 1e6
+
+
+@dataclass(frozen=True)
+class KnownPress:
+    """A press at a known point.
+
+    Attributes
+    ----------
+    start_s, end_s : float
+        A time in which it was held, in s.
+    force_n, x_mm, y_mm : float
+
+    Examples
+    --------
+    >>> KnownPress(0.8, 1.3, 6.0, 40.0, 12.0).force_n
+    6.0
+    """
+
+    start_s: float
+    end_s: float
+    force_n: float
+    x_mm: float
+    y_mm: float
+
+
+def read_known_presses(path: str | Path) -> list[KnownPress]:
+    """Read a table of known presses.
+
+    Parameters
+    ----------
+    path : str or Path
+        CSV with the columns ``start_s``, ``end_s``, ``force_n``, ``x_mm`` and ``y_mm``.
+
+    Returns
+    -------
+    list of KnownPress
+
+    Raises
+    ------
+    InputError
+        Naming file, row, rule and value.
+
+    Examples
+    --------
+    >>> size = Path("taps.csv").write_text("start_s,end_s,force_n,x_mm,y_mm\\n0.8,1.3,6,40,12\\n")
+    >>> read_known_presses("taps.csv")[0].y_mm
+    12.0
+    """
+    header, rows = read_csv(path)
+    for name in _COLUMNS:
+        if name not in header:
+            raise InputError(path, f"must have the columns {', '.join(_COLUMNS)}", name)
+    if len(rows) > _MOST_TAPS:
+        raise InputError(path, f"must hold at most {_MOST_TAPS} presses", len(rows))
+    found = []
+    for line, row in rows:
+        values = {}
+        for name in _COLUMNS:
+            number = as_number(row[name])
+            if number is None or abs(number) > _LARGEST:
+                rule = f"{name} must be a number of at most {_LARGEST:g}"
+                raise InputError(f"{path}: row {line}", rule, row[name])
+            values[name] = number
+        press = KnownPress(**values)
+        if not 0 <= press.start_s < press.end_s:
+            rule = "end_s must be later than start_s, and both not negative"
+            raise InputError(f"{path}: row {line}", rule, row["end_s"])
+        if not press.force_n > 0:
+            raise InputError(f"{path}: row {line}", "force_n must be above 0", row["force_n"])
+        found.append(press)
+    return found
+
+
+def taps_of(
+    skin: Skin, presses: Sequence[KnownPress], rows: Iterable[Mapping[str, Any]]
+) -> SurfaceTaps:
+    """What the strips showed of known presses.
+
+    Parameters
+    ----------
+    skin : Skin
+    presses : sequence of KnownPress
+    rows : iterable of mapping
+        Rows of readings (``io.readings_files.ReadingsFile``). Those with a flag other than
+        ``extrapolated`` and ``force-unobservable`` are left out.
+
+    Returns
+    -------
+    SurfaceTaps
+        Means over the readings of each press.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.scene import load_scene
+    >>> from gnuradio.wiforce.scene.surface import skin_of
+    >>> row = {"time_s": 1.0, "sensor": "strip2", "touch": 1, "force_n": 3.0, "force_std_n": 0.1,
+    ...        "location_mm": 40.0, "location_std_mm": 0.1, "flags": ""}
+    >>> skin = skin_of(load_scene("surface_four_strips"))
+    >>> taps = taps_of(skin, [KnownPress(0.8, 1.3, 6.0, 40.0, 12.0)], [row])
+    >>> taps.strip_force_n.tolist()
+    [[nan, 3.0, nan, nan]]
+    """
+    names = [strip.sensor for strip in skin.strips]
+    shape = len(presses), len(names)
+    touched: list[list[list[tuple[float, ...]]]] = [[[] for _ in names] for _ in presses]
+    untouched = np.zeros(shape, int)
+    starts = [press.start_s for press in presses]
+    order = np.argsort(starts)
+    for row in rows:
+        if row["sensor"] not in names or _disturbed(row):
+            continue
+        strip = names.index(row["sensor"])
+        for i in order:
+            press = presses[i]
+            if not press.start_s <= row["time_s"] <= press.end_s:
+                continue
+            if row["touch"] == 0:
+                untouched[i, strip] += 1
+            shown = [row[k] for k in ("force_n", "force_std_n", "location_mm", "location_std_mm")]
+            if row["touch"] == 1 and None not in shown:
+                touched[i][strip].append(tuple(shown))
+    mean = np.full((*shape, 4), math.nan)
+    for i, of_press in enumerate(touched):
+        for strip, own in enumerate(of_press):
+            if len(own) > untouched[i, strip]:
+                mean[i, strip] = np.mean(own, axis=0)
+    x = np.empty(shape)
+    for i, each in enumerate(skin.strips):
+        x[:, i] = each.x_of(mean[:, i, 2])
+    only = (untouched > 0) & np.isnan(mean[..., 0])
+    force, along, across = np.array([(p.force_n, p.x_mm, p.y_mm) for p in presses]).T
+    return SurfaceTaps(force, along, across, mean[..., 0], mean[..., 1], x, mean[..., 3], only)
+
+
+def _disturbed(row: Mapping[str, Any]) -> bool:
+    return bool(set(str(row["flags"] or "").split()) - {"extrapolated", "force-unobservable"})

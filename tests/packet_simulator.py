@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Channel snapshots made by somebody else: a second simulator of packets, and their bound.
+
+It shares no line with the product: own traffic, own tags, own rooms, own receiver.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass
+class PacketTag:
+    """A tag whose two ends turn by stated angles while it is touched."""
+
+    clock_hz: float
+    untouched_deg: tuple = (-108.8043, -108.8043)
+    touched_deg: tuple = (24.3249, -62.2787)
+    offset_ppm: float = 30.0
+    phase: float = 0.3
+    level: float = 1.0
+
+
+@dataclass
+class PacketCapture:
+    """What a receiver reports, and what it should be read as.
+
+    Levels are relative to a tag whose switched reflection has amplitude 1.
+    """
+
+    tags: list
+    seed: int = 1
+    duration_s: float = 16.0
+    touched_s: tuple = (6.0, 15.5)
+    interval_s: float = 1e-3
+    lost: float = 0.1
+    repeated: float = 0.02
+    antennas: int = 2
+    subcarriers: int = 52
+    spacing_hz: float = 312.5e3
+    static: float = 125.0  # 55 dB over the tag's first line
+    noise: float = 0.71  # -10 dB against that line
+    gain_db: tuple = (-6.0, -3.0, 0.0, 3.0)
+    timing_s: float = 30e-9
+    window_s: float = 6.4e-6
+    jitter: float | None = None  # share of the interval; None for exponential gaps
+    chain_gain_db: float = 0.0
+    common_phase: bool = True
+    lamp: float = 0.0  # amplitude of a path that a lamp modulates, on mains of 60.01 Hz
+    walker: float = 0.0  # amplitude of a path by way of a person, with a Doppler up to 20 Hz
+    stamp_s: float = 0.0  # standard deviation of the errors of the times that are reported
+    time_s: np.ndarray = field(init=False, repr=False)
+    channel: np.ndarray = field(init=False, repr=False)
+    subcarrier_hz: np.ndarray = field(init=False, repr=False)
+
+    def __post_init__(self):
+        rng = np.random.default_rng(self.seed)
+        self.time_s = self._times(rng)
+        k = np.arange(self.subcarriers) - self.subcarriers // 2
+        self.subcarrier_hz = k * self.spacing_hz
+        shape = self.subcarriers, self.antennas
+        self.room = self.static * self._paths(rng, 9, 40e-9, shape, first=1.2)
+        self.ways = [tag.level * self._paths(rng, 3, 15e-9, shape, first=2.0) for tag in self.tags]
+        states = self.switches(self.time_s)
+        received = np.tile(self.room, (len(self.time_s), 1, 1)).astype(complex)
+        since = self.time_s - self.time_s[0]
+        touched = (since >= self.touched_s[0]) & (since < self.touched_s[1])
+        for tag, way, own in zip(self.tags, self.ways, states, strict=True):
+            for end in (0, 1):
+                degrees = np.where(touched, tag.touched_deg[end], tag.untouched_deg[end])
+                reflected = own[:, end] * np.exp(1j * np.radians(degrees))
+                received += reflected[:, None, None] * way
+        burning = np.abs(np.sin(2 * np.pi * 60.01 * since))
+        received += (
+            self.lamp * burning[:, None, None] * self._paths(rng, 3, 30e-9, shape, first=1.0)
+        )
+        walking = np.exp(2j * np.pi * 20 * np.sin(since))
+        received += self.walker * walking[:, None, None] * self._paths(rng, 3, 30e-9, shape, 1.0)
+        noise = rng.normal(size=(*received.shape, 2)) @ np.array([1, 1j])
+        received += self.noise / np.sqrt(2) * noise
+        received *= self._packet_factors(rng)
+        if self.chain_gain_db:
+            steps = 10 ** (
+                self.chain_gain_db / 20 * rng.integers(-1, 2, (len(received), 1, shape[1]))
+            )
+            received *= steps
+        again = np.sort(np.r_[np.arange(len(received)), self._repeats(rng)])
+        self.time_s, self.channel = self.time_s[again], received[again].astype(np.complex64)
+        if self.stamp_s:
+            self.time_s = np.sort(self.time_s + self.stamp_s * rng.normal(size=len(self.time_s)))
+
+    def _times(self, rng):
+        count = int(1.3 * self.duration_s / self.interval_s)
+        if self.jitter is None:
+            times = np.cumsum(rng.exponential(self.interval_s, count))
+        else:
+            times = (np.arange(count) + self.jitter * rng.random(count)) * self.interval_s
+        times = times[rng.random(count) >= self.lost]
+        return 1000.0 + times[times < self.duration_s] - times[0]
+
+    def _repeats(self, rng):
+        return np.flatnonzero(rng.random(len(self.time_s)) < self.repeated)
+
+    def _paths(self, rng, count, spread_s, shape, first):
+        """Rays with delays of their own and phases of each antenna; rms 1."""
+        total = np.zeros(shape, complex)
+        for ray in range(count):
+            delay = rng.exponential(spread_s)
+            size = first if ray == 0 else np.exp(-delay / spread_s) * rng.rayleigh(0.6)
+            turns = np.exp(2j * np.pi * rng.random(shape[1]))
+            total += size * np.exp(-2j * np.pi * self.subcarrier_hz * delay)[:, None] * turns
+        return total / np.sqrt(np.mean(np.abs(total) ** 2))
+
+    def _packet_factors(self, rng):
+        count = len(self.time_s)
+        gain = 10 ** (rng.choice(self.gain_db, count) / 20)
+        phase = 2 * np.pi * rng.random(count) if self.common_phase else np.zeros(count)
+        delay = self.timing_s * rng.normal(size=count)
+        turn = phase[:, None] - 2 * np.pi * delay[:, None] * self.subcarrier_hz
+        return (gain[:, None] * np.exp(1j * turn))[:, :, None]
+
+    def switches(self, time_s):
+        """How long each switch of each tag is closed in the window of each packet; (tags, n, 2)."""
+        steps = (np.arange(33) - 16) / 33 * self.window_s
+        found = []
+        for tag in self.tags:
+            rate = tag.clock_hz * (1 + 1e-6 * tag.offset_ppm)
+            cycles = rate * (time_s[:, None] - 1000.0 + steps) + tag.phase
+            first = np.abs((cycles + 0.5) % 1 - 0.5) < 1 / 8
+            second = np.abs((2 * cycles) % 1 - 0.5) < 1 / 8
+            found.append(np.stack([first.mean(axis=1), second.mean(axis=1)], axis=1))
+        return np.array(found)
+
+    def save(self, path, **more):
+        arrays = {"time_s": self.time_s, "channel": self.channel}
+        np.savez(path, **{**arrays, "subcarrier_hz": self.subcarrier_hz, **more})
+
+    def bound_deg(self, period_s, reference_groups):
+        """Smallest standard deviation of the phases' changes in each group; (groups, tags, 2).
+
+        What a packet multiplies all antennas of a subcarrier with is unknown, so that the part of
+        the tags that lies along the static paths is lost; what remains is the projection of the
+        other part on the switches' waveforms without their means. Clocks are taken as known, which
+        makes the bound smaller.
+        """
+        along = self.room / np.linalg.norm(self.room, axis=1, keepdims=True)
+        left = []
+        for way in self.ways:
+            left.append(way - np.sum(along.conj() * way, axis=1, keepdims=True) * along)
+        count = int(self.duration_s / period_s)
+        unique = np.unique(self.time_s)
+        found = []
+        for group in range(count):
+            inside = (unique - unique[0]) // period_s == group
+            waves = self.switches(unique[inside]).transpose(1, 0, 2).reshape(inside.sum(), -1)
+            waves = waves - waves.mean(axis=0)
+            ends = np.repeat(np.array([way.ravel() for way in left]), 2, axis=0)
+            information = (ends.conj() @ ends.T).real * (waves.T @ waves) / self.noise**2
+            variance = np.diag(np.linalg.inv(information)) / 2 * (1 + 1 / reference_groups)
+            found.append(np.degrees(np.sqrt(variance)).reshape(-1, 2))
+        return np.array(found)

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Captures of a surface that somebody else made: strips, skin and samples share no code with us.
+
+Everything a user does is done: strips are calibrated from VNA tables, the skin from taps that are
+read from a capture, and presses at other points are read from another one.
+"""
+
+import csv
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import second_simulator as other
+import yaml
+from command_runs import run_command
+from skin_law import ALONG_MM, STRIPS_MM, strip_loads
+
+pytestmark = [pytest.mark.long, pytest.mark.timeout(1800)]
+NAMES, CLOCKS_HZ = ("a", "b", "c", "d"), (1035.0, 1165.0, 1365.0, 1480.0)
+FIRST_S, RISE_S, HOLD_S, EACH_S = 0.7, 0.02, 0.15, 0.3
+
+
+def tags_under(presses, lost=None):
+    """The four tags while the skin is pressed: rows of force, x, y, one after the other."""
+    loads = strip_loads(presses[:, 0], presses[:, 2])
+    tags = []
+    for i, (name, clock_hz) in enumerate(zip(NAMES, CLOCKS_HZ, strict=True)):
+        own = tuple(
+            (FIRST_S + EACH_S * n, RISE_S, HOLD_S, load, load, press[1] - ALONG_MM[i])
+            for n, (press, load) in enumerate(
+                zip(presses.tolist(), loads[:, i].tolist(), strict=True)
+            )
+        )
+        port_deg = (37.0 - 20 * i, -81.0 + 30 * i)
+        line = other.Line(width_mm=2.1 + 0.05 * i, tilt=0.62 - 0.02 * i)
+        off = {"offset_ppm": 25.0 - 20 * i, "level_db": -140.0 if i == lost else -float(i)}
+        tags.append(other.Tag(name, clock_hz, presses=own, port_deg=port_deg, line=line, **off))
+    return tuple(tags)
+
+
+def write_capture(folder, name, presses, seed, lost=None):
+    duration_s = FIRST_S + EACH_S * len(presses)
+    case = other.Case(10, 50, tags=tags_under(presses, lost), duration_s=duration_s)
+    other.write_capture(other.simulate(case, np.random.default_rng(seed)), folder / name)
+    return case
+
+
+def held(n):
+    """When press n is held, without its first and last group."""
+    start = FIRST_S + EACH_S * n + RISE_S
+    return start, start + HOLD_S
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A calibrated surface."""
+    folder = tmp_path_factory.mktemp("captures")
+    across = np.arange(-3.0, 40.0, 3.0)
+    y, x = (v.ravel() for v in np.meshgrid(across, [28.0, 52.0]))
+    taps = np.column_stack([np.where(np.arange(len(y)) % 2, 5.0, 8.0), x, y])
+    case = write_capture(folder, "taps", taps, 21)
+    for i, tag in enumerate(case.tags):
+        vna = replace(tag, presses=())
+        other.write_vna(vna, folder / f"{tag.name}.csv", np.random.default_rng(i))
+        done = run_command("calibrate", f"{tag.name}.csv", "-o", f"{tag.name}.yaml", cwd=folder)
+        assert done.returncode == 0, done.stderr
+    scene = {
+        "sensors": [
+            {"name": n, "model": f"{n}.yaml", "clock_hz": hz}
+            for n, hz in zip(NAMES, CLOCKS_HZ, strict=True)
+        ],
+        "surface": {
+            "strips": [
+                {"sensor": n, "y_mm": float(y)} for n, y in zip(NAMES, STRIPS_MM, strict=True)
+            ]
+        },
+    }
+    (folder / "bare.yaml").write_text(yaml.safe_dump(scene))
+    scene["surface"]["spreading_file"] = "skin.yaml"
+    with open(folder / "taps.csv", "w", newline="") as stream:
+        rows = csv.writer(stream)
+        rows.writerow(["start_s", "end_s", "force_n", "x_mm", "y_mm"])
+        rows.writerows([*held(n), *tap] for n, tap in enumerate(taps.tolist()))
+    read(folder, "bare.yaml", "taps")
+    done = run_command(
+        *("calibrate", "taps.csv", "--surface", "bare.yaml", "--readings", "taps-read.csv"),
+        *("-o", "skin.yaml"),
+        cwd=folder,
+    )
+    assert done.returncode == 0, done.stderr
+    print(done.stdout)
+    (folder / "scene.yaml").write_text(yaml.safe_dump(scene))
+    return folder
+
+
+def read(folder, scene, name):
+    done = run_command("read", name, "--scene", scene, "-o", f"{name}-read.csv", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    with open(folder / f"{name}-read.csv", newline="") as stream:
+        return [row for row in csv.DictReader(stream) if row["sensor"] == "skin"]
+
+
+@pytest.fixture(scope="module")
+def presses():
+    """Points that were not calibrated."""
+    return np.random.default_rng(31).uniform([4, 25, 0], [8, 55, 36], (30, 3))
+
+
+def errors(rows, presses):
+    """Errors, standard deviations and flags in the groups in which a press was held."""
+    found = []
+    for n, press in enumerate(presses):
+        start, end = held(n)
+        for row in rows:
+            # Whole groups of 36 ms inside the time in which the force is constant.
+            if start <= float(row["time_s"]) - 0.018 and float(row["time_s"]) + 0.018 <= end:
+                assert row["touch"] == "1", row
+                keys = ("force_n", "location_mm", "y_mm")
+                stds = ("force_std_n", "location_std_mm", "y_std_mm")
+                error = [float(row[k]) - p for k, p in zip(keys, press, strict=True)]
+                found.append((error, [float(row[k]) for k in stds], press[0], row["flags"]))
+    error, std, force, flags = zip(*found, strict=True)
+    return np.array(error), np.array(std), np.array(force), flags
+
+
+def report(error, std, force):
+    inside = (np.abs(error) < 2 * std).mean(axis=0)
+    relative = np.abs(error[:, 0]) / force
+    print(
+        f"force {100 * np.median(relative):.2f} % (95 %: {100 * np.quantile(relative, 0.95):.2f}),",
+        f"x {np.median(np.abs(error[:, 1])):.3f}, y {np.median(np.abs(error[:, 2])):.3f} mm",
+        f"(95 %: {np.quantile(np.abs(error[:, 1:]), 0.95, axis=0).round(3)}), inside {inside}",
+    )
+    return inside
+
+
+def test_presses_at_new_points_are_within_five_percent_and_a_millimetre(folder, presses):
+    write_capture(folder, "presses", presses, 22)
+    error, std, force, flags = errors(read(folder, "scene.yaml", "presses"), presses)
+    inside = report(error, std, force)
+    assert len(error) >= 2 * len(presses)
+    assert np.quantile(np.abs(error[:, 0]) / force, 0.95) < 0.05
+    assert np.quantile(np.abs(error[:, 1:]), 0.95, axis=0).max() < 1.0
+    assert inside.min() >= 0.9
+    # Next to a rise, groups are transitions.
+    assert sum(not words for words in flags) >= 0.7 * len(flags)
+
+
+def test_a_strip_switched_off_is_flagged_and_errors_are_as_stated(folder, presses):
+    write_capture(folder, "lost", presses, 23, lost=1)
+    error, std, force, flags = errors(read(folder, "scene.yaml", "lost"), presses)
+    inside = report(error, std, force)
+    assert all("weak" in words.split() for words in flags)
+    assert inside.min() >= 0.9

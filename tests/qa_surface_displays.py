@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A press on a surface in the browser and in Qt: where it is, how hard, and how sure."""
+
+import numpy as np
+import pytest
+from gnuradio import wiforce
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.gui.surface_view import SurfaceView, ellipse
+from gnuradio.wiforce.io.readings import SurfaceReading
+from gnuradio.wiforce.planning.plan import plan
+from web_pages import publishing, serving
+from wiforce_app.run_health import geometry
+from wiforce_app.web.zmq_source import ZmqSource
+
+pytest.importorskip("selenium")
+from browser import browser
+
+# What the page draws of a press, in mm of the plane.
+DRAWN = """return (() => {
+    const card = document.querySelector("[data-sensor=skin]");
+    const [plane, dot, spread] = ["rect", ".press", ".spread"].map((s) => card.querySelector(s));
+    const number = (node, name) => Number(node.getAttribute(name));
+    const mm = number(plane, "width") / 80;
+    return {
+        strips: card.querySelectorAll("path").length,
+        x: (number(dot, "cx") - number(plane, "x")) / mm,
+        y: 42 - (number(dot, "cy") - number(plane, "y")) / mm,
+        radius: number(dot, "r"), hollow: dot.getAttribute("fill") === "none",
+        spread: [number(spread, "rx") / mm, number(spread, "ry") / mm],
+        angle: -Number(/rotate\\((.*)\\)/.exec(spread.getAttribute("transform"))[1]),
+        text: card.querySelector(".location").textContent,
+    };
+})()"""
+
+
+def press(time_s=1.0, force_n=4.0, flags=(), **more):
+    values = {"y_mm": 12.0, "y_std_mm": 1.5, "cov_x_y": 1.2} | more
+    return SurfaceReading(time_s, "skin", 1, force_n, 0.1, 30.0, 2.0, flags=flags, **values)
+
+
+def test_page_draws_the_press_where_it_is_with_its_covariance():
+    skin = plan("surface_four_strips").skin
+    with publishing(sensors=["strip1"]) as reader, browser() as window:
+        with serving(ZmqSource(reader.readings, reader.control)) as (url, _):
+            window.driver.get(url)
+            window.wait("return typeof page !== 'undefined' && !!page.plots?.models")
+            shown = "return page.status.state === 'reading' && !!page.status.surface"
+            reader.until(lambda: window.run(shown), surface=geometry(skin))
+
+            def drawn(reading):
+                reader.publish(reading)
+                after = f"return page.newest === {reading.time_s} && !!document.querySelector"
+                window.wait(f"{after}('[data-sensor=skin] .press')")
+                return window.run(DRAWN)
+
+            clear = drawn(press(1.0))
+            assert clear["strips"] == 4
+            assert (clear["x"], clear["y"]) == pytest.approx((30.0, 12.0), abs=0.01)
+            assert clear["text"] == "x 30.0 ± 4.0 mm, y 12.0 ± 3.0 mm" and not clear["hollow"]
+            (first, second), angle = ellipse(press())
+            assert sorted(clear["spread"]) == pytest.approx(sorted([first, second]), abs=0.01)
+            assert (clear["angle"] - angle) % 180 == pytest.approx(90.0, abs=0.1)
+            # The area is the force; what is doubtful looks doubtful.
+            harder = drawn(press(1.1, 8.0, flags=("inconsistent",)))
+            assert harder["radius"] ** 2 / clear["radius"] ** 2 == pytest.approx(2.0, abs=0.01)
+            assert harder["hollow"]
+            assert window.errors() == []
+            window.driver.get("about:blank")
+
+
+def test_ellipse_has_the_axes_of_the_covariance():
+    (semi, angle), tilt = ellipse(press(cov_x_y=0.0)), 30.0
+    assert sorted(semi) == pytest.approx([3.0, 4.0]) and angle % 180 == pytest.approx(90.0)
+    turn = np.radians(tilt)
+    axes = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    c = axes @ np.diag([1.0, 9.0]) @ axes.T
+    reading = SurfaceReading(
+        *(1.0, "skin", 1, 4.0, 0.1, 30.0, np.sqrt(c[0, 0])),
+        y_mm=12.0,
+        y_std_mm=np.sqrt(c[1, 1]),
+        cov_x_y=c[0, 1],
+    )
+    semi, angle = ellipse(reading)
+    assert semi == pytest.approx((2.0, 6.0)) and angle % 180 == pytest.approx(tilt)
+    assert ellipse(press(y_std_mm=None))[0] is None
+
+
+def test_qt_display_draws_a_surface_from_above(qt):
+    display = wiforce.ForceDisplay(strips_y_mm=(0, 12, 24, 36))
+    try:
+        display._timer.stop()
+        display.resize(640, 520)
+        display.show()
+
+        def image(reading):
+            display.add(reading)
+            display.refresh()
+            qt.processEvents()
+            return display.grab().toImage()
+
+        blank = image({"time_s": 0.9, "sensor": "skin", "touch": 0})
+        low, high = image(press(1.0, y_mm=2.0)), image(press(1.1, y_mm=34.0))
+        assert isinstance(display._views["skin"], SurfaceView)
+        doubtful = image(press(1.2, y_mm=34.0, flags=("weak",)))
+        assert (
+            len({bytes(i.bits().asarray(i.byteCount())) for i in (blank, low, high, doubtful)}) == 4
+        )
+        rows = range(60, low.height() // 2)
+
+        def middle(picture):
+            """Mean row of what the press changes."""
+            columns = range(0, picture.width(), 3)
+            return np.mean(
+                [y for y in rows for x in columns if picture.pixel(x, y) != blank.pixel(x, y)]
+            )
+
+        blank = image({"time_s": 1.15, "sensor": "skin", "touch": 0})
+        assert middle(high) < middle(low) - 20
+        for strange in (press(1.3, y_mm=1e9), press(1.4, force_n=None), press(1.5, y_mm=None)):
+            image(strange)
+    finally:
+        display.close()
+        display.deleteLater()
+        qt.processEvents()
+
+
+def test_strips_of_a_display_that_are_no_numbers_are_refused(qt):
+    with pytest.raises(InputError, match="strips_y_mm: must be a list of finite numbers"):
+        wiforce.ForceDisplay(strips_y_mm=[0.0, float("nan")])

@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Readings of a surface whose strips are loaded by ``skin_law``, without samples."""
+
+import csv
+
+import numpy as np
+from gnuradio.wiforce.estimation.groups import Groups
+from gnuradio.wiforce.io.readings import SurfaceReading
+from gnuradio.wiforce.receiver import make_readout
+from gnuradio.wiforce.sensor import load_sensor
+from skin_law import ALONG_MM, STRIPS_MM, strip_loads
+
+CARRIER_HZ = 900e6
+PERIOD_S = 0.036
+NAMES = ("a", "b", "c", "d")
+_TRUTH = "line-900mhz"
+_NOISE_DEG = 0.1
+# Groups before the presses, and groups of each.
+_BEFORE, _EACH = 14, 5
+
+
+def scene(**surface):
+    """A scene of the strips, read with a noisy calibration of what is pressed."""
+    clocks = zip(NAMES, (1035, 1165, 1365, 1480), strict=True)
+    return {
+        "sensors": [
+            {"name": name, "model": f"{_TRUTH}-calibrated", "clock_hz": hz} for name, hz in clocks
+        ],
+        "surface": {
+            "strips": [
+                {"sensor": name, "y_mm": float(y)} for name, y in zip(NAMES, STRIPS_MM, strict=True)
+            ],
+            **surface,
+        },
+    }
+
+
+def shown_phases(presses, rng):
+    """Phases (G, 4, 2) of strips under presses, each a list of (force, x, y)."""
+    model = load_sensor(_TRUTH)
+    phases = np.empty((len(presses), 4, 2))
+    for g, now in enumerate(presses):
+        phases[g] = model.untouched_deg()
+        loads = [(strip_loads(force, y), x) for force, x, y in now]
+        for strip in range(4):
+            touching = [(load[strip], x) for load, x in loads if load[strip] >= 0.9]
+            shown = [model.phases_deg(f, x - ALONG_MM[strip]) for f, x in sorted(
+                touching, key=lambda contact: contact[1]
+            )]  # fmt: skip
+            if shown:
+                phases[g, strip] = shown[0][0], shown[-1][1]
+    return phases + _NOISE_DEG * rng.standard_normal(phases.shape)
+
+
+def readings_of(plan, presses, rng, lost=None):
+    """The readings of presses after a reference of 14 groups.
+
+    Each is held for three groups, of which the second is returned, and two untouched groups follow.
+    """
+    held = [now for press in presses for now in (press, press, press, [], [])]
+    model = load_sensor(_TRUTH)
+    phases = shown_phases([*[[]] * _BEFORE, *held], rng)
+    count = len(phases)
+    ratios = np.exp(1j * np.radians(phases - model.untouched_deg())).reshape(count, 8)
+    locked, std = np.ones((count, 4), bool), np.full((count, 8), _NOISE_DEG)
+    if lost is not None:
+        locked[:, lost] = False
+        ratios[:, 2 * lost : 2 * lost + 2] = np.nan
+        std[:, 2 * lost : 2 * lost + 2] = np.inf
+    none = np.zeros((count, 8), bool)
+    groups = Groups(
+        np.arange(count),
+        ratios=ratios,
+        phase_std_deg=std,
+        snr_db=np.full((count, 8), 10.0),
+        locked=locked,
+        overlapping=none[:, :4],
+        new_reference=np.arange(count) == 0,
+        in_reference=none | (np.arange(count) < _BEFORE - 1)[:, None],
+        late_reference=none,
+        reshaped=none,
+    )
+    readout = make_readout(plan)
+    readings = readout.process(groups) + readout.flush()
+    return [r for r in readings if r.group >= _BEFORE and (r.group - _BEFORE) % _EACH == 1]
+
+
+def known_presses(rng):
+    """Taps at every 3 mm across and three places along: rows of force, x, y."""
+    across = np.arange(-3.0, 40.0, 3.0)
+    y, x = (values.ravel() for values in np.meshgrid(across, [25.0, 40.0, 55.0]))
+    force = np.where(np.arange(len(y)) % 2, 5.0, 8.0)
+    return np.column_stack([force, x, y])
+
+
+def write_taps(path, taps):
+    """The table of taps, as `readings_of` holds them."""
+    with open(path, "w", newline="") as stream:
+        rows = csv.writer(stream)
+        rows.writerow(["start_s", "end_s", "force_n", "x_mm", "y_mm"])
+        for i, tap in enumerate(taps.tolist()):
+            start = (_BEFORE + i * _EACH + 1) * PERIOD_S
+            rows.writerow([start, start + PERIOD_S, *tap])
+
+
+def of_surface(readings, name="skin"):
+    """Readings of the surface, of the press with that name."""
+    return [r for r in readings if isinstance(r, SurfaceReading) and r.sensor == name]
+
+
+def errors_of(readings, presses):
+    """Errors and standard deviations (n, 3) of touched readings, and the presses (n, 3)."""
+    pairs = [(r, p) for r, p in zip(readings, presses, strict=True) if r.touch == 1]
+    found = np.array([(r.force_n, r.location_mm, r.y_mm) for r, _ in pairs])
+    std = np.array([(r.force_std_n, r.location_std_mm, r.y_std_mm) for r, _ in pairs])
+    true = np.array([p for _, p in pairs])
+    return found - true, std, true
