@@ -90,7 +90,7 @@ def test_packages_depend_on_what_the_code_imports():
     # Each is imported by one feature, which names what to install where it is missing; PyQt5 and
     # pyqtgraph come with gnuradio.
     optional = {"PyQt5", "pyqtgraph", "zmq", "serial", "distributed", "pyarrow", "pylsl", "skrf"}
-    optional |= {"bokeh", "tornado", "mcap", "mcap_ros2", "foxglove"}
+    optional |= {"SoapySDR", "csiread", "bokeh", "tornado", "mcap", "mcap_ros2", "foxglove"}
     optional |= {"typing_extensions"}  # of type checkers
     found = set()
     for folder in ("python/wiforce", "gr-wiforce/wiforce_app", "gr-wiforce/software_n210"):
