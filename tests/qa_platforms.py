@@ -66,6 +66,18 @@ def test_packages_have_the_version_of_cmake():
     assert (ROOT / f"debian/libgnuradio-wiforce{major}.{minor}.install").exists()
 
 
+def test_packages_contain_every_library_that_cmake_installs():
+    """dh_missing would end the build after half an hour."""
+    text = (ROOT / "lib/CMakeLists.txt").read_text()
+    targets = re.search(r"install\(TARGETS ([\w -]+) EXPORT", text)[1].split()
+    assert "gnuradio-wiforce" in targets
+    listed = "".join(path.read_text() for path in (ROOT / "debian").glob("lib*.install"))
+    for target in targets:
+        named = re.search(rf"set_target_properties\({target}\b[^)]*OUTPUT_NAME (\S+?)\)", text)
+        name = named[1] if named else target
+        assert re.search(rf"^usr/lib/\*/lib{name}\.(a|so)$", listed, re.MULTILINE), name
+
+
 def imported(path):
     """First names of the absolute imports of a file."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
