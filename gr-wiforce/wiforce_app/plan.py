@@ -56,14 +56,12 @@ def plan(scene, capture_path, datatype, improve, measure, clocks, as_json):
         "settings": _settings(settings),
         "steps": [dataclasses.asdict(step) for step in steps_of(settings)],
         "expected": [dataclasses.asdict(sensor) for sensor in expect(settings)],
-        "waveform": dataclasses.asdict(waveform_limits(settings)),
-        "warnings": [
-            *warnings_of(settings),
-            *waveform_warnings(settings),
-            *surface_warnings(settings),
-        ],
+        "warnings": [*warnings_of(settings), *surface_warnings(settings)],
         "notes": [note for note in [licence_note(scene), recommendation(settings)] if note],
     }
+    if scene.packets is None:
+        report["waveform"] = dataclasses.asdict(waveform_limits(settings))
+        report["warnings"] += waveform_warnings(settings)
     if settings.skin is not None:
         report["surface"] = [dataclasses.asdict(point) for point in expect_surface(settings)]
     if capture_path is not None:
@@ -148,7 +146,8 @@ def _print(report, scene):
         f"({1e3 * chosen['group_period_s']:.1f} ms), lines +-1..+-{chosen['harmonics']} of each "
         f"tag in {chosen['tones']} tones, estimator {chosen['estimator']}"
     )
-    _print_waveform(report["waveform"])
+    if "waveform" in report:
+        _print_waveform(report["waveform"])
     _print_steps(report["steps"])
     if "room" in report:
         _print_room(report["room"], report["steps"])

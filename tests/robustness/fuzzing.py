@@ -121,10 +121,8 @@ class Kind:
         return mutate(self.original if of is None else of, rng)
 
 
-KINDS = (
-    "scene", "sensor", "vna", "index", "touchstone", "phases", "metadata", "samples", "snapshots",
-)  # fmt: skip
-KINDS += ("surface", "spreading", "taps")
+KINDS = ("scene", "sensor", "vna", "index", "touchstone", "phases", "metadata", "samples")
+KINDS += ("snapshots", "surface", "spreading", "taps")
 _READ = ("read", "-o", "out.csv", "--scene", "scene.yaml")
 _CALIBRATE = ("calibrate", "-o", "out.yaml", "--form", "cubic", "--length-mm", "10")
 _TOUCHSTONE = (*_CALIBRATE, "--frequency-hz", "900e6")

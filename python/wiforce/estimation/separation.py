@@ -84,10 +84,11 @@ class EndSeparator:
         every = enumerate((*clocks, *others))
         tags = [TrackedTag(table, i, clock, averaging_s) for i, clock in every]
         self._tags = len(clocks)
-        derotated = derotated and waveform.is_derotated
-        rate_hz = waveform.sample_rate_hz if derotated else None
+        rate_hz = waveform.sample_rate_hz if derotated and waveform.is_derotated else None
         self._model = ToneModel(table, tags, rate_hz, waveform.symbol_length)
-        profile = None if waveform.is_derotated else waveform.noise_profile
+        # Of channels that another device measured, only the residual tells the noise.
+        is_long = derotated and not waveform.is_derotated
+        profile = waveform.noise_profile if is_long else None
         self._noise = NoiseEstimate(self._model.group_period_s, profile)
         self._coherence = CoherentResidual(2 * len(tags))
         self._search = ClockSearch(self._model, self._noise, averaging_s)

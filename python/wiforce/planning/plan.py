@@ -175,13 +175,9 @@ class Plan:
     def table(self) -> ToneTable:
         """Weights of the run."""
         if self.times_s is not None:
-            return timed_table(
-                [clock.clock_hz for clock in (*self.clocks, *self.others)],
-                self.times_s,
-                self.group_length * self.waveform.snapshot_period_s,
-                self.clutter_hz,
-                self.harmonics,
-            )
+            period_s = self.group_length * self.waveform.snapshot_period_s
+            settings = self.times_s, period_s, self.clutter_hz, self.harmonics
+            return timed_table(self.clocks_hz, *settings)
         return design_weights(
             [clock.clock_hz for clock in (*self.clocks, *self.others)],
             self.group_length,
@@ -367,15 +363,9 @@ def _key_of(scene: Scene, key: str) -> str:
 
 def _with_fewest_harmonics(settings: Plan) -> Plan:
     """The plan with the fewest harmonics that lose hardly more than the best choice."""
-    losses = losses_db(
-        HARMONICS,
-        settings.clocks,
-        settings.group_length,
-        settings.waveform.snapshot_period_s,
-        settings.waveform.averaging_s,
-        settings.clutter_hz,
-        settings.times_s,
-    )
+    waveform = settings.waveform
+    grid = settings.group_length, waveform.snapshot_period_s, waveform.averaging_s
+    losses = losses_db(HARMONICS, settings.clocks, *grid, settings.clutter_hz, settings.times_s)
     best = min(loss.max() for loss in losses.values())
     chosen = next(h for h, loss in losses.items() if loss.max() <= best + ACCEPTED_LOSS_DB)
 

@@ -50,8 +50,8 @@ def check_scene(scene: Scene, source: str) -> None:
 sensor's, got 'arm'
     """
     for check in (
-        _sounding,
         _packets,
+        _sounding,
         _reader_clock,
         _names,
         _clock_frequencies,

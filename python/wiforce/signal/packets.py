@@ -57,6 +57,11 @@ class PacketWaveform(Waveform):
         return np.arange(len(self.frequency_hz))
 
     @property
+    def mirrored(self) -> np.ndarray:
+        """Index of the channel at the opposite frequency, for each; shape (K,)."""
+        return np.arange(len(self.frequency_hz))[::-1]
+
+    @property
     def outermost_hz(self) -> tuple[float, float]:
         """Lowest and highest frequency against the carrier, in Hz."""
         return float(self.frequency_hz.min()), float(self.frequency_hz.max())
