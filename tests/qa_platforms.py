@@ -66,6 +66,18 @@ def test_packages_have_the_version_of_cmake():
     assert (ROOT / f"debian/libgnuradio-wiforce{major}.{minor}.install").exists()
 
 
+def test_packages_contain_every_library_that_cmake_installs():
+    """dh_missing would end the build after half an hour."""
+    text = (ROOT / "lib/CMakeLists.txt").read_text()
+    targets = re.search(r"install\(TARGETS ([\w -]+) EXPORT", text)[1].split()
+    assert "gnuradio-wiforce" in targets
+    listed = "".join(path.read_text() for path in (ROOT / "debian").glob("lib*.install"))
+    for target in targets:
+        named = re.search(rf"set_target_properties\({target}\b[^)]*OUTPUT_NAME (\S+?)\)", text)
+        name = named[1] if named else target
+        assert re.search(rf"^usr/lib/\*/lib{name}\.(a|so)$", listed, re.MULTILINE), name
+
+
 def imported(path):
     """First names of the absolute imports of a file."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -90,7 +102,7 @@ def test_packages_depend_on_what_the_code_imports():
     # Each is imported by one feature, which names what to install where it is missing; PyQt5 and
     # pyqtgraph come with gnuradio.
     optional = {"PyQt5", "pyqtgraph", "zmq", "serial", "distributed", "pyarrow", "pylsl", "skrf"}
-    optional |= {"bokeh", "tornado", "mcap", "mcap_ros2", "foxglove"}
+    optional |= {"SoapySDR", "csiread", "bokeh", "tornado", "mcap", "mcap_ros2", "foxglove"}
     optional |= {"typing_extensions"}  # of type checkers
     found = set()
     for folder in ("python/wiforce", "gr-wiforce/wiforce_app", "gr-wiforce/software_n210"):
