@@ -141,8 +141,8 @@ def _check(recording: ChannelSnapshots, plan: Plan) -> None:
     if free and recording.antennas == 1:
         rule = (
             "has a single antenna, and the receiver's oscillator runs freely: each packet has a "
-            "phase of its own, which cannot be told from the tag's; two antennas on the same "
-            "oscillator are needed"
+            "phase of its own, which cannot be distinguished from the tag's; two antennas on the "
+            "same oscillator are needed"
         )
         raise InputError(recording.path, rule)
     stated, carrier_hz = scene.radio.center_frequency_hz, recording.center_frequency_hz

@@ -37,7 +37,7 @@ def without_gain_steps(channel: Array) -> tuple[Array, int]:
     Notes
     -----
     The gain of an antenna against the first one is the ratio of their powers over all
-    subcarriers. Its levels are told apart by gaps of 0.3 dB or more. Packets of one level are
+    subcarriers. Its levels are distinguished by gaps of 0.3 dB or more. Packets of one level are
     brought to the most frequent one by a complex factor, measured over all of them: a tag, which
     is open and closed in any of them alike, does not change it. Rare levels stay as they are, and
     their packets are left out later.

@@ -65,7 +65,7 @@ def recommend_clocks(plan: Plan) -> PacketClocks | None:
     Returns
     -------
     PacketClocks or None
-        None where no clock can be told from clutter and from itself at these times.
+        None where no clock can be distinguished from clutter and from itself at these times.
 
     Examples
     --------
@@ -176,7 +176,7 @@ def _alias_warnings(plan: Plan) -> Iterator[str]:
         own = [tone.owners for tone in lines if (tag, 1) in tone.owners or (tag, 4) in tone.owners]
         if any(len(owners) > 1 for owners in own) or len(own) < 2:
             yield (
-                f"aliases: packets at these times do not tell the lines of '{name}' from each "
+                f"aliases: packets at these times do not separate the lines of '{name}' from each "
                 "other or from those of another tag; use another clock, or less regular packets"
             )
 

@@ -285,7 +285,7 @@ class _Search:
         return None
 
     def _fill(self, count: int, conflicts: np.ndarray, free: np.ndarray) -> list[int] | None:
-        """``count`` candidates, the best one first; None where lines cannot be told apart."""
+        """``count`` candidates, the best one first; None where lines cannot be distinguished."""
         lost = self._own_losses.copy()
         overlaps: dict[int, np.ndarray] = {}
         for tag in range(len(self._candidates), len(self._clocks)):

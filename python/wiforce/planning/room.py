@@ -89,7 +89,7 @@ def adapted(plan: Plan, survey: Survey | None) -> Plan:
     room = survey.noise(length, clutter_hz, solved)
     if room_noise_of_tones(plan.table, room).max() < NEGLIGIBLE:
         return plan
-    # Lines that are disturbed so much that none is left to read still tell a little.
+    # Where this leaves no line to read, the power in a single subcarrier may leave some.
     for noise in (room, room.scaled(1 / survey.subcarriers)):
         colored = replace(plan, room=noise)
         if colored.separable:

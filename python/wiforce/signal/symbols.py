@@ -23,7 +23,7 @@ SHORTEST_SYMBOL, LONGEST_SYMBOL = 16, 4096
 # its channel is 20 dB higher there, so that each one left out adds less than 1 % of what the
 # strongest adds to a reading.
 LEAST_POWER = 0.01
-# A delay and a phase, of two ends, cannot be told apart on fewer.
+# A delay and a phase, of two ends, cannot be distinguished on fewer.
 LEAST_SUBCARRIERS = 4
 # Part of the sample rate that the sweep covers: the flat part of a USRP's half-band filters.
 _SWEPT_BAND = 0.8

@@ -3,7 +3,7 @@
 
 What :mod:`.weights` does for frames that follow each other, for packets: a group is modelled as
 tones plus clutter at its exact times, and solved by least squares. Lines do not alias here, unless
-packets are regular: two lines are one tone where these times do not tell them apart.
+packets are regular: two lines are one tone where these times do not distinguish them.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from .weights import ToneTable
 
 # Lines whose correlation over the times exceeds the first are one tone: sinc(0.3), as on a grid
 # (lines.py). A line is left out where its correlation with its own mirror image, or the share of
-# it that is clutter, exceeds the others: half of it can then not be told apart.
+# it that is clutter, exceeds the others: half of it can then not be distinguished.
 _SAME_TONE = 0.86
 _OWN_MIRROR = 0.7
 _CLUTTER_SHARE = 0.5
@@ -182,7 +182,7 @@ def timed_table(
         raise InputError("group_length", rule, len(times_s))
     for tag, clock_hz in enumerate(clocks_hz):
         if not any(len(tone.owners) == 1 and tone.owners[0][0] == tag for tone in tones):
-            rule = "must leave the tag a line that these packets tell apart from every other"
+            rule = "must leave the tag a line that these packets distinguish from every other"
             raise InputError(f"clocks_hz[{tag}]", rule, clock_hz)
     return replace(table, weights=found.weights)
 
