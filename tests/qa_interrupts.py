@@ -6,6 +6,7 @@ import signal
 
 import pytest
 from gnuradio.wiforce.errors import OutputError
+from gnuradio.wiforce.scene import load_scene
 from wiforce_app.file_outputs import FileOutputs
 from wiforce_app.interrupts import Terminated, interrupt_by_exception, uninterrupted
 
@@ -46,7 +47,7 @@ class Rows:
 
 def outputs_of(*writers):
     """FileOutputs with other writers than those of files."""
-    outputs = FileOutputs(None, None, [], None)
+    outputs = FileOutputs(None, None, [], load_scene("demo"))
     outputs._writers = list(writers)
     return outputs
 

@@ -67,7 +67,7 @@ CALIBRATE = ["calibrate", "file.csv", "-o", "s.yaml"]
         (
             HEADER,
             ["read", "folder", "-o", "out"],
-            "folder: contains no captures: no .sigmf-meta files",
+            "folder: contains no captures: no .sigmf-meta or .npz files",
         ),
         (HEADER, ["simulate", "demo", "x", "--seed", "1.5"], "'1.5' is not a valid integer."),
         (HEADER, ["transfer", "line-900mhz", "--frequency-hz", "9MHz"], "is not a valid number."),

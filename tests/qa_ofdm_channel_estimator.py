@@ -66,7 +66,7 @@ def test_tags_stay_with_their_items():
 @pytest.mark.parametrize(
     ("factors", "rows", "rotation", "message"),
     [
-        (np.ones(63), 1, [], "factors must hold 64 values, got 63 values"),
+        (np.ones(15), 1, [], "factors must hold .*, got 15 values"),
         (np.full(64, np.nan), 1, [], "factors must be finite"),
         (np.ones(64), 0, [], "rows must be >= 1, got 0"),
         (np.ones(64), 2, np.ones(64), "rotation must hold 128 values, got 64 values"),

@@ -38,7 +38,7 @@ SCENE = {
 # Names of the modules of a package, where they are not its own.
 MODULES = {"pyyaml": "yaml", "scikit-rf": "skrf"}
 # GNU Radio, Qt with its displays, and what others bring along.
-WITH_GNURADIO = {"gnuradio", "pmt", "PyQt5", "pyqtgraph", "sip"}
+WITH_GNURADIO = {"gnuradio", "pmt", "PyQt5", "pyqtgraph", "sip", "SoapySDR"}
 IMPORTED = re.compile(r"^ *(?:import|from) (\w+)[\w.]*(?: import .*| as \w+)?$", re.MULTILINE)
 RUN = "import sys; from wiforce_app.main import run; sys.exit(run())"
 

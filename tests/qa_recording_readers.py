@@ -63,7 +63,7 @@ def batches(read, size):
 @pytest.mark.parametrize("batch_size", [1, 4, 1000])
 def test_tone_reader_over_gaps_gives_what_the_flowgraph_gives(capture, settings, batch_size):
     weights, factors, rotation, bins = settings
-    reader = tone_reader(*capture, 64, 4, 0, *settings)
+    reader = tone_reader(*capture, 64, 4, 0, 64, *settings)
     found = batches(reader.read, batch_size)
     index, missing, saturated, tones = (
         np.concatenate([batch[key] for batch in found])
@@ -131,7 +131,7 @@ def test_tone_reader_of_a_known_channel_gives_it_on_the_bins_asked_for(tmp_path)
     (tmp_path / "x").write_bytes(frames.astype("<c8").tobytes())
     weights, bins = np.full((1, GROUP), 1 / GROUP), [3, 60, 1]
     reader = tone_reader(
-        str(tmp_path / "x"), "cf32_le", [(0, 0, len(frames))], FRAME, 64, 4, 0,
+        str(tmp_path / "x"), "cf32_le", [(0, 0, len(frames))], FRAME, 64, 4, 0, 64,
         weights, WAVEFORM.equalizer(), [], bins,
     )  # fmt: skip
     tones = reader.read(10)["tones"]
@@ -155,7 +155,7 @@ def test_tone_reader_releases_the_interpreter_while_it_reads(tmp_path, settings)
     with open(tmp_path / "x", "wb") as file:
         file.truncate(4 * count)
     reader = tone_reader(
-        str(tmp_path / "x"), "ci16_le", [(0, 0, count)], FRAME, 64, 4, 0, *settings
+        str(tmp_path / "x"), "ci16_le", [(0, 0, count)], FRAME, 64, 4, 0, 64, *settings
     )
     found = []
     threads = [
@@ -187,7 +187,7 @@ def test_kernels_do_not_load_gnu_radio():
         ({"frame_length": 300}, "frame_length must be >="),
         ({"weights": np.ones(6)}, "weights must have 2 dimensions"),
         ({"weights": np.full((1, 6), np.nan)}, "weights must be finite"),
-        ({"factors": np.ones(63)}, "factors must hold 64 values"),
+        ({"factors": np.ones(63)}, "factors must be as many as a symbol has samples, 64"),
         ({"rotation": np.ones((2, 64))}, "rotation must hold 64 values"),
         ({"bins": [1, 64]}, "bins must be 0 to 63, got 64"),
     ],
@@ -197,7 +197,7 @@ def test_tone_reader_with_a_bad_parameter_names_it(tmp_path, change, message):
     good = {
         "path": str(tmp_path / "x"), "datatype": "cf32_le", "segments": [(0, 0, 1000)],
         "frame_length": 720, "first_averaged": 64, "repetitions": 4, "frame_offset": 0,
-        "weights": np.ones((1, 6)), "factors": np.ones(64), "rotation": [],
+        "symbol_length": 64, "weights": np.ones((1, 6)), "factors": np.ones(64), "rotation": [],
         "bins": [0],
     }  # fmt: skip
     with pytest.raises(InputError, match=message):

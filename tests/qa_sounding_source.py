@@ -55,7 +55,7 @@ def test_amplitude_can_change_and_never_beyond_full_scale():
 @pytest.mark.parametrize(
     "parameters, message",
     [
-        ({"waveform": "chirps"}, "waveform: must be 'repeated' or .*, got 'chirps'"),
+        ({"waveform": "chirps"}, "or 'zadoff-chu' or a .npy file, got 'chirps'"),
         ({"frame_length": 319}, "frame_length: must be an integer >= 320"),
         ({"sample_rate": 0}, "sample_rate_hz: must be positive, got 0"),
         ({"amplitude": 0}, "amplitude: must be above 0 and at most"),

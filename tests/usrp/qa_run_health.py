@@ -28,7 +28,9 @@ class Run:
             tares=tares,
             reference_problem=lambda name: self.problem,
             suspicions=lambda: {"arm": self.suspicions},
-            plan=SimpleNamespace(reference_groups=10, group_period_s=0.05, sensors=[sensor]),
+            plan=SimpleNamespace(
+                reference_groups=10, group_period_s=0.05, sensors=[sensor], skin=None
+            ),
         )
         self.cancelled = []
         self.session = SimpleNamespace(

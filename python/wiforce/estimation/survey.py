@@ -124,9 +124,13 @@ class Survey:
         return float(LOBE_BINS * (self.frequency_hz[1] - self.frequency_hz[0]))
 
     def noise(
-        self, group_length: int, clutter_hz: float, without: Sequence[Source] = ()
+        self,
+        group_length: int,
+        clutter_hz: float,
+        without: Sequence[Source] = (),
+        averaged: bool = True,
     ) -> RoomNoise:
-        """Noise of the room outside the clutter band, as it weighs in a reading.
+        """Noise of the room outside the clutter band.
 
         Parameters
         ----------
@@ -136,6 +140,8 @@ class Survey:
             Highest frequency that the weights reject anyway.
         without : sequence of Source
             Sources that are solved for.
+        averaged : bool
+            As it weighs in the average over the subcarriers (:meth:`weight`) instead of in one.
 
         Returns
         -------
@@ -143,7 +149,11 @@ class Survey:
         """
         rows = (self.excess > 0) & (self.frequency_hz > clutter_hz + self.resolution_hz)
         lines = [
-            (line.frequency_hz, line.power * self.weight(source), source.width_share)
+            (
+                line.frequency_hz,
+                line.power * (self.weight(source) if averaged else 1),
+                source.width_share,
+            )
             for source in self.sources
             if source not in without
             for line in (*source.lines, *source.masked)

@@ -86,12 +86,12 @@ def adapted(plan: Plan, survey: Survey | None) -> Plan:
             solved.append(source)
     if two_antennas:  # lines of the ratio, such as those of mirror images, are not additive noise
         return plan
-    room = survey.noise(length, clutter_hz, solved)
-    if room_noise_of_tones(plan.table, room).max() < NEGLIGIBLE:
+    rooms = [survey.noise(length, clutter_hz, solved, averaged) for averaged in (True, False)]
+    if room_noise_of_tones(plan.table, rooms[0]).max() < NEGLIGIBLE:
         return plan
     # Where this leaves no line to read, the power in a single subcarrier may leave some.
-    for noise in (room, room.scaled(1 / survey.subcarriers)):
-        colored = replace(plan, room=noise)
+    for room in rooms:
+        colored = replace(plan, room=room)
         if colored.separable:
             return colored
     return plan
@@ -218,7 +218,8 @@ def _agree(clock: TagClock, other: TagClock) -> bool:
 def _noise_of_tones(plan: Plan, survey: Survey) -> np.ndarray:
     """Variance of the noise in each tone, the white noise of a snapshot being 1."""
     table, clutter_hz = plan.table, plan.clutter_hz
-    room = survey.noise(table.group_length, clutter_hz, _solved(plan, survey))
+    # In one subcarrier: surveys of the same lamps differ by more than averages may.
+    room = survey.noise(table.group_length, clutter_hz, _solved(plan, survey), averaged=False)
     power = np.sum(np.abs(table.weights) ** 2, axis=1)
     return np.asarray((1 + room_noise_of_tones(table, room)) * power)
 

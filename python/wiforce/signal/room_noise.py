@@ -44,26 +44,6 @@ class RoomNoise:
             snapshots = snapshots[mask]
         return self.autocovariance[np.abs(snapshots[:, None] - snapshots)]
 
-    def scaled(self, factor: float) -> RoomNoise:
-        """The same disturbances with another power.
-
-        Parameters
-        ----------
-        factor : float
-
-        Returns
-        -------
-        RoomNoise
-
-        Examples
-        --------
-        >>> RoomNoise(np.array([3.0, -2.0])).scaled(0.5).autocovariance.tolist()
-        [2.0, -1.0]
-        """
-        values = factor * self.autocovariance
-        values[0] += 1.0 - factor
-        return RoomNoise(values)
-
 
 def room_noise(
     frequency_hz: np.ndarray, power: np.ndarray, group_length: int, snapshot_period_s: float

@@ -114,8 +114,9 @@ class RecordedTones:
         path, _, datatype = sample_type(recording, item_type)
         shape = WAVEFORM.frame_length, WAVEFORM.first_averaged, WAVEFORM.repetitions
         segments = [(0, 0, recording.samples)]
-        group = weights, WAVEFORM.equalizer(), [], range(64)
-        self._open = lambda: tone_reader(path, datatype, segments, *shape, 0, *group)
+        length = WAVEFORM.symbol_length
+        group = weights, WAVEFORM.equalizer(), [], range(length)
+        self._open = lambda: tone_reader(path, datatype, segments, *shape, 0, length, *group)
         self._captures = captures
         self.tones = []
 
