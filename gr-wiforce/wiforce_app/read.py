@@ -3,7 +3,11 @@
 
 import click
 from gnuradio.wiforce.io.capture import open_capture
-from gnuradio.wiforce.io.channel_snapshots import is_snapshots, open_snapshots
+from gnuradio.wiforce.io.channel_snapshots import (
+    ChannelSnapshots,
+    is_snapshots,
+    open_snapshots,
+)
 from gnuradio.wiforce.io.csi_tools import check_tool, open_csi
 from gnuradio.wiforce.planning.findings import findings
 from gnuradio.wiforce.planning.plan import plan
@@ -92,10 +96,9 @@ def read(
         one = {"--format": form, "--again": again, "--jobs": jobs, "--scheduler": scheduler}
         _refuse(one, "needs several captures or a folder")
         return _read_one(captures[0], scene_path, output, mcap, plot_path, follow, **settings)
-    _refuse({"--mcap": mcap, "--plot": plot_path, "--follow": follow}, "takes one capture")
+    of_one = {"--mcap": mcap, "--plot": plot_path, "--follow": follow}
+    _refuse({**of_one, "--csi-tool": settings.pop("csi_tool")}, "takes one capture")
     from .captures.read_many import read_many
-
-    _refuse({"--csi-tool": settings.pop("csi_tool")}, "takes one capture")
 
     return read_many(captures, scene_path, output, form, again, jobs, scheduler, settings)
 
@@ -109,8 +112,7 @@ def _refuse(options, rule):
 def _read_one(
     capture, scene_path, output, mcap, plot_path, follow, datatype, csi_tool, frame_offset, tracked
 ):
-    snapshots = csi_tool is not None or is_snapshots(capture)
-    if snapshots:
+    if csi_tool is not None or is_snapshots(capture):
         _refuse(
             {
                 "--datatype": datatype,
@@ -119,10 +121,7 @@ def _read_one(
             },
             "is for captures of samples, not for channel snapshots",
         )
-    if snapshots:
-        recording = open_csi(capture, csi_tool) if csi_tool else open_snapshots(capture)
-    else:
-        recording = open_capture(capture, datatype)
+    recording = open_csi(capture, csi_tool) if csi_tool else open_recording(capture, datatype)
     scene, differences = scene_of(recording, scene_path)
     settings = plan(scene)
     inputs = [*recording.files, *scene.files]
@@ -135,8 +134,6 @@ def _read_one(
         from .follow import GrowingCapture
 
         reader = GrowingCapture(capture, datatype, settings, frame_offset, tracked)
-    elif snapshots:
-        reader = open_snapshot_reader(recording, settings, tracked)
     else:
         reader = open_reader(recording, settings, frame_offset, tracked)
     warn_of_start(recording, reader, differences, frame_offset)
@@ -161,12 +158,30 @@ def _read_one(
     return 0
 
 
-def open_reader(recording, settings, frame_offset, tracked):
-    """The reader of a recording, after warnings of samples left over and of what is in the room.
+def open_recording(path, datatype):
+    """A capture of samples, or a file of channel snapshots.
 
     Parameters
     ----------
-    recording : Capture
+    path : str
+    datatype : str or None
+        Of raw samples, whatever the name of their file is.
+
+    Returns
+    -------
+    Capture or ChannelSnapshots
+    """
+    if datatype is None and is_snapshots(path):
+        return open_snapshots(path)
+    return open_capture(path, datatype)
+
+
+def open_reader(recording, settings, frame_offset, tracked):
+    """The reader of a recording, after warnings of what was left out and of what is in the room.
+
+    Parameters
+    ----------
+    recording : Capture or ChannelSnapshots
     settings : Plan
     frame_offset : int or None
         Samples before the first frame; searched when None.
@@ -174,30 +189,16 @@ def open_reader(recording, settings, frame_offset, tracked):
 
     Returns
     -------
-    RecordingReader
+    RecordingReader or SnapshotReader
     """
+    if isinstance(recording, ChannelSnapshots):
+        reader = SnapshotReader(recording, settings, tracked)
+        for note in reader.notes:
+            warn(recording.path, note)
+        return reader
     reader = RecordingReader(recording, settings, frame_offset, tracked)
     warn_of_leftover(recording, reader)
     RoomNews().report(findings(reader.survey, settings, reader.plan))
-    return reader
-
-
-def open_snapshot_reader(recording, settings, tracked):
-    """The reader of channel snapshots, after warnings of packets that were left out.
-
-    Parameters
-    ----------
-    recording : ChannelSnapshots
-    settings : Plan
-    tracked : bool
-
-    Returns
-    -------
-    SnapshotReader
-    """
-    reader = SnapshotReader(recording, settings, tracked)
-    for note in reader.notes:
-        warn(recording.path, note)
     return reader
 
 

@@ -9,8 +9,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from gnuradio.wiforce.errors import OutputError
-from gnuradio.wiforce.io.capture import open_capture
-from gnuradio.wiforce.io.channel_snapshots import is_snapshots, open_snapshots
 from gnuradio.wiforce.io.readings import SURFACE_COLUMNS, GroupCounts
 from gnuradio.wiforce.io.writers import open_writer
 from gnuradio.wiforce.planning.plan import plan
@@ -104,23 +102,16 @@ def read_capture_file(job):
 
 
 def _read(job):
-    from ..read import open_reader, open_snapshot_reader, warn, warn_of_end, warn_of_start
+    from ..read import open_reader, open_recording, warn, warn_of_end, warn_of_start
 
-    snapshots = job.settings["datatype"] is None and is_snapshots(job.path)
-    if snapshots:
-        recording = open_snapshots(job.path)
-    else:
-        recording = open_capture(job.path, job.settings["datatype"])
+    recording = open_recording(job.path, job.settings["datatype"])
     scene, differences = scene_of(recording, job.scene)
     identities = [_identity(file) for file in recording.files]
     current = fingerprint(scene, job.settings, *identities)
     if current == job.fingerprint:
         return ReadingReport(current, unchanged=True)
     frame_offset = job.settings["frame_offset"]
-    if snapshots:
-        reader = open_snapshot_reader(recording, plan(scene), job.settings["tracked"])
-    else:
-        reader = open_reader(recording, plan(scene), frame_offset, job.settings["tracked"])
+    reader = open_reader(recording, plan(scene), frame_offset, job.settings["tracked"])
     warn_of_start(recording, reader, differences, frame_offset)
     output = Path(job.output)
     output.parent.mkdir(parents=True, exist_ok=True)
