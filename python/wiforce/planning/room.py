@@ -86,15 +86,15 @@ def adapted(plan: Plan, survey: Survey | None) -> Plan:
             solved.append(source)
     if two_antennas:  # lines of the ratio, such as those of mirror images, are not additive noise
         return plan
-    rooms = [survey.noise(length, clutter_hz, solved, averaged) for averaged in (True, False)]
-    if room_noise_of_tones(plan.table, rooms[0]).max() < NEGLIGIBLE:
+    room = survey.noise(length, clutter_hz, solved)
+    if room_noise_of_tones(plan.table, room).max() < NEGLIGIBLE:
         return plan
+    colored = replace(plan, room=room)
+    if colored.separable:
+        return colored
     # Where this leaves no line to read, the power in a single subcarrier may leave some.
-    for room in rooms:
-        colored = replace(plan, room=room)
-        if colored.separable:
-            return colored
-    return plan
+    colored = replace(plan, room=survey.noise(length, clutter_hz, solved, averaged=False))
+    return colored if colored.separable else plan
 
 
 def expecting_snr(plan: Plan, survey: Survey | None) -> Plan:
