@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Safe reading of YAML files: limits on size and depth, no aliases, no repeated keys."""
+"""YAML files: safe reading (limits on size and depth, no aliases, no repeated keys), writing."""
 
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from ..errors import InputError
-from .textfile import read_bytes
+from ..errors import InputError, unwritable
+from .textfile import read_bytes, write_whole
 
 MAX_BYTES = 2_000_000
 MAX_DEPTH = 16
@@ -91,6 +91,37 @@ def read_yaml(path: str | Path) -> dict[Any, Any]:
         kind = {type(None): "empty", list: "a list"}.get(type(content), "text")
         raise InputError(path, f"must hold a mapping of keys to values, is {kind}")
     return content
+
+
+def write_yaml(path: str | Path, content: dict[str, Any], heading: str = "") -> None:
+    """Write a YAML file, whole or not at all; keys stay in their order.
+
+    Parameters
+    ----------
+    path : str or Path
+    content : dict
+        Plain values.
+    heading : str
+        Text before them, such as a comment.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written.
+    OutputError
+        When the disk is full.
+
+    Examples
+    --------
+    >>> write_yaml("note.yaml", {"width_mm": 10.0})
+    >>> read_yaml("note.yaml")
+    {'width_mm': 10.0}
+    """
+    text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100)
+    try:
+        write_whole(path, heading + text)
+    except OSError as error:
+        raise unwritable(path, error) from error
 
 
 def _line(text: object) -> str:

@@ -7,13 +7,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from ..errors import InputError, name_rule, unwritable
+from ..errors import InputError, name_rule
 from ..io.schema import keys, plain, read
-from ..io.textfile import write_whole
 from ..io.values import Choice, KeyPath, Scope
-from ..io.yamlfile import read_yaml
+from ..io.yamlfile import read_yaml, write_yaml
 from .checks import check_onset
 from .curves import Carrier, CurveModel
 from .file_schema import FILES, CarrierCurves, Provenance, SensorFile
@@ -201,11 +198,7 @@ def write_sensor(model: SensorModel, path: str | Path) -> None:
     """
     content = sensor_to_dict(model)
     sensor_from_dict(content, path)
-    text = yaml.safe_dump(content, sort_keys=False, width=100, default_flow_style=None)
-    try:
-        write_whole(path, "# SPDX-License-Identifier: GPL-3.0-or-later\n" + text)
-    except OSError as error:
-        raise unwritable(path, error) from error
+    write_yaml(path, content, "# SPDX-License-Identifier: GPL-3.0-or-later\n")
 
 
 def sensor_to_dict(model: SensorModel) -> dict[str, Any]:

@@ -6,13 +6,9 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from ..errors import unwritable
 from ..io.schema import DRAFT_7, declared, json_schema, key, plain, read
-from ..io.textfile import write_whole
 from ..io.values import Choice, KeyPath, Number, Scope, Text, ValueType, as_number
-from ..io.yamlfile import read_yaml
+from ..io.yamlfile import read_yaml, write_yaml
 from .spreading import Spreading, StripSpreading, gaussian_spreading
 
 _MOST_POINTS = 200
@@ -262,11 +258,7 @@ def write_spreading(law: SpreadingKeys, path: str | Path) -> None:
     True
     """
     values = {name: value for name, value in plain(SpreadingKeys, law).items() if value is not None}
-    text = yaml.safe_dump(values, sort_keys=False, default_flow_style=None, width=100)
-    try:
-        write_whole(path, text)
-    except OSError as error:
-        raise unwritable(path, error) from error
+    write_yaml(path, values)
 
 
 def spreading_json_schema() -> dict[str, Any]:
