@@ -74,7 +74,7 @@ def _environment() -> dict[str, str]:
 
 
 def _host_certificates() -> Path | None:
-    """The certificates that this machine is told to trust; None: the system's own suffice."""
+    """The certificates that this machine is set to trust; None: the system's own suffice."""
     for name in _CERTIFICATE_VARIABLES:
         if os.environ.get(name) and Path(os.environ[name]).is_file():
             return Path(os.environ[name])

@@ -9,8 +9,8 @@
  *   stale=1          a clock, but no times of samples
  *   full=0           half duplex
  *   tx=0             receives only
- *   drops=A:N;B:M    N samples before sample A of the file are lost, and so on; nobody is
- *                    told
+ *   drops=A:N;B:M    N samples before sample A of the file are lost, and so on, without
+ *                    a report
  *   overflow=A:N     the same, and the driver reports an overflow
  *   ends=A           nothing is received from sample A on
  */

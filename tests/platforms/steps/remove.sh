@@ -9,7 +9,8 @@ apt-get purge -q -y "${packages[@]}"
 find / -xdev \( -path /packages -o -path /proc -o -path /sys -o -path /home -o -path /tmp \) \
     -prune -o -print | sort >/packages/after
 # apt, dpkg and the package that has the index of manual pages keep logs and copies of their own.
-own='^/var/(log|cache|lib/(apt|dpkg|systemd/deb-systemd|ucf))/|^/etc/ld.so.cache|^/step.sh|^/root/'
+home=~root
+own="^/var/(log|cache|lib/(apt|dpkg|systemd/deb-systemd|ucf))/|^/etc/ld.so.cache|^/step.sh|^$home/"
 if diff <(grep -Ev "$own" /packages/before) <(grep -Ev "$own" /packages/after); then
     echo "nothing is left behind"
 else
