@@ -6,7 +6,6 @@ from datetime import datetime, timezone
 from pathlib import Path
 
 from gnuradio.wiforce.errors import InputError, OutputError
-from gnuradio.wiforce.io.readings import SURFACE_COLUMNS
 from gnuradio.wiforce.io.writers import open_writer
 
 from .interrupts import uninterrupted
@@ -65,8 +64,7 @@ class FileOutputs:
     def __init__(self, output, mcap, inputs, scene):
         described = mcap is not None or str(output).lower().endswith(".parquet")
         metadata = provenance(scene) if described else {}
-        also = SURFACE_COLUMNS if scene.surface is not None else ()
-        self._writers = [open_writer(output, inputs, also, metadata=metadata)]
+        self._writers = [open_writer(output, inputs, scene.more_columns, metadata=metadata)]
         if mcap is not None:
             self._writers.append(open_mcap(mcap, inputs, metadata, scene.reading_names))
         self._closing = ExitStack()

@@ -11,7 +11,6 @@ import click
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.addresses import host_and_port
 from gnuradio.wiforce.io.capture_files import recording_stem
-from gnuradio.wiforce.io.readings import SURFACE_COLUMNS
 from gnuradio.wiforce.io.rotation import Rotation, open_rotating
 from gnuradio.wiforce.io.zmq_keys import ServerKeys
 from gnuradio.wiforce.io.zmq_sockets import endpoint_of, is_loopback
@@ -156,7 +155,7 @@ def live(
     request = radio_request(args, scene, receive_s=RECEIVE_S[latency], **radio)
     rotation = Rotation.of(rotate, keep)
     metadata = provenance(scene)
-    also = (*(SURFACE_COLUMNS if scene.surface is not None else ()), *STAMP_COLUMNS)
+    also = (*scene.more_columns, *STAMP_COLUMNS)
     try:
         with (
             open_rotating(output, rotation, scene.files, also, append, metadata) as writer,

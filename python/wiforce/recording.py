@@ -22,7 +22,7 @@ from .estimation.survey import Survey
 from .io.capture import Capture, open_capture
 from .io.capture_files import second_antenna
 from .io.channel_snapshots import ChannelSnapshots, is_snapshots, open_snapshots
-from .io.readings import COLUMNS, NUMBERS, SURFACE_COLUMNS, GroupCounts, Reading
+from .io.readings import COLUMNS, NUMBERS, GroupCounts, Reading
 from .planning.plan import Plan, PlanOrScene, as_plan
 from .planning.plan import plan as plan_of
 from .planning.reference_survey import survey_reference, surveyed_snapshots
@@ -98,10 +98,9 @@ def read(
     import pandas
 
     recording, reader, differences = _opened(capture, scene, tracked, datatype, frame_offset)
-    found = reader.plan.require_scene()
     for difference in differences:
         warnings.warn(f"{recording.path}: {difference}", stacklevel=2)
-    also = SURFACE_COLUMNS if found.surface is not None else ()
+    also = reader.plan.require_scene().more_columns
     columns = (*COLUMNS, *also)
     rows = [
         [

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from gnuradio.wiforce.errors import OutputError
-from gnuradio.wiforce.io.readings import SURFACE_COLUMNS, GroupCounts
+from gnuradio.wiforce.io.readings import GroupCounts
 from gnuradio.wiforce.io.writers import open_writer
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import scene_of
@@ -121,8 +121,7 @@ def _read(job):
     try:
         metadata = provenance(scene) if output.suffix == ".parquet" else {}
         inputs = [*recording.files, *scene.files]
-        also = SURFACE_COLUMNS if scene.surface is not None else ()
-        with open_writer(partial, inputs, also, metadata=metadata) as writer:
+        with open_writer(partial, inputs, scene.more_columns, metadata=metadata) as writer:
             for batch in reader:
                 for reading in batch:
                     writer.write(reading)

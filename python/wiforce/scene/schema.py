@@ -9,6 +9,7 @@ import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..io.readings import SURFACE_COLUMNS
 from ..io.schema import DRAFT_7, Derived, ListOf, Mapping, declared, json_schema, key, plain
 from ..io.values import AutomaticNumber, Choice, Integer, Number, Text
 from ..io.waveform_name import WaveformName
@@ -353,6 +354,11 @@ class Scene:
     def reading_names(self) -> tuple[str, ...]:
         """Names in the readings of every group: those of the sensors, then of the surface."""
         return self.sensor_names + (self.surface.names if self.surface is not None else ())
+
+    @property
+    def more_columns(self) -> tuple[str, ...]:
+        """Columns of its readings behind those that every scene has."""
+        return SURFACE_COLUMNS if self.surface is not None else ()
 
     def load_model(self, name: str) -> "SensorModel":
         """Load a sensor model by its shipped name, or by its path relative to the scene file.

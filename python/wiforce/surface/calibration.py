@@ -255,7 +255,6 @@ def _gaussian(spacing_mm: float, data: _Data) -> _Make:
 
 
 _FAMILIES = {"strips": _strips, "table": _table, "gaussian": _gaussian}
-LAWS = tuple(_FAMILIES)
 
 
 def _basis(knots: Array, distance_mm: Array) -> Array:
