@@ -8,7 +8,6 @@ from gnuradio.wiforce.io.channel_snapshots import (
     is_snapshots,
     open_snapshots,
 )
-from gnuradio.wiforce.io.csi_tools import check_tool, open_csi
 from gnuradio.wiforce.planning.findings import findings
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.recording import RecordingReader
@@ -91,6 +90,8 @@ def read(
     captures are read in parallel; a run that is repeated reads those that are new or have changed.
     """
     if settings["csi_tool"] is not None:
+        from gnuradio.wiforce.io.csi_tools import check_tool
+
         check_tool(settings["csi_tool"])
     if is_one(captures):
         one = {"--format": form, "--again": again, "--jobs": jobs, "--scheduler": scheduler}
@@ -121,7 +122,7 @@ def _read_one(
             },
             "is for captures of samples, not for channel snapshots",
         )
-    recording = open_csi(capture, csi_tool) if csi_tool else open_recording(capture, datatype)
+    recording = open_recording(capture, datatype, csi_tool)
     scene, differences = scene_of(recording, scene_path)
     settings = plan(scene)
     inputs = [*recording.files, *scene.files]
@@ -158,7 +159,7 @@ def _read_one(
     return 0
 
 
-def open_recording(path, datatype):
+def open_recording(path, datatype, csi_tool=None):
     """A capture of samples, or a file of channel snapshots.
 
     Parameters
@@ -166,11 +167,17 @@ def open_recording(path, datatype):
     path : str
     datatype : str or None
         Of raw samples, whatever the name of their file is.
+    csi_tool : str, optional
+        That has written the file.
 
     Returns
     -------
     Capture or ChannelSnapshots
     """
+    if csi_tool is not None:
+        from gnuradio.wiforce.io.csi_tools import open_csi
+
+        return open_csi(path, csi_tool)
     if datatype is None and is_snapshots(path):
         return open_snapshots(path)
     return open_capture(path, datatype)

@@ -19,7 +19,6 @@ from .estimation.surface_readout import SurfaceReadout
 from .estimation.tare_request import TareRequests, TareState
 from .io.readings import GroupCounts, Reading
 from .planning.plan import Plan, PlanOrScene, as_plan
-from .surface.estimator import SurfaceEstimator
 
 # Tag over static path, with two antennas, where no survey has measured it: a strong tag.
 _TAG_RATIO = 0.1
@@ -284,5 +283,7 @@ def make_readout(
     surface = None
     if plan.skin is not None:
         names = plan.require_scene().reading_names[len(sensors) :]
+        from .surface.estimator import SurfaceEstimator  # for scenes with a surface only
+
         surface = SurfaceReadout(SurfaceEstimator(plan.skin, len(names)), names)
     return Readout(sensors, period_s, ratios, on_groups, first_group, counts, surface)
