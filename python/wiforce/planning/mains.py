@@ -310,6 +310,29 @@ def line_numbers(lines: Sequence[int]) -> str:
     return f"lines {', '.join(first)} and {last}" if first else f"line {last}"
 
 
+def lines_lie(lines: Sequence[int], sensor: str) -> str:
+    """Lines of a tag and the verb of a sentence that says where they lie.
+
+    Parameters
+    ----------
+    lines : sequence of int
+        One or more.
+    sensor : str
+        Name of the tag's sensor.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> lines_lie([4], "arm"), lines_lie([1, 2], "arm")
+    ("line 4 of 'arm' lies", "lines 1 and 2 of 'arm' lie")
+    """
+    verb = "lies" if len(lines) == 1 else "lie"
+    return f"{line_numbers(lines)} of '{sensor}' {verb}"
+
+
 def lamp_multiples(mains_hz: Sequence[float]) -> str:
     """The lines of lamps in words.
 
@@ -355,11 +378,9 @@ def lamp_warnings(plan: Plan) -> Iterator[str]:
     for found in lines_near_lamps(plan):
         if found.better_hz is None:
             continue
-        verb = "lie" if len(found.lines) > 1 else "lies"
         yield (
-            f"lamps: {line_numbers(found.lines)} of '{scene.sensor_names[found.tag]}' "
-            f"{verb} within one bin ({1 / plan.group_period_s:.3g} Hz) of "
-            f"{multiples}; with a clock of {found.better_hz:g} Hz they keep "
-            f"{found.better_distance_hz:g} Hz away (environment.mains_hz: null where there are "
-            "no lamps)"
+            f"lamps: {lines_lie(found.lines, scene.sensor_names[found.tag])} within one bin "
+            f"({1 / plan.group_period_s:.3g} Hz) of {multiples}; with a clock of "
+            f"{found.better_hz:g} Hz they keep {found.better_distance_hz:g} Hz away "
+            "(environment.mains_hz: null where there are no lamps)"
         )

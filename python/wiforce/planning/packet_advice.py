@@ -12,7 +12,7 @@ from ..scene import Scene
 from ..signal.timed_weights import clutter_at, timed_lines
 from .expected import phase_std_deg
 from .loss import end_variances
-from .mains import STRONG_LINES, lamp_distances_hz, lamp_multiples, line_numbers, too_near
+from .mains import STRONG_LINES, lamp_distances_hz, lamp_multiples, lines_lie, too_near
 from .plan import Plan
 from .plan import plan as plan_of
 
@@ -24,10 +24,6 @@ _LOWEST_HZ, _HIGHEST_HZ, _STEP_HZ = 50.0, 200.0, 1.0
 _ABOUT_EQUAL = 0.95
 # Distance of strong lines from those of lamps, in bins of a group, up to which they interfere.
 _NEAR_BINS = 2.0
-# A loss that is worth a warning, as for samples.
-_NOTICEABLE_DB = 0.5
-# A clock that lies so much further from lamps is worth a proposal.
-_BETTER = 1.5
 
 
 @dataclass(frozen=True)
@@ -156,9 +152,8 @@ def packet_warnings(plan: Plan) -> Iterator[str]:
         apart = lamp_distances_hz(clock.clock_hz, mains_hz)
         near = [line for line, hz in zip(STRONG_LINES, apart.tolist(), strict=True) if hz < near_hz]
         if near:
-            verb = "lies" if len(near) == 1 else "lie"
             yield (
-                f"mains: {line_numbers(near)} of '{name}' {verb} within {near_hz:.3g} Hz of "
+                f"mains: {lines_lie(near, name)} within {near_hz:.3g} Hz of "
                 f"{lamp_multiples(mains_hz)}: where a lamp modulates what it reflects, this tag is "
                 "disturbed"
             )
@@ -167,11 +162,7 @@ def packet_warnings(plan: Plan) -> Iterator[str]:
 
 def _alias_warnings(plan: Plan) -> Iterator[str]:
     scene = plan.require_scene()
-    if plan.times_s is None:
-        return
-    lines = timed_lines(
-        plan.clocks_hz, plan.times_s, plan.group_period_s, plan.clutter_hz, plan.harmonics
-    )
+    lines = plan.table.tones
     for tag, name in enumerate(scene.sensor_names):
         own = [tone.owners for tone in lines if (tag, 1) in tone.owners or (tag, 4) in tone.owners]
         if any(len(owners) > 1 for owners in own) or len(own) < 2:
