@@ -156,6 +156,6 @@ def _without_oscillator(recording: ChannelSnapshots, untouched: Array, free: boo
     channel: Any = recording.channel
     if not free:
         return np.asarray(channel.reshape(len(channel), -1))
-    channel, _ = without_gain_steps(channel)
+    channel = without_gain_steps(channel)
     combination = AntennaCombination(channel[untouched], recording.subcarrier_hz)
     return combination.process(channel)

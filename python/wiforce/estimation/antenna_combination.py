@@ -20,7 +20,7 @@ _MOST_PACKETS = 4000
 _LEAST_STEP, _LEAST_ALIKE = np.log(10) / 20 * 0.3, 20
 
 
-def without_gain_steps(channel: Array) -> tuple[Array, int]:
+def without_gain_steps(channel: Array) -> Array:
     """Undo steps of the gain of single antennas, which the common factor of a packet does not hold.
 
     Parameters
@@ -29,10 +29,8 @@ def without_gain_steps(channel: Array) -> tuple[Array, int]:
 
     Returns
     -------
-    channel : ndarray of complex, shape (n, K, A)
+    ndarray of complex, shape (n, K, A)
         Each antenna with the gain and phase against the first one that most packets have.
-    alike : int
-        Packets whose antennas had these gains already.
 
     Notes
     -----
@@ -47,13 +45,13 @@ def without_gain_steps(channel: Array) -> tuple[Array, int]:
     >>> rng = np.random.default_rng(1)
     >>> channel = rng.standard_normal((400, 8, 2)) * 0.01 + np.array([1.0, 2.0])
     >>> channel[:, :, 1] *= rng.choice([1.0, 1.12], 400)[:, None]
-    >>> level, alike = without_gain_steps(channel)
-    >>> bool(np.ptp(np.abs(level[:, :, 1]).mean(axis=1)) < 0.1), 150 < alike < 250
-    (True, True)
+    >>> level = without_gain_steps(channel)
+    >>> bool(np.ptp(np.abs(level[:, :, 1]).mean(axis=1)) < 0.1)
+    True
     """
     power = np.sum(np.abs(channel) ** 2, axis=1)
     levels = 0.5 * np.log(np.maximum(power, 1e-300) / np.maximum(power[:, :1], 1e-300))
-    corrected, unchanged = channel, np.ones(len(channel), bool)
+    corrected = channel
     for antenna in range(1, channel.shape[2]):
         order = np.argsort(levels[:, antenna])
         breaks = np.flatnonzero(np.diff(levels[order, antenna]) > _LEAST_STEP) + 1
@@ -65,11 +63,10 @@ def without_gain_steps(channel: Array) -> tuple[Array, int]:
         clusters.sort(key=len, reverse=True)
         usual = _against_first(channel, clusters[0], antenna)
         for rows in clusters[1:]:
-            unchanged[rows] = False
             if len(rows) >= _LEAST_ALIKE:
                 own = _against_first(channel, rows, antenna)
                 corrected[rows, :, antenna] *= np.vdot(own, usual) / np.vdot(own, own)
-    return corrected, int(np.count_nonzero(unchanged))
+    return corrected
 
 
 def _against_first(channel: Array, rows: Array, antenna: int) -> Array:

@@ -133,11 +133,32 @@ def tag_lines(
             positive[-1] = _shared(positive[-1], owner, line_hz)
         else:
             positive.append(Tone(frequency, (owner,), line_hz))
+    return with_mirrors(positive)
+
+
+def with_mirrors(positive: Sequence[Tone]) -> tuple[Tone, ...]:
+    """Tones of positive frequency, and those at the opposite frequencies before them.
+
+    Parameters
+    ----------
+    positive : sequence of Tone
+        Ascending in frequency.
+
+    Returns
+    -------
+    tuple of Tone
+        Ascending in frequency; symmetric about 0.
+
+    Examples
+    --------
+    >>> [tone.owners for tone in with_mirrors([Tone(1000.0, ((0, 1),), 1000.0)])]
+    [((0, -1),), ((0, 1),)]
+    """
     negative = [
         Tone(-tone.frequency_hz, tuple((tag, -m) for tag, m in tone.owners), -tone.line_hz)
         for tone in positive
     ]
-    return tuple(negative[::-1] + positive)
+    return (*negative[::-1], *positive)
 
 
 def _shared(tone: Tone, owner: tuple[int, int], line_hz: float) -> Tone:

@@ -9,12 +9,13 @@ packets are regular: two lines are one tone where these times do not distinguish
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from operator import itemgetter
 
 import numpy as np
 from numpy.polynomial import legendre
 
 from ..errors import InputError
-from .lines import Tone
+from .lines import Tone, with_mirrors
 from .partial_weights import WORST_PARTIAL_GAIN, PartialWeights
 from .weights import ToneTable
 
@@ -217,7 +218,9 @@ def timed_lines(
     """
     clutter, _ = np.linalg.qr(clutter_at(times_s, period_s, clutter_hz))
     lines = sorted(
-        (m, m * clock_hz, tag) for m in range(1, harmonics + 1) for tag, clock_hz in _all(clocks_hz)
+        (m, m * clock_hz, tag)
+        for m in range(1, harmonics + 1)
+        for tag, clock_hz in enumerate(clocks_hz)
     )
     found: list[tuple[float, list[tuple[int, int]], np.ndarray]] = []
     # The slowest lines first: they are the strongest, and give a shared tone its frequency.
@@ -233,20 +236,8 @@ def timed_lines(
                 break
         else:
             found.append((hertz, [(tag, m)], wave))
-    positive = [Tone(hertz, tuple(owners), hertz) for hertz, owners, _ in sorted(found, key=_first)]
-    negative = [
-        Tone(-tone.frequency_hz, tuple((tag, -m) for tag, m in tone.owners), -tone.line_hz)
-        for tone in positive
-    ]
-    return tuple(negative[::-1] + positive)
-
-
-def _all(clocks_hz: Sequence[float]) -> list[tuple[int, float]]:
-    return list(enumerate(clocks_hz))
-
-
-def _first(line: tuple[float, list[tuple[int, int]], np.ndarray]) -> float:
-    return line[0]
+    found.sort(key=itemgetter(0))
+    return with_mirrors([Tone(hertz, tuple(owners), hertz) for hertz, owners, _ in found])
 
 
 def clutter_at(times_s: np.ndarray, period_s: float, clutter_hz: float) -> np.ndarray:
