@@ -468,3 +468,11 @@ def test_survey_frame_slip_is_left_out(slip, at):
 def test_survey_without_slip_is_of_all_snapshots(static_db):
     frames = frames_with(0, COUNT, static_db)
     assert without_slip(frames) is frames
+
+
+@pytest.mark.parametrize("clock_hz, counts", [(1040, CARRIERS), (1000, 1), (1050, 1)])
+def test_lamps_on_lines_of_a_tag_count_once(clock_hz, counts):
+    """Weights that rely on lines whose lamps the noise hides err by more than they state."""
+    survey = survey_channel(room(lamps(50, 4.0)), WAVEFORM, [TagClock(clock_hz)])
+    (source,) = [source for source in survey.sources if source.kind == "lamps"]
+    assert survey.weight(source, 625) == counts

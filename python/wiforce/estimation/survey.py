@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..signal.lines import aliased_hz
+from ..signal.lines import COINCIDING_BINS, STRONG_LINES, aliased_hz
 from ..signal.room_noise import RoomNoise, room_noise
 from ..signal.switching import line_envelope
 from ..signal.waveform import Waveform
@@ -151,7 +151,7 @@ class Survey:
         lines = [
             (
                 line.frequency_hz,
-                line.power * (self.weight(source) if averaged else 1),
+                line.power * (self.weight(source, group_length) if averaged else 1),
                 source.width_share,
             )
             for source in self.sources
@@ -170,24 +170,33 @@ class Survey:
             self.snapshot_period_s,
         )
 
-    def weight(self, source: Source) -> int:
+    def weight(self, source: Source, group_length: int) -> int:
         """How often the power of a source counts, that of white noise counting once.
 
         The light of lamps is reflected on a few paths, and thus nearly alike on all subcarriers.
         The average over K of them divides white noise by K, but hardly that. Other lines, and what
         is broader, may be the noise of the tag's own clock: to suppress it further would cost more
-        of the tag's lines than it gains.
+        of the tag's lines than it gains. So would suppressing lamps whose lines coincide with
+        those of a tag: they fall as the tag's do, so that the weak ones, which the noise hides,
+        disturb as much as the others.
 
         Parameters
         ----------
         source : Source
+        group_length : int
+            Snapshots per group, N.
 
         Returns
         -------
         int
-            K for lamps, 1 otherwise.
+            K for lamps beside the lines of the tags, 1 otherwise.
         """
-        return self.subcarriers if source.kind == "lamps" else 1
+        if source.kind != "lamps":
+            return 1
+        lines_hz = np.outer(STRONG_LINES, [line.clock_hz for line in self.clocks])
+        apart_hz = lines_hz - source.fundamental_hz * np.round(lines_hz / source.fundamental_hz)
+        reach_hz = COINCIDING_BINS / (group_length * self.snapshot_period_s)
+        return 1 if np.any(np.abs(apart_hz) < reach_hz) else self.subcarriers
 
     def moving_hz(self) -> float:
         """Highest frequency up to which the spectrum stays above noise from zero on, in Hz."""

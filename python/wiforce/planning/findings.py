@@ -10,16 +10,13 @@ import numpy as np
 
 from ..estimation.sources import SLOWEST_TAG_HZ, RoomLine, Source
 from ..estimation.survey import Survey
-from ..signal.lines import aliased_hz
-from .mains import STRONG_LINES, line_numbers
+from ..signal.lines import COINCIDING_BINS, STRONG_LINES, aliased_hz
+from .mains import line_numbers
 from .other_clock import other_clock_hz
 from .plan import Plan
 from .ripple import ripple_of
 from .room import NEGLIGIBLE, added_noise
 
-# A line coincides with one of a tag when it lies within this part of a bin of it: two sinusoids
-# this close overlap by sinc(0.5) = 0.64.
-_COINCIDING_BINS = 0.5
 # Regions of raised noise: at least so many bins of the survey, apart by so many line widths.
 _LEAST_BINS = 4
 _APART = 3.0
@@ -287,7 +284,7 @@ class _Report:
             return "solved for, like the scene's own tags", True
         if all(line.frequency_hz <= self._adapted.clutter_hz for line in lines):
             return f"rejected by the weights up to {self._adapted.clutter_hz:.0f} Hz", False
-        weight = 1 if source is None else self._survey.weight(source)
+        weight = 1 if source is None else self._survey.weight(source, self._plan.group_length)
         if weight * added_noise(self._table, lines).max() < NEGLIGIBLE:
             return "does not reach the lines of the tags", False
         if self._adapted.room is not None:
@@ -297,7 +294,7 @@ class _Report:
     def _clashes(self, source: Source, others: Sequence[Source]) -> str:
         """Strong lines of the scene's tags that coincide with those of a source, in words."""
         plan, texts = self._plan, ""
-        reach_hz = _COINCIDING_BINS / plan.group_period_s
+        reach_hz = COINCIDING_BINS / plan.group_period_s
         visible = np.array(
             [
                 line.frequency_hz

@@ -12,12 +12,11 @@ from functools import partial
 
 import numpy as np
 
+from ..signal.lines import STRONG_LINES
 from ..signal.waveform import Waveform
 from .clocks import WORST_LOSS_DB, assess_clocks
 from .plan import Plan
 
-# The strongest lines of a tag (docs/clocks.md).
-STRONG_LINES = (1, 2, 4)
 # How far from a clock a better one is sought, and on which grid: crystals and dividers are bought
 # for round numbers.
 _WITHIN, _STEP_HZ = 0.06, 5.0

@@ -12,6 +12,11 @@ _SAME_TONE = 0.3
 # Lines nearer than this part of the resolution to the clutter band, or to half the snapshot rate,
 # where a line meets its own mirror image, are not used.
 CLUTTER_MARGIN = 0.75
+# The strongest lines of a tag (docs/clocks.md).
+STRONG_LINES = (1, 2, 4)
+# A line of the room coincides with one of a tag when it lies within this part of the group's
+# resolution: two sinusoids this close overlap by sinc(0.5) = 0.64.
+COINCIDING_BINS = 0.5
 
 
 @dataclass(frozen=True)
