@@ -9,7 +9,7 @@ import pytest
 from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.planning.advice import _all_clocks_changes
-from gnuradio.wiforce.planning.clock_lines import line_distances_hz, most_that_fit
+from gnuradio.wiforce.planning.clock_spacing import line_distances_hz, most_that_fit
 from gnuradio.wiforce.planning.clocks import assess_clocks
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.planning.proposed_clocks import propose_clocks
