@@ -43,7 +43,7 @@ configure_package_config_file(cmake/gnuradio-wiforceConfig.cmake.in
   ${PROJECT_BINARY_DIR}/install/gnuradio-wiforceConfig.cmake INSTALL_DESTINATION ${config_dir})
 write_basic_package_version_file(
   ${PROJECT_BINARY_DIR}/install/gnuradio-wiforceConfigVersion.cmake
-  COMPATIBILITY SameMinorVersion)
+  COMPATIBILITY SameMajorVersion)
 install(FILES ${PROJECT_BINARY_DIR}/install/gnuradio-wiforceConfig.cmake
   ${PROJECT_BINARY_DIR}/install/gnuradio-wiforceConfigVersion.cmake DESTINATION ${config_dir})
 install(EXPORT gnuradio-wiforceTargets NAMESPACE gnuradio:: DESTINATION ${config_dir})

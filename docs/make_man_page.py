@@ -9,6 +9,7 @@ import re
 from pathlib import Path
 
 import click
+from gnuradio.wiforce._config import VERSION
 from wiforce_app.main import PROGRAM, command
 
 PAGE = Path(__file__).resolve().parent / f"{PROGRAM}.1"
@@ -83,7 +84,7 @@ def page():
     context = click.Context(command, info_name=PROGRAM)
     lines = [
         r".\" Written by docs/make_man_page.py.",
-        f".TH {PROGRAM.upper()} 1",
+        f'.TH {PROGRAM.upper()} 1 "" "{PROGRAM} {VERSION}"',
         ".SH NAME",
         rf"{roff(PROGRAM)} \- {roff(command.help)[0].lower()}{roff(command.help)[1:].rstrip('.')}",
         ".SH SYNOPSIS",

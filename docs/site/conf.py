@@ -3,6 +3,8 @@
 
 import re
 
+from gnuradio.wiforce._config import VERSION
+
 project = "gr-wiforce"
 author = "gr-wiforce"
 project_copyright = "gr-wiforce, GPL-3.0-or-later"
@@ -11,7 +13,8 @@ extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 html_theme = "sphinx_rtd_theme"
 html_theme_options = {"navigation_depth": 3}
-html_title = "gr-wiforce"
+version = release = VERSION
+html_title = f"gr-wiforce {VERSION}"
 html_copy_source = False
 
 # Links to headings of other pages, as on every forge.

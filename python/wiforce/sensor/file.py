@@ -13,6 +13,7 @@ from ..io.values import Choice, KeyPath, Scope
 from ..io.yamlfile import read_yaml, write_yaml
 from .checks import check_onset
 from .curves import Carrier, CurveModel
+from .earlier_files import with_present_keys
 from .file_schema import FILES, CarrierCurves, Provenance, SensorFile
 from .line import ContactLaw
 from .location import Transition
@@ -125,21 +126,11 @@ def sensor_from_dict(content: dict[str, Any], where: str | Path = "sensor") -> S
     top = KeyPath(str(where))
     if not isinstance(content, dict):
         raise top.error("must be a mapping of keys to values", content)
-    _refuse_earlier_interpolation(content, top)
+    content = with_present_keys(content, top)
     kind = Choice(words=tuple(FILES)).read(content.get("kind"), top.key("kind"), Scope())
     file = read(FILES[kind], content, top)
     check_onset(top.key("onset_force_n"), file.onset_force_n, file.force_span_n[1])
     return _model_of(file)
-
-
-def _refuse_earlier_interpolation(content: dict[str, Any], top: KeyPath) -> None:
-    """Rows of numbers are what calibrations of earlier versions hold."""
-    carriers = content.get("carriers")
-    for i, carrier in enumerate(carriers if isinstance(carriers, list) else []):
-        rows = carrier.get("interpolation") if isinstance(carrier, dict) else None
-        if isinstance(rows, list) and rows and isinstance(rows[0], list):
-            rule = "is that of an earlier version: calibrate again with gr-wiforce calibrate"
-            raise top.key(f"carriers[{i}].interpolation").error(rule)
 
 
 def _model_of(file: SensorFile) -> SensorModel:

@@ -206,7 +206,8 @@ class CarrierCurves:
         doc="The part of it that is not noise but the curves' form, per port.",
     )
     interpolation: tuple[TransitionKeys, ...] = key(
-        ListOf(of=TransitionKeys, least=1, most=16),
+        # As many as calibrations before version 1.0 stored (earlier_files.py); now at most 16.
+        ListOf(of=TransitionKeys, least=1, most=64),
         check=_check_transitions,
         doc="Ways in which the curves may change between the calibrated locations.",
     )
