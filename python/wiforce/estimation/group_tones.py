@@ -133,7 +133,12 @@ class GroupTones:
 
     def __getitem__(self, rows: slice | Array) -> GroupTones:
         """The groups of some rows: a slice, or an array of indices."""
-        numbers = range(len(self))[rows] if isinstance(rows, slice) else rows.tolist()
+        if isinstance(rows, slice):
+            if rows.indices(len(self)) == (0, len(self), 1):
+                return self
+            numbers: Sequence[int] = range(len(self))[rows]
+        else:
+            numbers = rows.tolist()
         return GroupTones(
             self.group[rows],
             self.center_s[rows],

@@ -163,7 +163,7 @@ class ConjugateDifference:
         Groups
             With ``changes`` and the arrays of the reference; without ``ends``.
         """
-        ready = []
+        ready: list[Groups] = []
         for row in range(len(groups)):
             rest = groups[row:]
             if self._next is not None:

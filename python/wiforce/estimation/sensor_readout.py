@@ -269,16 +269,17 @@ class SensorReadout:
     def _known_flags(self, groups: Groups, sensor: int, renewed: Array) -> tuple[Array, Array]:
         """Flags of each group from the stages before, and whether it can be read; shape (G,)."""
         # A retuned oscillator has a new phase, which rotates both ends until a new reference.
-        retuned = np.full(len(groups), self._retuned)
-        for row in np.flatnonzero(groups.retuned | renewed):
-            self._retuned = bool(groups.retuned[row]) or (self._retuned and not renewed[row])
-            retuned[row:] = self._retuned
         flags, readable = stage_flags(groups, sensor), has_phases(groups, sensor)
-        flags[retuned] |= Flag.MOVED.value
-        unexplained = (
-            ~readable & ~groups.overlapping[:, sensor] & ((flags & ~Flag.INCONSISTENT.value) == 0)
-        )
-        flags[unexplained] |= Flag.WEAK.value
+        if self._retuned or groups.retuned.any():
+            retuned = np.full(len(groups), self._retuned)
+            for row in np.flatnonzero(groups.retuned | renewed):
+                self._retuned = bool(groups.retuned[row]) or (self._retuned and not renewed[row])
+                retuned[row:] = self._retuned
+            flags[retuned] |= Flag.MOVED.value
+        if not readable.all():
+            unexplained = ~readable & ~groups.overlapping[:, sensor]
+            unexplained &= (flags & ~Flag.INCONSISTENT.value) == 0
+            flags[unexplained] |= Flag.WEAK.value
         return flags, readable
 
     def _decide_touch(
@@ -326,7 +327,10 @@ class SensorReadout:
 
         It keeps the former one where it was not received in any group of a tare.
         """
-        renewed = groups.new_reference.copy()
+        renewed = groups.new_reference
+        if not (renewed.any() or groups.in_tare.any()):
+            return renewed
+        renewed = renewed.copy()
         for row in np.flatnonzero(renewed | groups.in_tare):
             if renewed[row]:
                 renewed[row] = not self._tared or self._measured > 0
@@ -370,17 +374,16 @@ class SensorReadout:
     def _watch_motion(
         self, phases: Array, std: Array, touch: Array, readable: Array, values: Array, flags: Array
     ) -> None:
-        touches, locations = touch.tolist(), values[:, 2].tolist()
-        spreads = np.nan_to_num(values[:, 3]).tolist()
-        readables = readable.tolist()
-        for row, location_mm in enumerate(locations):
-            if not readables[row]:
-                continue
+        touches = touch.tolist()
+        for row in np.flatnonzero(readable).tolist():
             if touches[row] != 1:
                 self._motion.forget()
-            elif not math.isnan(location_mm):
-                moved = self._motion.update(
-                    phases[row].tolist(), std[row].tolist(), location_mm, spreads[row]
-                )
-                if moved:
-                    flags[row] |= Flag.MOVED.value
+                continue
+            location_mm, spread_mm = values[row, 2:].tolist()
+            if math.isnan(location_mm):
+                continue
+            spread_mm = 0.0 if math.isnan(spread_mm) else spread_mm
+            if self._motion.update(
+                phases[row].tolist(), std[row].tolist(), location_mm, spread_mm
+            ):
+                flags[row] |= Flag.MOVED.value

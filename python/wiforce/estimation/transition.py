@@ -125,6 +125,11 @@ def _flagged(groups: Groups, window: _Window, first: int) -> Groups:
 def _changes(groups: _Window) -> Array:
     """Groups in which a press changed, (G, S); the first and last know one neighbour only."""
     count, ends = len(groups), 2 * groups.sensors
+    lowest, highest = groups.values.min(axis=0), groups.values.max(axis=0)
+    if (lowest[2 * ends :] == highest[2 * ends :]).all() and (
+        lowest[:ends] >= _DIP * highest[:ends]
+    ).all():
+        return np.zeros((count, groups.sensors), bool)  # no touch changes, and nothing dips
     # Row g: the previous and the next group, and whether they are adjacent on the grid.
     beside = np.zeros((2, count, 1), bool)
     beside[0, 1:, 0] = beside[1, :-1, 0] = np.diff(groups.number) == 1
