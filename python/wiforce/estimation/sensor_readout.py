@@ -383,7 +383,5 @@ class SensorReadout:
             if math.isnan(location_mm):
                 continue
             spread_mm = 0.0 if math.isnan(spread_mm) else spread_mm
-            if self._motion.update(
-                phases[row].tolist(), std[row].tolist(), location_mm, spread_mm
-            ):
+            if self._motion.update(phases[row].tolist(), std[row].tolist(), location_mm, spread_mm):
                 flags[row] |= Flag.MOVED.value
