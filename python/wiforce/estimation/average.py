@@ -76,7 +76,7 @@ class SubcarrierAverage:
         """
         if not len(groups):
             return groups
-        ratios = np.einsum("gek,gk->ge", groups.changes, subcarrier_weights(groups.noise))
+        ratios = (groups.changes @ subcarrier_weights(groups.noise)[:, :, None])[:, :, 0]
         variance = of_group = ratio_variance(groups)
         if self._smoothing > 1:
             ratios, variance = self._smooth(groups, ratios, variance)
@@ -153,7 +153,7 @@ def ratio_variance(groups: Groups) -> Array:
     >>> bool(np.allclose(ratio_variance(group), 0.011 / 4e4))
     True
     """
-    inverse_noise = np.sum(1 / groups.noise, axis=1)[:, None]
+    inverse_noise = (1 / groups.noise).sum(axis=1)[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         energy = groups.reference_power * inverse_noise
         both = groups.gain * groups.reference_gain * groups.noise.shape[1] / energy

@@ -86,14 +86,12 @@ class CoherentResidual:
         disturbed : ndarray of bool, shape (G, E)
             Whether something lasting is received on the lines of the end that is no noise.
         """
-        weights = np.broadcast_to(inverse_noise, (len(fit.ends), fit.ends.shape[2]))[:, None]
-        energy = np.sum(power_of(fit.ends) * weights, axis=2)
-        scale = 1 / np.sqrt(np.maximum(energy, 1e-300))
+        matched = fit.ends.conj() * np.atleast_2d(inverse_noise)[:, None]
+        energy = np.maximum((matched * fit.ends).real.sum(axis=2), 1e-300)
         # Of every tone along every end's channel, (G, E, M).
-        along = (fit.ends.conj() * weights * scale[:, :, None]) @ fit.residual.swapaxes(1, 2)
-        along = power_of(along)
-        freedom = max(along.shape[2] - len(fit.rows), 1)
-        leverage = np.sum(fit.white.swapaxes(1, 2) * fit.solver, axis=1).real
+        along = power_of(matched @ fit.residual.swapaxes(1, 2)) / energy[:, :, None]
+        freedom = fit.freedom
+        leverage = (fit.white.swapaxes(1, 2) * fit.solver).real.sum(axis=1)
         shares = power_of(fit.solver)
         errors = shares * along / np.maximum(1 - leverage, 0.1)[:, None]
         sandwich = errors.sum(axis=2) / shares.sum(axis=2)
@@ -111,9 +109,9 @@ class CoherentResidual:
         known = np.concatenate([self._latest[rows], ratios.T], axis=1)
         self._latest[rows] = known[:, len(ratios) :]
         # The windows of all groups: their ends, their groups and what is in them, (E, G, n).
-        windows = known[:, np.add.outer(np.arange(len(ratios)), np.arange(_MEDIAN_GROUPS))]
+        end, group = np.arange(len(rows))[:, None], np.arange(len(ratios))
+        windows = known[:, group[:, None] + np.arange(_MEDIAN_GROUPS)]
         windows.sort(axis=2)
         count = np.isfinite(windows).sum(axis=2)
-        end, group = np.ogrid[: len(rows), : len(ratios)]
         medians = (windows[end, group, (count - 1) // 2] + windows[end, group, count // 2]) / 2
         return medians.T, count.T

@@ -153,7 +153,7 @@ class ToneModel:
         with np.errstate(invalid="ignore", over="ignore"):
             white = self._complete.whitener @ tones
             usable = np.ones(len(groups), bool)
-            own = groups.incomplete if groups.timed is None else np.ones(len(groups), bool)
+            own = groups.incomplete if groups.timed is None else usable
             for row in np.flatnonzero(own):
                 partial = self._partial(groups, row)
                 usable[row] = partial is not None
@@ -206,7 +206,7 @@ class ToneModel:
         ends = solver @ groups.white
         residual = white @ ends
         np.subtract(groups.white, residual, out=residual)
-        gain = np.diagonal(inverse, axis1=1, axis2=2).real
+        gain = inverse.diagonal(axis1=1, axis2=2).real
         return GroupFit(rows, ends, gain, residual, white, solver, mixed[:, :, len(rows) :])
 
     def _mixing(self, groups: GroupTones, clocks: ClockPath, slopes: bool) -> Array:
@@ -315,17 +315,17 @@ def inverse_of(gram: Array) -> Array:
     """
     if not gram.size:
         return gram
-    smallest = 1e-12 * np.diagonal(gram, axis1=1, axis2=2).real.max(axis=1)
+    smallest = 1e-12 * gram.diagonal(axis1=1, axis2=2).real.max(axis=1)
     try:
         factors = np.linalg.cholesky(gram)
     except np.linalg.LinAlgError:
         if len(gram) > 1:
             return np.concatenate([inverse_of(each[None]) for each in gram])
         return np.linalg.pinv(gram, rcond=1e-9, hermitian=True)
-    pivots = np.diagonal(factors, axis1=1, axis2=2).real.min(axis=1) ** 2
-    singular = np.flatnonzero(pivots <= smallest)
-    if not singular.size:
+    is_singular = factors.diagonal(axis1=1, axis2=2).real.min(axis=1) ** 2 <= smallest
+    if not is_singular.any():
         return np.linalg.inv(gram)
+    singular = np.flatnonzero(is_singular)
     inverse = np.empty_like(gram)
     regular = np.setdiff1d(np.arange(len(gram)), singular)
     inverse[regular] = np.linalg.inv(gram[regular])
