@@ -177,28 +177,29 @@ class SensorReadout:
             stepped = self._gain_step.process(renewed, touch, ratios, of_group)
             flags[stepped] |= Flag.MOVED.value
         near = self._near_path.process(groups.index, renewed, touch, ratios, std)
-        std = np.hypot(np.hypot(std, drifting), near[:, None])
+        touched = np.flatnonzero(touch == 1)
+        if touched.size:
+            std = np.hypot(np.hypot(std, drifting), near[:, None])
         if self._tag_ratio:
             std = np.hypot(std, curvature_deg(ratios, self._tag_ratio))
         level = ratios * scale * np.exp(-1j * np.radians(drift))
         with np.errstate(invalid="ignore"):
             phases, slope = corrected_phase_deg(level, self._untouched, self._off)
             std = std * slope
-        unsure = self._is_disturbed(groups, sensor) & (std.max(axis=1) > _DISTURBED_DEG)
+        larger = std.max(axis=1)
+        unsure = self._is_disturbed(groups, sensor) & (larger > _DISTURBED_DEG)
         flags[readable & unsure] |= Flag.INCONSISTENT.value
-        weak = readable & (std.max(axis=1) > WEAK_PHASE_DEG)
-        flags[weak] |= Flag.WEAK.value
+        flags[readable & (larger > WEAK_PHASE_DEG)] |= Flag.WEAK.value
         values, clear = np.full((len(groups), 4), _NAN), (flags == 0) & (near == 0)
         if self._tracker is not None:
             self._track(phases, std, touch, readable, values, flags)
-        elif (touched := np.flatnonzero(touch == 1)).size:
+        elif touched.size:
             values[touched], of_inversion = self._invert(phases[touched], std[touched])
             flags[touched] |= of_inversion
         unexplained = (flags & _UNEXPLAINED) != 0
         contradicting = self._evidence.take(renewed, level, phases, std, touch, clear, unexplained)
         flags[contradicting] |= Flag.INCONSISTENT.value
-        uncertain = (touch == 1) & ~(values[:, 1] <= WEAK_FORCE_N)
-        flags[uncertain] |= Flag.WEAK.value
+        flags[touched[~(values[touched, 1] <= WEAK_FORCE_N)]] |= Flag.WEAK.value
         self._watch_motion(phases, std, touch, readable, values, flags)
         phases[~readable] = _NAN
         self._seen |= bool(readable.any())

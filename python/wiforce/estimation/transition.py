@@ -57,7 +57,8 @@ class TransitionFlags:
             given, self._waiting = Groups.concatenate([*kept, groups]), None
             known = 1
         else:
-            given, self._waiting = Groups.concatenate([*kept, groups[:-1]]), groups[-1:]
+            before = [*kept, groups[:-1]] if len(groups) > 1 else kept
+            given, self._waiting = Groups.concatenate(before), groups[-1:]
             known = 2
         first = len(window) - len(kept) - len(groups)
         self._window = window.last(known)
@@ -119,6 +120,8 @@ class _Window(NamedTuple):
 def _flagged(groups: Groups, window: _Window, first: int) -> Groups:
     """Groups with the flag; they are the rows of the window from the first one on."""
     rows = _changes(window)[first : first + len(groups)]
+    if not rows.any():
+        return groups
     return groups.having(flags=groups.flags | rows * Flag.TRANSITION.value)
 
 
