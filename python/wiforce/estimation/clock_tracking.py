@@ -223,7 +223,8 @@ class ClockTracking:
         for i, tag in enumerate(locked):
             if tag.clock.wanders:  # contained in the wander that was removed
                 shifts[:, i] = 0.0
-        residuals = expansion[:count].power_at(shifts) / freedom
+        followed = expansion if count == len(groups) else expansion[:count]
+        residuals = followed.power_at(shifts) / freedom
         complete = (groups.missing == 0).tolist()
         noise = self._noise.follow(residuals, freedom, groups.level.tolist(), complete)
         if noise.verdict is not Verdict.LEARNED:
@@ -297,7 +298,7 @@ class ClockTracking:
         shape (G, S, 3, K).
         """
         model = self._model
-        fit = model.fit(groups, assumed, slopes=True)
+        fit = model.fit(groups, assumed)
         terms = np.empty((len(groups), assumed.phase.shape[1], 3, groups.tones.shape[2]))
         for i, (tag, tracker) in enumerate(zip(model.locked, model.trackers, strict=True)):
             own = model.own_tones(tag, groups, fit)

@@ -45,7 +45,7 @@ class GroupFit:
     solver : ndarray of complex, shape (G, E, M)
         Its pseudo-inverse.
     slopes : ndarray of complex, shape (G, M, E)
-        Derivatives of ``white`` by each tag's clock phase; empty when they were not wanted.
+        Derivatives of ``white`` by each tag's clock phase.
 
     Examples
     --------
@@ -186,7 +186,7 @@ class ToneModel:
         times_s = self.table.times_s[mask]
         return GroupWeights(partial, self._line_gain, times_s, len(mask) / len(times_s))
 
-    def fit(self, groups: GroupTones, clocks: ClockPath, slopes: bool = False) -> GroupFit:
+    def fit(self, groups: GroupTones, clocks: ClockPath) -> GroupFit:
         """Least squares over the locked tags.
 
         Parameters
@@ -194,11 +194,9 @@ class ToneModel:
         groups : GroupTones
         clocks : ClockPath
             Of the locked tags in these groups.
-        slopes : bool
-            Whether the derivatives by the clocks' phases are wanted too.
         """
         rows = np.array([row for tag in self.locked for row in tag.rows], int)
-        mixed = self._mixing(groups, clocks, slopes)
+        mixed = self._mixing(groups, clocks)
         white = mixed[:, :, : len(rows)]
         adjoint = white.conj().swapaxes(1, 2)
         inverse = inverse_of(adjoint @ white)
@@ -209,20 +207,16 @@ class ToneModel:
         gain = inverse.diagonal(axis1=1, axis2=2).real
         return GroupFit(rows, ends, gain, residual, white, solver, mixed[:, :, len(rows) :])
 
-    def _mixing(self, groups: GroupTones, clocks: ClockPath, slopes: bool) -> Array:
+    def _mixing(self, groups: GroupTones, clocks: ClockPath) -> Array:
         """Whitened tones of the locked tags' waveforms, and of their slopes behind them."""
         locked = self.locked
         if not locked:
             return np.empty((len(groups), len(self.table.tones), 0), complex)
-        parts = []
-        for weights, rows in groups.by_weights():
-            own = [(tag, clocks.of(i, rows)) for i, tag in enumerate(locked)]
-            if slopes:
-                both = [tag.waveforms_and_slopes(clock, weights.times_s) for tag, clock in own]
-                waveforms = [w for w, _ in both] + [s for _, s in both]
-            else:
-                waveforms = [tag.waveforms(clock, weights.times_s) for tag, clock in own]
-            parts.append(weights.mix(_columns(waveforms)))
+        rates = clocks.rate + [tag.rate for tag in locked]
+        windows = rates * [tag.averaging_s / 2 for tag in locked]
+        switching = np.array([clocks.phase, rates, windows]).transpose(1, 2, 0)
+        pulses = [(tag.clock2_delay, *tag.duty) for tag in locked]
+        parts = [weights.switched(switching[rows], pulses) for weights, rows in groups.by_weights()]
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
     def solve(self, groups: GroupTones, clocks: ClockPath) -> tuple[Array, Array, GroupFit]:
@@ -288,13 +282,6 @@ class ToneModel:
             mixing = weights.colorer[lines] @ fit.white[rows][:, :, foreign]
             tones[rows] -= mixing @ fit.ends[rows][:, foreign]
         return tones
-
-
-def _columns(waveforms: Sequence[Array]) -> Array:
-    """Waveforms (G, n, 2) next to each other, each contiguous in memory."""
-    if len(waveforms) == 1:
-        return waveforms[0]
-    return np.concatenate([each.swapaxes(1, 2) for each in waveforms], axis=1).swapaxes(1, 2)
 
 
 def inverse_of(gram: Array) -> Array:
