@@ -165,13 +165,14 @@ class PhaseExpansion:
         spread = solver @ solver.conj().swapaxes(-1, -2)
         subcarriers = ends.shape[-1]
         noise = 2 * subcarriers * (gram * spread.swapaxes(-1, -2)).real
+        of_tags = _by_tag(noise).sum(axis=(-3, -1))
         gradient = 2 * (ends.conj() * (adjoint @ residual)).real
         return PhaseExpansion(
             ends,
             power_of(residual).sum(axis=-2),
             gradient[..., ::2, :] + gradient[..., 1::2, :],
             gram,
-            np.einsum("...aiaj->...a", _by_tag(noise)),
+            of_tags.diagonal(axis1=-2, axis2=-1),
         )
 
     def __getitem__(self, rows: slice) -> PhaseExpansion:

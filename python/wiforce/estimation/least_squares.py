@@ -24,6 +24,8 @@ from .wander import without_wander
 
 # Noise gain of an end, relative to a perfect one, above which it counts as not separable (20 dB).
 _WORST_GAIN = 100.0
+# Largest energy of a column over what the others leave of one, from which on a model is singular.
+_SINGULAR = 1e12
 
 
 @dataclass(slots=True)
@@ -161,7 +163,7 @@ class ToneModel:
                     weights[row] = partial
                     white[row] = partial.whitener @ tones[row]
             parts = white.view(float).reshape(len(groups), -1)
-            level = 2 * np.einsum("gi,gi->g", parts, parts) / max(parts.shape[1], 1)
+            level = 2 * (parts * parts).sum(axis=1) / max(parts.shape[1], 1)
         usable &= np.isfinite(level) & (level > 0)
         center_s = (groups.index + 0.5) * self.group_period_s
         return (
@@ -302,19 +304,15 @@ def inverse_of(gram: Array) -> Array:
     """
     if not gram.size:
         return gram
-    smallest = 1e-12 * gram.diagonal(axis1=1, axis2=2).real.max(axis=1)
     try:
-        factors = np.linalg.cholesky(gram)
+        inverse = np.linalg.inv(gram)
     except np.linalg.LinAlgError:
         if len(gram) > 1:
             return np.concatenate([inverse_of(each[None]) for each in gram])
         return np.linalg.pinv(gram, rcond=1e-9, hermitian=True)
-    is_singular = factors.diagonal(axis1=1, axis2=2).real.min(axis=1) ** 2 <= smallest
-    if not is_singular.any():
-        return np.linalg.inv(gram)
-    singular = np.flatnonzero(is_singular)
-    inverse = np.empty_like(gram)
-    regular = np.setdiff1d(np.arange(len(gram)), singular)
-    inverse[regular] = np.linalg.inv(gram[regular])
-    inverse[singular] = np.linalg.pinv(gram[singular], rcond=1e-9, hermitian=True)
+    # An element on the inverse's diagonal is 1 over what the other columns leave of its own.
+    gain = np.abs(inverse.diagonal(axis1=1, axis2=2)).max(axis=1)
+    is_singular = gain * gram.diagonal(axis1=1, axis2=2).real.max(axis=1) >= _SINGULAR
+    if is_singular.any():
+        inverse[is_singular] = np.linalg.pinv(gram[is_singular], rcond=1e-9, hermitian=True)
     return inverse

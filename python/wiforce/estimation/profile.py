@@ -231,9 +231,9 @@ class _ReferenceProfiles:
         self.adjoint = np.stack([reference, image], axis=2).conj()
         self.other_adjoint, self.other_powers = other.conj(), power_of(other)
         products = power_of(reference), power_of(image), image * reference.conj()
-        self._products = np.concatenate(products).T
+        self._products = np.stack(products).swapaxes(1, 2)
 
     def means(self, weights: Array) -> tuple[Array, Array, Array]:
         """Weighted powers of reference and image, and their correlation; (G, 2S) each."""
-        power, image_power, overlap = np.split(weights @ self._products, 3, axis=1)
+        power, image_power, overlap = weights @ self._products
         return power.real, image_power.real, overlap

@@ -300,7 +300,7 @@ class SensorReadout:
         drifting, scale = np.zeros((len(groups), 2)), np.ones((len(groups), 2))
         moved = np.zeros(len(groups), bool)
         times_s = ((groups.index + 0.5) * self._period_s).tolist()
-        changes = np.degrees(np.angle(ratios)).tolist()
+        changes = np.degrees(np.arctan2(ratios.imag, ratios.real)).tolist()
         stds = std.tolist()
         ends = slice(2 * sensor, 2 * sensor + 2)
         in_reference = groups.in_reference[:, ends].any(axis=1).tolist()

@@ -152,7 +152,8 @@ class EndSeparator:
             for name in arrays.keys() - {"noise", "noise_rise"}:
                 each = 2 if name in ("ends", "gain", "snr_db") else 1
                 arrays[name] = arrays[name][:, : each * self._tags]
-        lost = (1 - 1 / arrays["noise_rise"]).mean(axis=1)
+        rise = arrays["noise_rise"]
+        lost = (1 - 1 / rise).sum(axis=1) / rise.shape[1]
         arrays["interference"] = groups.interference + (1 - groups.interference) * lost
         return groups.having(tones=None, snapshot_weights=None, timed=None, **arrays)
 
@@ -235,8 +236,9 @@ class EndSeparator:
         }
 
     def _snr_db(self, ends: Array, gain: Array, noise: Array) -> Array:
-        level = noise.mean(axis=1)[:, None]
+        subcarriers = noise.shape[1]
+        level = noise.sum(axis=1)[:, None] / subcarriers
         # Of an end that was not received, whose gain is infinite, the noise exceeds the power.
-        power = power_of(ends).mean(axis=2) - gain * level
+        power = power_of(ends).sum(axis=2) / subcarriers - gain * level
         ratio = np.maximum(self._line_power * power / level, 1e-12)
         return np.where(np.isfinite(gain), 10 * np.log10(ratio), np.nan)

@@ -74,4 +74,4 @@ def has_phases(groups: Groups, sensor: int) -> Array:
     ends = slice(2 * sensor, 2 * sensor + 2)
     received = groups.locked[:, sensor] & ~groups.overlapping[:, sensor]
     known = np.isfinite(groups.phase_std_deg[:, ends]).all(axis=1)
-    return np.asarray(received & known & (np.abs(groups.ratios[:, ends]) > 0).all(axis=1))
+    return np.asarray(received & known & groups.ratios[:, ends].all(axis=1))
