@@ -149,7 +149,7 @@ class ProfileCheck:
         with np.errstate(divide="ignore", invalid="ignore"):
             similar = overlap / power
             # Power of the image without what is similar to the reference, and the level of that.
-            own_power = image_power - power_of(similar) * power
+            own_power: Array = image_power - power_of(similar) * power
             level = (along_image - similar.conj() * along) / own_power
             level_noise = gain * ((weights**2 * noise).sum(axis=1) / own_power.T).T
             level_power = power_of(level)
@@ -161,19 +161,19 @@ class ProfileCheck:
             # The reference holds an image of its own: to second order R = a + conj(nu) b for
             # levels a of the reference and b = nu (conj(R) - R) of the image.
             second = level_power / (2j * ratio.imag)
-        known = separable & (level_power > _SIGNIFICANT_IMAGE * level_noise)
-        second = np.where(known & (level_power < 0.1 * np.abs(ratio.imag)), second, 0)
-        ends = ends - level[:, :, None] * image + second[:, :, None] * reference
-        ratio = np.where(np.isfinite(ratio), ratio, 0) + second
-        residual = ends - ratio[:, :, None] * reference
-        cost = np.where(level != 0, power / np.maximum(own_power, 1e-300), 1.0)
-        if raised is not None:
-            residual = residual / np.sqrt(raised)[:, None]
-            noise = noise / raised
-        other = power_of(residual.swapaxes(0, 1) @ profiles.other_adjoint)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            ratios = (other / (noise @ profiles.other_powers)).mean(axis=2) / gain.T
-        return ends, cost * self._factors(ratios, other.shape[2] ** -0.5)
+            known = separable & (level_power > _SIGNIFICANT_IMAGE * level_noise)
+            second = np.where(known & (level_power < 0.1 * np.abs(ratio.imag)), second, 0)
+            ends = ends - level[:, :, None] * image + second[:, :, None] * reference
+            ratio = np.where(np.isfinite(ratio), ratio, 0) + second
+            residual = ends - ratio[:, :, None] * reference
+            cost = np.where(level != 0, power / own_power, 1.0)
+            if raised is not None:
+                residual = residual / np.sqrt(raised)[:, None]
+                noise = noise / raised
+            other = power_of(residual.swapaxes(0, 1) @ profiles.other_adjoint)
+            count = other.shape[2]
+            ratios = (other / (noise @ profiles.other_powers)).sum(axis=2) / (count * gain.T)
+        return ends, cost * self._factors(ratios, count**-0.5)
 
     def _factors(self, ratios: Array, spread: float) -> Array:
         """Factors (G, 2S) by the power on other delay profiles over the noise (2S, G)."""

@@ -258,10 +258,8 @@ class ConjugateDifference:
         return self._difference(group, (first & received)[None], reference, reference_gain)
 
     def _compare(self, groups: Groups, in_reference: Array) -> Groups:
-        with np.errstate(divide="ignore"):
-            gain = 1 / self._sums.precision
         groups = self._with_noise_of_reference(groups)
-        return self._difference(groups, in_reference, self._sums.mean(), gain)
+        return self._difference(groups, in_reference, self._sums.mean(), self._sums.gain())
 
     def _with_noise_of_reference(self, groups: Groups) -> Groups:
         """Groups with more noise where interference raised that of the whole reference."""
@@ -316,8 +314,8 @@ class ConjugateDifference:
             changes=changes,
             new_reference=restarts,
             in_reference=in_reference,
-            late_reference=np.tile(self._late, (count, 1)),
+            late_reference=self._late[None].repeat(count, axis=0),
             reshaped=energy - explained > _RESHAPED_SHARE * energy + _RESHAPED_NOISE * own_noise,
             reference_power=power,
-            reference_gain=np.tile(reference_gain, (count, 1)),
+            reference_gain=reference_gain[None].repeat(count, axis=0),
         )

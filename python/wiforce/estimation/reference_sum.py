@@ -91,6 +91,11 @@ class ReferenceSum:
                 self._mean = np.where(self.precisions > 0, total / self.precisions, 0)
         return self._mean
 
+    def gain(self) -> Array:
+        """Variance of each mean over that of H, shape (2S,); infinite where there is none."""
+        none = np.full(self.precision.shape, np.inf)
+        return np.divide(1, self.precision, out=none, where=self.precision > 0)
+
     def excess(self) -> Array:
         """Share by which interference raised the variance of the mean; shape (2S, K).
 

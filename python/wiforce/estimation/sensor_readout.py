@@ -199,7 +199,8 @@ class SensorReadout:
         unexplained = (flags & _UNEXPLAINED) != 0
         contradicting = self._evidence.take(renewed, level, phases, std, touch, clear, unexplained)
         flags[contradicting] |= Flag.INCONSISTENT.value
-        flags[touched[~(values[touched, 1] <= WEAK_FORCE_N)]] |= Flag.WEAK.value
+        if touched.size:
+            flags[touched[~(values[touched, 1] <= WEAK_FORCE_N)]] |= Flag.WEAK.value
         self._watch_motion(phases, std, touch, readable, values, flags)
         phases[~readable] = _NAN
         self._seen |= bool(readable.any())

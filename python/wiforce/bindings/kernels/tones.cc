@@ -108,15 +108,16 @@ py::array_t<std::complex<double>> mix_switching(const switching_mixer& mixer,
     std::vector<double> sums(4 * mixer.columns());
     for (py::ssize_t group = 0; group < groups; group++)
         for (py::ssize_t tag = 0; tag < tags; tag++) {
-            mixer.mix({ clock(group, tag, 0), clock(group, tag, 1), clock(group, tag, 2) },
-                      { pulse(tag, 0), { pulse(tag, 1), pulse(tag, 2) } },
-                      sums.data());
+            mixer.mix(
+                { clock(group, tag, 0), clock(group, tag, 1), clock(group, tag, 2) },
+                { pulse(tag, 0), { pulse(tag, 1), pulse(tag, 2) } },
+                sums.data());
             for (int row = 0; row < 4; row++)
                 for (int tone = 0; tone < tones; tone++) {
                     const double* const sum = &sums[row * mixer.columns() + 2 * tone];
-                    response(group, tone, row / 2 * 2 * tags + 2 * tag + row % 2) = {
-                        sum[0], sum[1]
-                    };
+                    response(group,
+                             tone,
+                             row / 2 * 2 * tags + 2 * tag + row % 2) = { sum[0], sum[1] };
                 }
         }
     return mixed;
@@ -132,14 +133,15 @@ void bind_tones(py::module& m)
         "Tones of the switching waveforms of tags in a group.\n\n"
         "weights: (M, n) tones x snapshots. times_s: (n,) from the group's centre.")
         .def(py::init(&make_switching_mixer), "weights"_a, "times_s"_a)
-        .def("mix",
-             &mix_switching,
-             "clocks"_a,
-             "pulses"_a,
-             "clocks: (G, S, 3), phase (rad), rate (rad/s) and half the phase that a "
-             "snapshot averages\nover, of S clocks in G groups. pulses: (S, 3), delay of "
-             "clock 2 (rad of clock 1) and duty\ncycles. Gives (G, M, 4S): both waveforms "
-             "of each tag, and their derivatives by the phase.");
+        .def(
+            "mix",
+            &mix_switching,
+            "clocks"_a,
+            "pulses"_a,
+            "clocks: (G, S, 3), phase (rad), rate (rad/s) and half the phase that a "
+            "snapshot averages\nover, of S clocks in G groups. pulses: (S, 3), delay of "
+            "clock 2 (rad of clock 1) and duty\ncycles. Gives (G, M, 4S): both waveforms "
+            "of each tag, and their derivatives by the phase.");
     py::class_<tone_transform>(
         m,
         "tone_transform",
