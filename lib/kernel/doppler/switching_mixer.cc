@@ -22,7 +22,8 @@ int columns_of(const std::vector<double>& weights, const std::vector<double>& ti
     require(!times_s.empty() && weights.size() % times_s.size() == 0,
             "switching_mixer",
             "weights",
-            "must have a row for each of " + std::to_string(times_s.size()) + " snapshots",
+            "must have a row for each of " + std::to_string(times_s.size()) +
+                " snapshots",
             weights.size());
     return weights.size() / times_s.size();
 }
@@ -40,7 +41,8 @@ WIFORCE_CLONES
 void switching_mixer::mix(const clock& at, const pulses& of, double* sums) const
 {
     std::fill_n(sums, 4 * d_columns, 0.0);
-    // Both clocks' ramps are as steep: the second runs twice as fast and so does its window.
+    // Both clocks' ramps are as steep: the second runs twice as fast and so does its
+    // window.
     const double slope = -0.5 / at.half_window;
     for (std::size_t snapshot = 0; snapshot < d_times_s.size(); snapshot++) {
         const double* const row = &d_weights[snapshot * d_columns];

@@ -23,8 +23,8 @@ public:
         std::array<double, 2> duty;
     };
 
-    // `weights` has a row of equal length for each snapshot, `times_s` their times from the
-    // centre. Throws std::invalid_argument where the rows do not have equal lengths.
+    // `weights` has a row of equal length for each snapshot, `times_s` their times from
+    // the centre. Throws std::invalid_argument where the rows do not have equal lengths.
     switching_mixer(std::vector<double> weights, std::vector<double> times_s);
 
     // Length of a row.
