@@ -104,7 +104,8 @@ def test_image_of_unbalanced_receiver_does_not_change_phases(image_db, limit_deg
     pressed = received_with(level, np.exp(1j * turns)[:, :, None] * channel)
     check = ProfileCheck(WAVEFORM, 2)
     weights = np.full((2, 62), 1 / 62)
-    ends, factor = check.process(pressed, untouched, weights, np.full((2, 2, 62), 1e-12))
+    gain, noise = np.full((2, 2), 1.0), np.full((2, 62), 1e-12)
+    ends, factor = check.process(pressed, untouched, weights, gain, noise)
     ratios = np.einsum("gek,ek->ge", ends, untouched.conj())
     # To second order; what is left grows with the third power of the image.
     assert np.abs(np.degrees(np.angle(ratios) - turns)).max() < limit_deg
@@ -118,7 +119,7 @@ def test_image_that_is_not_there_costs_no_accuracy():
     noise = 0.1 * normal(rng, groups, 2, 62)
     weights = np.full((groups, 62), 1 / 62)
     ends, factor = ProfileCheck(WAVEFORM, 2).process(
-        channel + noise, channel, weights, np.full((groups, 2, 62), 0.01)
+        channel + noise, channel, weights, np.ones((groups, 2)), np.full((groups, 62), 0.01)
     )
     spread = np.std(np.mean(ends.imag, axis=2)) / np.std(np.mean(noise.imag, axis=2))
     assert spread < 1.02
@@ -131,13 +132,13 @@ def test_channel_with_another_path_raises_the_variance():
     channel = np.ones((2, 62), complex)
     late = np.exp(-2j * np.pi * 0.1 * WAVEFORM.subcarriers / 5.12)  # by 100 ns
     noise = 0.01 * normal(rng, groups, 2, 62)
-    shape = groups, 2, 62
+    gain, variance = np.ones((groups, 2)), np.full((groups, 62), 1e-4)
     check = ProfileCheck(WAVEFORM, 2)
     weights = np.full((groups, 62), 1 / 62)
-    _, factor = check.process(channel + 0.03 * late + noise, channel, weights, np.full(shape, 1e-4))
+    _, factor = check.process(channel + 0.03 * late + noise, channel, weights, gain, variance)
     assert factor.min() > 30
     check.reset()
-    _, factor = check.process(channel + noise, channel, weights, np.full(shape, 1e-4))
+    _, factor = check.process(channel + noise, channel, weights, gain, variance)
     assert np.median(factor) == 1
 
 

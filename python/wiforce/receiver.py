@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 
 import numpy as np
 from threadpoolctl import ThreadpoolController
@@ -104,7 +105,8 @@ class Receiver:
         self.readout = make_readout(plan, tracked, on_groups, first_group, counts)
         self.tares = TareRequests(self.reference, self.readout.sensors, plan.group_period_s)
         self._separated = False
-        self._blas = ThreadpoolController()
+        self._blas = ThreadpoolController().select(user_api="blas")
+        self._shape = len(plan.table.tones), len(plan.waveform.bins)
 
     @property
     def counts(self) -> GroupCounts:
@@ -140,8 +142,7 @@ class Receiver:
             For arrays of another shape than the plan asks for, and indices that do not rise.
         """
         self._check(groups)
-        # Threads are slower than one core for matrices as small as these.
-        with self._blas.limit(limits=1, user_api="blas"):
+        with self._one_thread():
             return self._compare(self.separation.process(groups))
 
     def finish(self, groups: int = 0) -> list[Reading]:
@@ -157,7 +158,7 @@ class Receiver:
         -------
         list of Reading
         """
-        with self._blas.limit(limits=1, user_api="blas"):
+        with self._one_thread():
             readings = self._compare(self.separation.flush())
             readings += self._read(self.reference.flush())
             return readings + self.readout.flush(groups)
@@ -201,13 +202,19 @@ class Receiver:
         seen = any(sensor.seen for sensor in self.readout.sensors.values())
         return "reading" if seen else "acquiring"
 
+    def _one_thread(self) -> AbstractContextManager[object]:
+        """Threads are slower than one core for matrices as small as these."""
+        if all(library.num_threads == 1 for library in self._blas.lib_controllers):
+            return nullcontext()  # as in the command, where a limit would cost a call per group
+        return self._blas.limit(limits=1)
+
     def _check(self, groups: Groups) -> None:
         # Arrays of another plan often broadcast, and would give readings that mean nothing.
         if not len(groups):
             return
-        if np.any(np.diff(groups.index) <= 0):
+        if np.any(groups.index[1:] <= groups.index[:-1]):
             raise InputError("groups.index", "must rise from group to group", groups.index)
-        shape = (len(groups), len(self.plan.table.tones), len(self.plan.waveform.bins))
+        shape = len(groups), *self._shape
         if np.shape(groups.tones) != shape:
             rule = f"must have shape {shape}: groups, tones and subcarriers of the plan"
             raise InputError("groups.tones", rule, np.shape(groups.tones))

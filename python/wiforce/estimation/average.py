@@ -76,7 +76,7 @@ class SubcarrierAverage:
         """
         if not len(groups):
             return groups
-        ratios = np.einsum("gek,gk->ge", groups.changes, subcarrier_weights(groups.noise))
+        ratios = (groups.changes @ subcarrier_weights(groups.noise)[:, :, None])[:, :, 0]
         variance = of_group = ratio_variance(groups)
         if self._smoothing > 1:
             ratios, variance = self._smooth(groups, ratios, variance)
@@ -119,9 +119,9 @@ def phase_std_deg(ratios: Array, variance: Array) -> Array:
     [0.573, inf]
     """
     magnitude = np.abs(ratios)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        std = np.degrees(np.sqrt(variance / 2) / magnitude)
-    return np.where(magnitude > 0, std, np.inf)
+    std = np.full(magnitude.shape, np.inf)
+    np.divide(np.sqrt(variance / 2), magnitude, out=std, where=magnitude > 0)
+    return np.degrees(std)
 
 
 def ratio_variance(groups: Groups) -> Array:
@@ -153,11 +153,11 @@ def ratio_variance(groups: Groups) -> Array:
     >>> bool(np.allclose(ratio_variance(group), 0.011 / 4e4))
     True
     """
-    inverse_noise = np.sum(1 / groups.noise, axis=1)[:, None]
+    inverse_noise = (1 / groups.noise).sum(axis=1)[:, None]
+    energy = groups.reference_power * inverse_noise
+    own = np.where(groups.in_reference, 0.0, groups.reference_gain)
     with np.errstate(divide="ignore", invalid="ignore"):
-        energy = groups.reference_power * inverse_noise
         both = groups.gain * groups.reference_gain * groups.noise.shape[1] / energy
-        own = np.where(groups.in_reference, 0.0, groups.reference_gain)
         return np.where(energy > 0, (groups.gain + own + both) / energy, np.inf)
 
 

@@ -147,7 +147,7 @@ class ClockSearch:
         """A Gauss-Newton step of the phases and offsets of all clocks over a block of groups."""
         trackers = self._model.trackers
         count = len(trackers)
-        fit = self._model.fit(groups, self._model.predict(groups), slopes=True)
+        fit = self._model.fit(groups, self._model.predict(groups))
         slope, curvature, noise = fit.expansion().information(self._noise.inverse)
         # A phase error at the start acts on all groups alike, one of the rate by the time elapsed.
         elapsed_s = groups.center_s - trackers[0].time_s

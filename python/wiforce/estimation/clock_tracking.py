@@ -200,7 +200,7 @@ class ClockTracking:
     def _follow(self, groups: GroupTones) -> TrackedClocks:
         locked, trackers = self._model.locked, self._model.trackers
         point = self._point_for(groups, trackers)
-        served = int(np.searchsorted(groups.group, point.stop))
+        served = int(groups.group.searchsorted(point.stop))
         groups = groups[: min(served, self._reach)]
         assumed = predict_clocks(point.trackers, groups.center_s)
         expansion, terms, freedom = self._expand(groups, assumed)
@@ -210,24 +210,28 @@ class ClockTracking:
             point.noise_level,
             self._errors(expansion, point.inverse_noise),
         )
-        before = [copy(tracker) for tracker in trackers], [tag.last_seen_s for tag in locked]
+        before: list[tuple[ClockTracker, float]] = []
+        if len(groups) > 1:  # a part of them may be tracked again
+            before = [(copy(tag.tracker), tag.last_seen_s) for tag in locked if tag.tracker]
         path, received = self._filter(groups.center_s, measured, point)
         count = len(received)
         if count < len(groups):
             self._reach = max(count, _LEAST_REACH)
         elif count == self._reach:
             self._reach = min(2 * count, self._point_groups)
-        shifts = np.remainder(path.phase - assumed.phase[:count] + np.pi, 2 * np.pi) - np.pi
-        # Of clocks that wander, contained in the wander that was removed.
-        shifts[:, [tag.clock.wanders for tag in locked]] = 0.0
-        residuals = expansion[:count].power_at(shifts) / freedom
+        shifts = (path.phase - assumed.phase[:count] + np.pi) % (2 * np.pi) - np.pi
+        for i, tag in enumerate(locked):
+            if tag.clock.wanders:  # contained in the wander that was removed
+                shifts[:, i] = 0.0
+        followed = expansion if count == len(groups) else expansion[:count]
+        residuals = followed.power_at(shifts) / freedom
         complete = (groups.missing == 0).tolist()
         noise = self._noise.follow(residuals, freedom, groups.level.tolist(), complete)
         if noise.verdict is not Verdict.LEARNED:
             # What follows is tracked by the noise that this group has shown.
             self.restart()
             if len(noise) < count:
-                for tag, tracker, last_seen_s in zip(locked, *before, strict=True):
+                for tag, (tracker, last_seen_s) in zip(locked, before, strict=True):
                     tag.tracker, tag.last_seen_s = tracker, last_seen_s
                 path, received = self._filter(groups.center_s[: len(noise)], measured, point)
         return TrackedClocks(path, received, noise)
@@ -294,7 +298,7 @@ class ClockTracking:
         shape (G, S, 3, K).
         """
         model = self._model
-        fit = model.fit(groups, assumed, slopes=True)
+        fit = model.fit(groups, assumed)
         terms = np.empty((len(groups), assumed.phase.shape[1], 3, groups.tones.shape[2]))
         for i, (tag, tracker) in enumerate(zip(model.locked, model.trackers, strict=True)):
             own = model.own_tones(tag, groups, fit)
@@ -317,7 +321,8 @@ class ClockTracking:
         """Errors of the phases assumed and their variances by the complete model, if used."""
         if not self._search.jointly or not self._model.locked:
             return None
-        return np.stack(phase_errors(*expansion.information(inverse_noise)), axis=2)
+        errors, variances = phase_errors(*expansion.information(inverse_noise))
+        return np.array([errors, variances]).transpose(1, 2, 0)
 
 
 def _reach_rad(tracker: ClockTracker) -> float:

@@ -9,6 +9,10 @@ sigma_k^2: noise alone leaves sum_k |V_k|^2 / sigma_k^2 of it on every tone.
 
 from __future__ import annotations
 
+import math
+from bisect import bisect_left, insort
+from collections import deque
+
 import numpy as np
 
 from .group_tones import power_of
@@ -62,13 +66,12 @@ class CoherentResidual:
     """
 
     def __init__(self, ends: int) -> None:
-        self._latest = np.empty((ends, 0))
+        self._ends = ends
         self.reset()
 
     def reset(self) -> None:
         """Forget the groups so far, when the clocks were acquired again."""
-        # Infinite where there was no group yet, so that these rank last.
-        self._latest = np.full((len(self._latest), _MEDIAN_GROUPS - 1), np.inf)
+        self._medians = [_RunningMedian() for _ in range(self._ends)]
 
     def update(self, fit: GroupFit, inverse_noise: Array) -> tuple[Array, Array]:
         """Take the fit of some groups.
@@ -86,34 +89,43 @@ class CoherentResidual:
         disturbed : ndarray of bool, shape (G, E)
             Whether something lasting is received on the lines of the end that is no noise.
         """
-        weights = np.broadcast_to(inverse_noise, (len(fit.ends), fit.ends.shape[2]))[:, None]
-        energy = np.sum(power_of(fit.ends) * weights, axis=2)
-        scale = 1 / np.sqrt(np.maximum(energy, 1e-300))
+        matched = fit.ends.conj() * np.atleast_2d(inverse_noise)[:, None]
+        energy = np.maximum((matched * fit.ends).real.sum(axis=2), 1e-300)
         # Of every tone along every end's channel, (G, E, M).
-        along = (fit.ends.conj() * weights * scale[:, :, None]) @ fit.residual.swapaxes(1, 2)
-        along = power_of(along)
-        freedom = max(along.shape[2] - len(fit.rows), 1)
-        leverage = np.sum(fit.white.swapaxes(1, 2) * fit.solver, axis=1).real
+        along = power_of(matched @ fit.residual.swapaxes(1, 2)) / energy[:, :, None]
+        freedom = fit.freedom
+        leverage = (fit.white.swapaxes(1, 2) * fit.solver).real.sum(axis=1)
         shares = power_of(fit.solver)
         errors = shares * along / np.maximum(1 - leverage, 0.1)[:, None]
         sandwich = errors.sum(axis=2) / shares.sum(axis=2)
         own = along.sum(axis=2) / freedom
         spread = freedom**-0.5
         factors = np.where(own > 1 + _GROUP_STDS * spread, own, 1)
-        lasting, count = self._medians(fit.rows, sandwich)
+        lasting, count = np.empty((2, *sandwich.shape))
+        for column, row in enumerate(fit.rows.tolist()):
+            of_end = [self._medians[row].update(ratio) for ratio in sandwich[:, column].tolist()]
+            lasting[:, column], count[:, column] = zip(*of_end, strict=True)
         # The median of a gamma distribution lies below its mean.
         lasting /= 1 - _FREEDOM_SHARE / (3 * freedom)
         significant = lasting > 1 + _LASTING_STDS * spread * np.sqrt(_FREEDOM_SHARE / count)
         return np.where(significant, np.maximum(factors, lasting), factors), lasting > _DISTURBED
 
-    def _medians(self, rows: Array, ratios: Array) -> tuple[Array, Array]:
-        """Median over the last groups up to each of these, and the number of them; (G, E)."""
-        known = np.concatenate([self._latest[rows], ratios.T], axis=1)
-        self._latest[rows] = known[:, len(ratios) :]
-        # The windows of all groups: their ends, their groups and what is in them, (E, G, n).
-        windows = known[:, np.add.outer(np.arange(len(ratios)), np.arange(_MEDIAN_GROUPS))]
-        windows.sort(axis=2)
-        count = np.isfinite(windows).sum(axis=2)
-        end, group = np.ogrid[: len(rows), : len(ratios)]
-        medians = (windows[end, group, (count - 1) // 2] + windows[end, group, count // 2]) / 2
-        return medians.T, count.T
+
+class _RunningMedian:
+    """Median of the last groups."""
+
+    def __init__(self) -> None:
+        self._latest: deque[float] = deque()
+        self._sorted: list[float] = []
+
+    def update(self, value: float) -> tuple[float, int]:
+        """Take a group; give the median of all that are finite, and their number."""
+        self._latest.append(value)
+        if math.isfinite(value):
+            insort(self._sorted, value)
+        if len(self._latest) > _MEDIAN_GROUPS and math.isfinite(oldest := self._latest.popleft()):
+            del self._sorted[bisect_left(self._sorted, oldest)]
+        count = len(self._sorted)
+        if not count:
+            return math.inf, 0
+        return (self._sorted[(count - 1) // 2] + self._sorted[count // 2]) / 2, count

@@ -9,9 +9,11 @@ from functools import cached_property
 from itertools import groupby
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..signal.partial_weights import PartialWeights
 from ..signal.weights import ToneTable
+from ..wiforce_kernels import switching_mixer
 from .groups import Array
 
 # A group whose energy exceeds the median by this factor is excluded from an acquisition. A press
@@ -47,6 +49,9 @@ class GroupWeights:
     >>> waveforms = switch_averages(2 * np.pi * 1000 * table.times_s, 0.064)  # s1 and s2
     >>> weights.mix(waveforms).shape
     (16, 2)
+    >>> clocks, pulses = [[[0.0, 2 * np.pi * 1000, 0.064]]], [[0.0, 0.25, 0.25]]
+    >>> bool(np.allclose(weights.switched(clocks, pulses)[0, :, :2], weights.mix(waveforms)))
+    True
     """
 
     def __init__(
@@ -60,8 +65,29 @@ class GroupWeights:
         self.times_s = times_s
         self.loss = loss
         mixer = self.whitener @ (line_gain * weights.weights)
+        self._switching = switching_mixer(mixer, times_s)
         # Waveforms are real: two real products are half of a complex one.
         self._mixer = np.vstack([mixer.real, mixer.imag]).T
+
+    def switched(self, clocks: ArrayLike, pulses: ArrayLike) -> Array:
+        """Whitened tones of the tags' switching waveforms, and their derivatives.
+
+        Parameters
+        ----------
+        clocks : array_like, shape (G, S, 3)
+            Phase in rad and rate in rad/s of S clocks at the centres of G groups, and half the
+            phase that a snapshot averages over.
+        pulses : array_like, shape (S, 3)
+            Delay of clock 2, in radians of clock 1, and both duty cycles.
+
+        Returns
+        -------
+        ndarray of complex, shape (G, M, 4S)
+            :meth:`mix` of what ``signal.switching.switch_averages_and_slopes`` gives: the averages
+            of all tags, and behind them the slopes.
+        """
+        tones: Array = self._switching.mix(clocks, pulses)
+        return tones
 
     @cached_property
     def colorer(self) -> Array:
@@ -133,7 +159,12 @@ class GroupTones:
 
     def __getitem__(self, rows: slice | Array) -> GroupTones:
         """The groups of some rows: a slice, or an array of indices."""
-        numbers = range(len(self))[rows] if isinstance(rows, slice) else rows.tolist()
+        if isinstance(rows, slice):
+            if rows.indices(len(self)) == (0, len(self), 1):
+                return self
+            numbers: Sequence[int] = range(len(self))[rows]
+        else:
+            numbers = rows.tolist()
         return GroupTones(
             self.group[rows],
             self.center_s[rows],

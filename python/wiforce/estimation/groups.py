@@ -206,6 +206,8 @@ class Groups:
 
     def __getitem__(self, rows: int | slice | Array) -> Groups:
         """The groups of some rows: an index, a slice, or an array of indices or of bool."""
+        if isinstance(rows, slice) and rows.indices(len(self)) == (0, len(self), 1):
+            return self
         if isinstance(rows, int | np.integer):
             if not -len(self) <= rows < len(self):
                 raise IndexError(f"group {rows} of a batch of {len(self)}")
@@ -215,8 +217,8 @@ class Groups:
 
     def having(self, **arrays: Any) -> Groups:
         """The same groups with some arrays added or replaced, or removed where None is given."""
-        unknown = arrays.keys() - vars(self).keys()
-        if unknown:
+        if not arrays.keys() <= vars(self).keys():
+            unknown = arrays.keys() - vars(self).keys()
             raise TypeError(f"Groups has no array {', '.join(sorted(unknown))}")
         return _of({**vars(self), **arrays})
 

@@ -165,13 +165,14 @@ class PhaseExpansion:
         spread = solver @ solver.conj().swapaxes(-1, -2)
         subcarriers = ends.shape[-1]
         noise = 2 * subcarriers * (gram * spread.swapaxes(-1, -2)).real
+        of_tags = _by_tag(noise).sum(axis=(-3, -1))
         gradient = 2 * (ends.conj() * (adjoint @ residual)).real
         return PhaseExpansion(
             ends,
             power_of(residual).sum(axis=-2),
             gradient[..., ::2, :] + gradient[..., 1::2, :],
             gram,
-            np.einsum("...aiaj->...a", _by_tag(noise)),
+            of_tags.diagonal(axis1=-2, axis2=-1),
         )
 
     def __getitem__(self, rows: slice) -> PhaseExpansion:
@@ -253,8 +254,8 @@ def phase_errors(gradient: Array, information: Array, excess: Array) -> tuple[Ar
     >>> errors.tolist(), variances.tolist()
     ([0.02], [0.01])
     """
-    scale = np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), 0.0))
-    known = np.all(scale > 0, axis=-1, keepdims=True)
+    scale = np.sqrt(np.maximum(information.diagonal(axis1=-2, axis2=-1), 0.0))
+    known = (scale > 0).all(axis=-1, keepdims=True)
     scale = np.where(known, scale, 1.0)
     scales = scale[..., :, None] * scale[..., None, :]
     if gradient.shape[-1] == 1:
@@ -263,6 +264,6 @@ def phase_errors(gradient: Array, information: Array, excess: Array) -> tuple[Ar
         inverse = np.linalg.pinv(information / scales, rcond=1e-9, hermitian=True) / scales
     errors = (inverse @ gradient[..., None])[..., 0]
     # The diagonal of inverse @ (information + diag(excess)) @ inverse.
-    variances = np.sum((inverse @ information) * inverse, axis=-1)
-    variances = variances + np.sum(inverse**2 * excess[..., None, :], axis=-1)
+    spread = (inverse @ information) * inverse + inverse**2 * excess[..., None, :]
+    variances = spread.sum(axis=-1)
     return np.where(known, errors, 0.0), np.where(known, variances, np.inf)

@@ -24,6 +24,8 @@ from .wander import without_wander
 
 # Noise gain of an end, relative to a perfect one, above which it counts as not separable (20 dB).
 _WORST_GAIN = 100.0
+# Largest energy of a column over what the others leave of one, from which on a model is singular.
+_SINGULAR = 1e12
 
 
 @dataclass(slots=True)
@@ -45,7 +47,7 @@ class GroupFit:
     solver : ndarray of complex, shape (G, E, M)
         Its pseudo-inverse.
     slopes : ndarray of complex, shape (G, M, E)
-        Derivatives of ``white`` by each tag's clock phase; empty when they were not wanted.
+        Derivatives of ``white`` by each tag's clock phase.
 
     Examples
     --------
@@ -153,7 +155,7 @@ class ToneModel:
         with np.errstate(invalid="ignore", over="ignore"):
             white = self._complete.whitener @ tones
             usable = np.ones(len(groups), bool)
-            own = groups.incomplete if groups.timed is None else np.ones(len(groups), bool)
+            own = groups.incomplete if groups.timed is None else usable
             for row in np.flatnonzero(own):
                 partial = self._partial(groups, row)
                 usable[row] = partial is not None
@@ -161,7 +163,7 @@ class ToneModel:
                     weights[row] = partial
                     white[row] = partial.whitener @ tones[row]
             parts = white.view(float).reshape(len(groups), -1)
-            level = 2 * np.einsum("gi,gi->g", parts, parts) / max(parts.shape[1], 1)
+            level = 2 * (parts * parts).sum(axis=1) / max(parts.shape[1], 1)
         usable &= np.isfinite(level) & (level > 0)
         center_s = (groups.index + 0.5) * self.group_period_s
         return (
@@ -186,7 +188,7 @@ class ToneModel:
         times_s = self.table.times_s[mask]
         return GroupWeights(partial, self._line_gain, times_s, len(mask) / len(times_s))
 
-    def fit(self, groups: GroupTones, clocks: ClockPath, slopes: bool = False) -> GroupFit:
+    def fit(self, groups: GroupTones, clocks: ClockPath) -> GroupFit:
         """Least squares over the locked tags.
 
         Parameters
@@ -194,11 +196,9 @@ class ToneModel:
         groups : GroupTones
         clocks : ClockPath
             Of the locked tags in these groups.
-        slopes : bool
-            Whether the derivatives by the clocks' phases are wanted too.
         """
         rows = np.array([row for tag in self.locked for row in tag.rows], int)
-        mixed = self._mixing(groups, clocks, slopes)
+        mixed = self._mixing(groups, clocks)
         white = mixed[:, :, : len(rows)]
         adjoint = white.conj().swapaxes(1, 2)
         inverse = inverse_of(adjoint @ white)
@@ -206,23 +206,19 @@ class ToneModel:
         ends = solver @ groups.white
         residual = white @ ends
         np.subtract(groups.white, residual, out=residual)
-        gain = np.diagonal(inverse, axis1=1, axis2=2).real
+        gain = inverse.diagonal(axis1=1, axis2=2).real
         return GroupFit(rows, ends, gain, residual, white, solver, mixed[:, :, len(rows) :])
 
-    def _mixing(self, groups: GroupTones, clocks: ClockPath, slopes: bool) -> Array:
+    def _mixing(self, groups: GroupTones, clocks: ClockPath) -> Array:
         """Whitened tones of the locked tags' waveforms, and of their slopes behind them."""
         locked = self.locked
         if not locked:
             return np.empty((len(groups), len(self.table.tones), 0), complex)
-        parts = []
-        for weights, rows in groups.by_weights():
-            own = [(tag, clocks.of(i, rows)) for i, tag in enumerate(locked)]
-            if slopes:
-                both = [tag.waveforms_and_slopes(clock, weights.times_s) for tag, clock in own]
-                waveforms = [w for w, _ in both] + [s for _, s in both]
-            else:
-                waveforms = [tag.waveforms(clock, weights.times_s) for tag, clock in own]
-            parts.append(weights.mix(_columns(waveforms)))
+        rates = clocks.rate + [tag.rate for tag in locked]
+        windows = rates * [tag.averaging_s / 2 for tag in locked]
+        switching = np.array([clocks.phase, rates, windows]).transpose(1, 2, 0)
+        pulses = [(tag.clock2_delay, *tag.duty) for tag in locked]
+        parts = [weights.switched(switching[rows], pulses) for weights, rows in groups.by_weights()]
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
     def solve(self, groups: GroupTones, clocks: ClockPath) -> tuple[Array, Array, GroupFit]:
@@ -290,13 +286,6 @@ class ToneModel:
         return tones
 
 
-def _columns(waveforms: Sequence[Array]) -> Array:
-    """Waveforms (G, n, 2) next to each other, each contiguous in memory."""
-    if len(waveforms) == 1:
-        return waveforms[0]
-    return np.concatenate([each.swapaxes(1, 2) for each in waveforms], axis=1).swapaxes(1, 2)
-
-
 def inverse_of(gram: Array) -> Array:
     """Inverses of small Hermitian positive definite matrices; pseudo-inverses of singular ones.
 
@@ -315,19 +304,15 @@ def inverse_of(gram: Array) -> Array:
     """
     if not gram.size:
         return gram
-    smallest = 1e-12 * np.diagonal(gram, axis1=1, axis2=2).real.max(axis=1)
     try:
-        factors = np.linalg.cholesky(gram)
+        inverse = np.linalg.inv(gram)
     except np.linalg.LinAlgError:
         if len(gram) > 1:
             return np.concatenate([inverse_of(each[None]) for each in gram])
         return np.linalg.pinv(gram, rcond=1e-9, hermitian=True)
-    pivots = np.diagonal(factors, axis1=1, axis2=2).real.min(axis=1) ** 2
-    singular = np.flatnonzero(pivots <= smallest)
-    if not singular.size:
-        return np.linalg.inv(gram)
-    inverse = np.empty_like(gram)
-    regular = np.setdiff1d(np.arange(len(gram)), singular)
-    inverse[regular] = np.linalg.inv(gram[regular])
-    inverse[singular] = np.linalg.pinv(gram[singular], rcond=1e-9, hermitian=True)
+    # An element on the inverse's diagonal is 1 over what the other columns leave of its own.
+    gain = np.abs(inverse.diagonal(axis1=1, axis2=2)).max(axis=1)
+    is_singular = gain * gram.diagonal(axis1=1, axis2=2).real.max(axis=1) >= _SINGULAR
+    if is_singular.any():
+        inverse[is_singular] = np.linalg.pinv(gram[is_singular], rcond=1e-9, hermitian=True)
     return inverse

@@ -117,7 +117,8 @@ class PhaseLikelihood:
         basis = self._basis(self.clock2_delay)
         self.projection = basis @ basis.conj().T
         # u = B^H D^-1 P of the lines P, and its derivatives by theta, D = diag(exp(j m theta)).
-        turns = (-1j * self.lines) ** np.arange(3)[:, None]
+        self._turns = -1j * self.lines
+        turns = self._turns ** np.arange(3)[:, None]
         self._derivatives = (basis.conj().T * turns[:, None, :]).reshape(6, -1) * self.scale
 
     def at(self, phase: Array, tones: Array) -> Array:
@@ -136,12 +137,13 @@ class PhaseLikelihood:
             What each subcarrier adds to J = sum_k |u_k|^2 / sigma_k^2 and its derivatives, times
             sigma_k^2. Here u = B^H D^-1 P, Pi(0) = B B^H and D = diag(exp(j m theta)).
         """
-        turns = np.exp(np.multiply.outer(phase, -1j * self.lines))
-        derivatives = (self._derivatives * turns[:, None, :]) @ tones
-        u, slope, curvature = np.moveaxis(derivatives.reshape(len(tones), 3, 2, -1), 1, 0)
-        terms = [power_of(u), 2 * (u.conj() * slope).real]
-        terms.append(2 * ((u.conj() * curvature).real + power_of(slope)))
-        return np.stack(terms, axis=1).sum(axis=2)
+        turns = np.exp(phase[:, None, None] * self._turns)
+        derivatives = ((self._derivatives * turns) @ tones).reshape(len(tones), 3, 2, -1)
+        # |u|^2, Re u^* u' and Re u^* u'', summed over both elements of u.
+        terms: Array = (derivatives[:, :1].conj() * derivatives).real.sum(axis=2)
+        terms[:, 2] += power_of(derivatives[:, 1]).sum(axis=1)
+        terms[:, 1:] *= 2
+        return terms
 
     @property
     def degree(self) -> int:

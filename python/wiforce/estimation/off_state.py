@@ -54,12 +54,11 @@ def corrected_phase_deg(
     >>> phases.round(6).tolist()
     [[180.0, -70.0]]
     """
-    untouched = np.exp(1j * np.radians(untouched_deg))
-    difference = untouched - np.asarray(off_reflection)
-    switched = np.asarray(ratios) * difference
-    reflections = np.asarray(off_reflection) + switched
-    phases = np.degrees(np.angle(reflections))
-    phases = np.where(phases <= -180, phases + 360, phases)
+    off = np.asarray(off_reflection)
+    switched = ratios * (np.exp(1j * np.radians(untouched_deg)) - off)
+    reflections = off + switched
+    phases = np.degrees(np.arctan2(reflections.imag, reflections.real))
+    phases[phases <= -180] += 360
     with np.errstate(divide="ignore", invalid="ignore"):
         slope = np.abs(switched) / np.abs(reflections)
     return phases, slope

@@ -201,7 +201,7 @@ class PressEvidence:
             Groups that are touched while the sensor is ``contradicted``.
         """
         contradicting = np.zeros(len(touch), bool)
-        if not self._open and not np.any(touch == 1) and not renewed.any():
+        if not self._open and not (touch == 1).any() and not renewed.any():
             return contradicting
         for row, touched in enumerate(touch.tolist()):
             if renewed[row]:

@@ -13,6 +13,7 @@ import math
 import numpy as np
 
 from ..signal.waveform import Waveform
+from .group_tones import power_of
 from .groups import Array
 
 # Delays relative to the tag's own at which a room reflects: 45 m before, 75 m behind.
@@ -84,7 +85,8 @@ class ProfileCheck:
     >>> pressed = received(np.exp(1j * np.radians(30)) * untouched)[None]
     >>> check = ProfileCheck(waveform, 2)
     >>> ends, factor = check.process(
-    ...     pressed, received(untouched), np.full((1, 62), 1 / 62), np.full((1, 2, 62), 1e-8))
+    ...     pressed, received(untouched), np.full((1, 62), 1 / 62), np.full((1, 2), 0.01),
+    ...     np.full((1, 62), 1e-6))
     >>> ratio = np.mean(ends * received(untouched).conj(), axis=2)
     >>> bool(np.all(np.abs(np.degrees(np.angle(ratio)) - 30) < 0.01))
     True
@@ -97,8 +99,7 @@ class ProfileCheck:
         profiles, singular, _ = np.linalg.svd(delays, full_matrices=False)
         self._delays = profiles[:, singular > _LEAST_SINGULAR * singular[0]]
         self._subcarriers = waveform.subcarriers
-        self._reference: Array | None = None
-        self._other: Array = np.empty(0)
+        self._of_reference: _ReferenceProfiles | None = None
         self._ends = ends
         self.reset()
 
@@ -111,6 +112,7 @@ class ProfileCheck:
         ends: Array,
         reference: Array,
         weights: Array,
+        gain: Array,
         noise: Array,
         raised: Array | None = None,
     ) -> tuple[Array, Array]:
@@ -124,8 +126,10 @@ class ProfileCheck:
             V_ref; 0 for an end without one.
         weights : ndarray, shape (G, K)
             w_k, which sum to 1.
-        noise : ndarray, shape (G, 2S, K)
-            Variance of V - R V_ref; infinite where an end was not received.
+        gain : ndarray, shape (G, 2S)
+            Variance of V - R V_ref over that of H; infinite where an end was not received.
+        noise : ndarray, shape (G, K)
+            Variance of H.
         raised : ndarray, shape (G, K), optional
             ``Groups.noise_rise``. These subcarriers count less when profiles are compared.
 
@@ -136,50 +140,47 @@ class ProfileCheck:
         factor : ndarray, shape (G, 2S)
             Factor by which the variance of R exceeds that of noise, at least 1.
         """
-        image = image_of(reference, self._waveform)
-        power = weights @ (np.abs(reference) ** 2).T
+        profiles = self._profiles(reference)
+        image = profiles.image
+        power, image_power, overlap = profiles.means(weights)
+        # Along the reference and its image.
+        weighted = (ends * weights[:, None]).swapaxes(0, 1)
+        along, along_image = (weighted @ profiles.adjoint).T
         with np.errstate(divide="ignore", invalid="ignore"):
-            similar = np.einsum("gk,ek,ek->ge", weights, image, reference.conj()) / power
-            own = image[None] - similar[:, :, None] * reference
-            own_power = np.einsum("gk,gek->ge", weights, np.abs(own) ** 2)
-            level = np.einsum("gk,gek,gek->ge", weights, ends, own.conj()) / own_power
-        separable = (own_power > (1 - _SIMILAR) * power) & np.isfinite(level)
-        level_noise = np.einsum("gk,gek->ge", weights**2, noise) / np.maximum(own_power, 1e-300)
-        level_power = level.real**2 + level.imag**2
-        # Where there is no image, removing the noise along its profile would only add noise.
-        with np.errstate(divide="ignore", invalid="ignore"):
+            similar = overlap / power
+            # Power of the image without what is similar to the reference, and the level of that.
+            own_power: Array = image_power - power_of(similar) * power
+            level = (along_image - similar.conj() * along) / own_power
+            level_noise = gain * ((weights**2 * noise).sum(axis=1) / own_power.T).T
+            level_power = power_of(level)
+            # Where there is no image, removing the noise along its profile would only add noise.
             level = level * np.maximum(0, 1 - _SHRINKAGE * level_noise / level_power)
-        separable &= np.isfinite(level)
-        level = np.where(separable, level, 0)
-        ends = ends - level[:, :, None] * image
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = np.einsum("gk,gek,ek->ge", weights, ends, reference.conj()) / power
+            separable = (own_power > (1 - _SIMILAR) * power) & np.isfinite(level)
+            level = np.where(separable, level, 0)
+            ratio = along / power - level * similar
             # The reference holds an image of its own: to second order R = a + conj(nu) b for
             # levels a of the reference and b = nu (conj(R) - R) of the image.
             second = level_power / (2j * ratio.imag)
-        known = separable & (level_power > _SIGNIFICANT_IMAGE * level_noise)
-        second = np.where(known & (level_power < 0.1 * np.abs(ratio.imag)), second, 0)
-        ends = ends + second[:, :, None] * reference
-        ratio = np.where(np.isfinite(ratio), ratio, 0) + second
-        residual = ends - ratio[:, :, None] * reference
-        cost = np.where(level != 0, power / np.maximum(own_power, 1e-300), 1.0)
-        if raised is not None:
-            residual = residual / np.sqrt(raised)[:, None]
-            noise = noise / raised[:, None]
-        return ends, cost * self._factors(residual, reference, noise)
+            known = separable & (level_power > _SIGNIFICANT_IMAGE * level_noise)
+            second = np.where(known & (level_power < 0.1 * np.abs(ratio.imag)), second, 0)
+            ends = ends - level[:, :, None] * image + second[:, :, None] * reference
+            ratio = np.where(np.isfinite(ratio), ratio, 0) + second
+            residual = ends - ratio[:, :, None] * reference
+            cost = np.where(level != 0, power / own_power, 1.0)
+            if raised is not None:
+                residual = residual / np.sqrt(raised)[:, None]
+                noise = noise / raised
+            other = power_of(residual.swapaxes(0, 1) @ profiles.other_adjoint)
+            count = other.shape[2]
+            ratios = (other / (noise @ profiles.other_powers)).sum(axis=2) / (count * gain.T)
+        return ends, cost * self._factors(ratios, count**-0.5)
 
-    def _factors(self, residual: Array, reference: Array, noise: Array) -> Array:
-        """Power of the residual on delay profiles other than the reference's, over the noise."""
-        basis = self._other_profiles(reference)
-        along = np.einsum("gek,ekd->ged", residual, basis.conj())
-        with np.errstate(invalid="ignore", divide="ignore"):
-            expected = np.einsum("gek,ekd->ged", noise, np.abs(basis) ** 2)
-            ratios = np.mean((along.real**2 + along.imag**2) / expected, axis=2)
-        spread = basis.shape[2] ** -0.5
-        factors = np.ones(ratios.shape)
-        for end, column in enumerate(ratios.T.tolist()):
-            factors[:, end] = self._end_factors(end, column, spread)
-        return factors
+    def _factors(self, ratios: Array, spread: float) -> Array:
+        """Factors (G, 2S) by the power on other delay profiles over the noise (2S, G)."""
+        factors = np.empty(ratios.shape)
+        for end, row in enumerate(ratios.tolist()):
+            factors[end] = self._end_factors(end, row, spread)
+        return factors.T
 
     def _end_factors(self, end: int, ratios: list[float], spread: float) -> list[float]:
         """Factors of one end in a batch: its ratios, where these are more than noise."""
@@ -198,10 +199,18 @@ class ProfileCheck:
         self._mean[end], self._groups[end] = mean, groups
         return factors
 
+    def _profiles(self, reference: Array) -> _ReferenceProfiles:
+        """What depends on the reference alone."""
+        known = self._of_reference
+        if known is None or not (
+            known.reference is reference or np.array_equal(known.reference, reference)
+        ):
+            image, other = image_of(reference, self._waveform), self._other_profiles(reference)
+            known = self._of_reference = _ReferenceProfiles(reference, image, other)
+        return known
+
     def _other_profiles(self, reference: Array) -> Array:
         """Orthonormal delay profiles around each end's delay, orthogonal to its channel."""
-        if self._reference is not None and np.array_equal(self._reference, reference):
-            return self._other
         profiles = []
         for channel in reference:
             step = np.vdot(channel[:-1], channel[1:])
@@ -211,5 +220,20 @@ class ProfileCheck:
             # vectors would be arbitrary, since the profiles are orthonormal already.)
             own = columns.conj().T @ channel
             profiles.append(columns @ np.linalg.qr(own[:, None], mode="complete")[0][:, 1:])
-        self._reference, self._other = reference.copy(), np.stack(profiles)
-        return self._other
+        return np.stack(profiles)
+
+
+class _ReferenceProfiles:
+    """The reference of 2S ends, its image (2S, K), and other delay profiles (2S, K, D)."""
+
+    def __init__(self, reference: Array, image: Array, other: Array) -> None:
+        self.reference, self.image = reference, image
+        self.adjoint = np.stack([reference, image], axis=2).conj()
+        self.other_adjoint, self.other_powers = other.conj(), power_of(other)
+        products = power_of(reference), power_of(image), image * reference.conj()
+        self._products = np.stack(products).swapaxes(1, 2)
+
+    def means(self, weights: Array) -> tuple[Array, Array, Array]:
+        """Weighted powers of reference and image, and their correlation; (G, 2S) each."""
+        power, image_power, overlap = weights @ self._products
+        return power.real, image_power.real, overlap

@@ -103,7 +103,7 @@ class Readout:
             return []
         groups = self._unfolder.process(groups)
         read = [sensor.read(groups, i) for i, sensor in enumerate(self.sensors.values())]
-        arrays = {name: np.stack([each[name] for each in read], axis=1) for name in read[0]}
+        arrays = {name: np.array([each[name] for each in read]).swapaxes(0, 1) for name in read[0]}
         groups = groups.having(**arrays)
         if self.on_groups is not None:
             self.on_groups(groups)

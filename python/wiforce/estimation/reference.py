@@ -7,6 +7,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..signal.waveform import Waveform
+from .group_tones import power_of
 from .groups import Array, Groups
 from .profile import ProfileCheck
 from .reference_sum import NewReference, ReferenceSum
@@ -163,7 +164,7 @@ class ConjugateDifference:
         Groups
             With ``changes`` and the arrays of the reference; without ``ends``.
         """
-        ready = []
+        ready: list[Groups] = []
         for row in range(len(groups)):
             rest = groups[row:]
             if self._next is not None:
@@ -189,9 +190,9 @@ class ConjugateDifference:
             not self._holding
             and not self._against_previous
             and not self._begins
-            and bool(np.all(self._sums.precision > 0))
+            and bool((self._sums.precision > 0).all())
             and self._stop is not None
-            and bool(np.all(groups.index[0] >= self._stop))
+            and bool((groups.index[0] >= self._stop).all())
         )
 
     def _measure(self, new: NewReference, group: Groups) -> Groups:
@@ -257,19 +258,16 @@ class ConjugateDifference:
         return self._difference(group, (first & received)[None], reference, reference_gain)
 
     def _compare(self, groups: Groups, in_reference: Array) -> Groups:
-        with np.errstate(divide="ignore"):
-            gain = 1 / self._sums.precision
         groups = self._with_noise_of_reference(groups)
-        return self._difference(groups, in_reference, self._sums.mean(), gain)
+        return self._difference(groups, in_reference, self._sums.mean(), self._sums.gain())
 
     def _with_noise_of_reference(self, groups: Groups) -> Groups:
         """Groups with more noise where interference raised that of the whole reference."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            excess = self._sums.precision[:, None] / self._sums.precisions - 1
-            excess = np.where(self._sums.precisions > 0, excess, 0)
-            share = 1 / (groups.gain * self._sums.precision)
-        if groups.noise_rise is None or not np.any(excess > 1e-9):
+        excess = self._sums.excess()
+        if groups.noise_rise is None or not (excess > 1e-9).any():
             return groups
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = 1 / (groups.gain * self._sums.precision)
         share = np.where(np.isfinite(share), share, 0)
         more = np.einsum("ge,ek->gk", share, excess) / self._ends
         return groups.having(noise=groups.noise * (1 + more / groups.noise_rise))
@@ -280,7 +278,7 @@ class ConjugateDifference:
         count = len(groups)
         weights = subcarrier_weights(groups.noise)
         # The weighted mean of the noise itself: K over the sum of 1 / sigma_k^2.
-        mean_noise = np.sum(weights * groups.noise, axis=1)[:, None]
+        mean_noise = (weights * groups.noise).sum(axis=1)[:, None]
         power = weights @ (np.abs(reference) ** 2).T
         # Noise in the reference adds to its power and would bias |R| towards 0.
         noise = np.where(np.isfinite(reference_gain), reference_gain, 0) * mean_noise
@@ -288,29 +286,36 @@ class ConjugateDifference:
             self._sums.precision > 0, np.maximum(power - noise, _LEAST_POWER * power), 0.0
         )
         if self._profile is not None:
-            variance = (groups.gain + reference_gain)[:, :, None] * groups.noise[:, None]
             ends, factor = self._profile.process(
-                groups.ends, reference, weights, variance, groups.noise_rise
+                groups.ends,
+                reference,
+                weights,
+                groups.gain + reference_gain,
+                groups.noise,
+                groups.noise_rise,
             )
-            groups = groups.having(ends=ends, gain=groups.gain * factor)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            changes = groups.ends * (reference.conj() / power[:, :, None])
-        changes = np.where(power[:, :, None] > 0, changes, 0)
+            gain = groups.gain * factor
+        else:
+            ends, gain = groups.ends, groups.gain
+        with np.errstate(divide="ignore"):
+            scale = np.where(power > 0, 1 / power, 0)
+        changes = ends * (reference.conj() * scale[:, :, None])
         # A press rotates all subcarriers equally. The residual V - R V_ref is noise, unless the tag
         # was moved or the frame timing has shifted.
-        energy = np.einsum("gek,gk->ge", groups.ends.real**2 + groups.ends.imag**2, weights)
-        explained = np.abs(np.einsum("gek,gk->ge", changes, weights)) ** 2 * power
-        own_noise = np.where(np.isfinite(groups.gain), groups.gain, 0) * mean_noise
+        energy = (power_of(ends) @ weights[:, :, None])[:, :, 0]
+        explained = power_of((changes @ weights[:, :, None])[:, :, 0]) * power
+        own_noise = np.where(np.isfinite(gain), gain, 0) * mean_noise
         restarts = groups.new_reference
         if restarts is None:
             restarts = np.zeros(count, bool)
         return groups.having(
             ends=None,
+            gain=gain,
             changes=changes,
             new_reference=restarts,
             in_reference=in_reference,
-            late_reference=np.tile(self._late, (count, 1)),
+            late_reference=self._late[None].repeat(count, axis=0),
             reshaped=energy - explained > _RESHAPED_SHARE * energy + _RESHAPED_NOISE * own_noise,
             reference_power=power,
-            reference_gain=np.tile(reference_gain, (count, 1)),
+            reference_gain=reference_gain[None].repeat(count, axis=0),
         )

@@ -38,6 +38,8 @@ class ReferenceSum:
         self.sum: Array | None = None
         self.precision = np.zeros(ends)
         self.precisions: Array = np.zeros((ends, 1))
+        self._mean: Array | None = None
+        self._excess: Array | None = None
 
     def add(self, group: Groups, received: Array) -> None:
         """Add some ends of a single group.
@@ -56,6 +58,7 @@ class ReferenceSum:
         total[received] += values[received] * weights[received]
         self.precision[received] += 1 / gain[received]
         self.precisions = self.precisions + weights
+        self._mean = self._excess = None
 
     def replace(self, other: ReferenceSum) -> Array:
         """Take over all ends that another sum holds.
@@ -74,14 +77,35 @@ class ReferenceSum:
             self.sum = np.where(held[:, None], other.sum, self._started(other.sum))
         self.precision = np.where(held, other.precision, self.precision)
         self.precisions = np.where(held[:, None], other.precisions, self.precisions)
+        self._mean = self._excess = None
         return held
 
     def mean(self) -> Array:
-        """Weighted mean of each end, shape (2S, K); 0 where there is none."""
-        if self.sum is None:
-            return np.zeros(self.precisions.shape)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.where(self.precisions > 0, self.sum / self.precisions, 0)
+        """Weighted mean of each end, shape (2S, K); 0 where there is none.
+
+        The same array until a group is added.
+        """
+        if self._mean is None:
+            total = np.zeros(self.precisions.shape) if self.sum is None else self.sum
+            with np.errstate(divide="ignore", invalid="ignore"):
+                self._mean = np.where(self.precisions > 0, total / self.precisions, 0)
+        return self._mean
+
+    def gain(self) -> Array:
+        """Variance of each mean over that of H, shape (2S,); infinite where there is none."""
+        none = np.full(self.precision.shape, np.inf)
+        return np.divide(1, self.precision, out=none, where=self.precision > 0)
+
+    def excess(self) -> Array:
+        """Share by which interference raised the variance of the mean; shape (2S, K).
+
+        0 where there is no mean. The same array until a group is added.
+        """
+        if self._excess is None:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                excess = self.precision[:, None] / self.precisions - 1
+            self._excess = np.where(self.precisions > 0, excess, 0)
+        return self._excess
 
     def _started(self, values: Array) -> Array:
         if self.sum is None:

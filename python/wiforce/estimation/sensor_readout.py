@@ -177,28 +177,30 @@ class SensorReadout:
             stepped = self._gain_step.process(renewed, touch, ratios, of_group)
             flags[stepped] |= Flag.MOVED.value
         near = self._near_path.process(groups.index, renewed, touch, ratios, std)
-        std = np.hypot(np.hypot(std, drifting), near[:, None])
+        touched = np.flatnonzero(touch == 1)
+        if touched.size:
+            std = np.hypot(np.hypot(std, drifting), near[:, None])
         if self._tag_ratio:
             std = np.hypot(std, curvature_deg(ratios, self._tag_ratio))
         level = ratios * scale * np.exp(-1j * np.radians(drift))
         with np.errstate(invalid="ignore"):
             phases, slope = corrected_phase_deg(level, self._untouched, self._off)
             std = std * slope
-        unsure = self._is_disturbed(groups, sensor) & (std.max(axis=1) > _DISTURBED_DEG)
+        larger = std.max(axis=1)
+        unsure = self._is_disturbed(groups, sensor) & (larger > _DISTURBED_DEG)
         flags[readable & unsure] |= Flag.INCONSISTENT.value
-        weak = readable & (std.max(axis=1) > WEAK_PHASE_DEG)
-        flags[weak] |= Flag.WEAK.value
+        flags[readable & (larger > WEAK_PHASE_DEG)] |= Flag.WEAK.value
         values, clear = np.full((len(groups), 4), _NAN), (flags == 0) & (near == 0)
         if self._tracker is not None:
             self._track(phases, std, touch, readable, values, flags)
-        elif (touched := np.flatnonzero(touch == 1)).size:
+        elif touched.size:
             values[touched], of_inversion = self._invert(phases[touched], std[touched])
             flags[touched] |= of_inversion
         unexplained = (flags & _UNEXPLAINED) != 0
         contradicting = self._evidence.take(renewed, level, phases, std, touch, clear, unexplained)
         flags[contradicting] |= Flag.INCONSISTENT.value
-        uncertain = (touch == 1) & ~(values[:, 1] <= WEAK_FORCE_N)
-        flags[uncertain] |= Flag.WEAK.value
+        if touched.size:
+            flags[touched[~(values[touched, 1] <= WEAK_FORCE_N)]] |= Flag.WEAK.value
         self._watch_motion(phases, std, touch, readable, values, flags)
         phases[~readable] = _NAN
         self._seen |= bool(readable.any())
@@ -269,16 +271,17 @@ class SensorReadout:
     def _known_flags(self, groups: Groups, sensor: int, renewed: Array) -> tuple[Array, Array]:
         """Flags of each group from the stages before, and whether it can be read; shape (G,)."""
         # A retuned oscillator has a new phase, which rotates both ends until a new reference.
-        retuned = np.full(len(groups), self._retuned)
-        for row in np.flatnonzero(groups.retuned | renewed):
-            self._retuned = bool(groups.retuned[row]) or (self._retuned and not renewed[row])
-            retuned[row:] = self._retuned
         flags, readable = stage_flags(groups, sensor), has_phases(groups, sensor)
-        flags[retuned] |= Flag.MOVED.value
-        unexplained = (
-            ~readable & ~groups.overlapping[:, sensor] & ((flags & ~Flag.INCONSISTENT.value) == 0)
-        )
-        flags[unexplained] |= Flag.WEAK.value
+        if self._retuned or groups.retuned.any():
+            retuned = np.full(len(groups), self._retuned)
+            for row in np.flatnonzero(groups.retuned | renewed):
+                self._retuned = bool(groups.retuned[row]) or (self._retuned and not renewed[row])
+                retuned[row:] = self._retuned
+            flags[retuned] |= Flag.MOVED.value
+        if not readable.all():
+            unexplained = ~readable & ~groups.overlapping[:, sensor]
+            unexplained &= (flags & ~Flag.INCONSISTENT.value) == 0
+            flags[unexplained] |= Flag.WEAK.value
         return flags, readable
 
     def _decide_touch(
@@ -298,7 +301,7 @@ class SensorReadout:
         drifting, scale = np.zeros((len(groups), 2)), np.ones((len(groups), 2))
         moved = np.zeros(len(groups), bool)
         times_s = ((groups.index + 0.5) * self._period_s).tolist()
-        changes = np.degrees(np.angle(ratios)).tolist()
+        changes = np.degrees(np.arctan2(ratios.imag, ratios.real)).tolist()
         stds = std.tolist()
         ends = slice(2 * sensor, 2 * sensor + 2)
         in_reference = groups.in_reference[:, ends].any(axis=1).tolist()
@@ -326,7 +329,10 @@ class SensorReadout:
 
         It keeps the former one where it was not received in any group of a tare.
         """
-        renewed = groups.new_reference.copy()
+        renewed = groups.new_reference
+        if not (renewed.any() or groups.in_tare.any()):
+            return renewed
+        renewed = renewed.copy()
         for row in np.flatnonzero(renewed | groups.in_tare):
             if renewed[row]:
                 renewed[row] = not self._tared or self._measured > 0
@@ -370,17 +376,14 @@ class SensorReadout:
     def _watch_motion(
         self, phases: Array, std: Array, touch: Array, readable: Array, values: Array, flags: Array
     ) -> None:
-        touches, locations = touch.tolist(), values[:, 2].tolist()
-        spreads = np.nan_to_num(values[:, 3]).tolist()
-        readables = readable.tolist()
-        for row, location_mm in enumerate(locations):
-            if not readables[row]:
-                continue
+        touches = touch.tolist()
+        for row in np.flatnonzero(readable).tolist():
             if touches[row] != 1:
                 self._motion.forget()
-            elif not math.isnan(location_mm):
-                moved = self._motion.update(
-                    phases[row].tolist(), std[row].tolist(), location_mm, spreads[row]
-                )
-                if moved:
-                    flags[row] |= Flag.MOVED.value
+                continue
+            location_mm, spread_mm = values[row, 2:].tolist()
+            if math.isnan(location_mm):
+                continue
+            spread_mm = 0.0 if math.isnan(spread_mm) else spread_mm
+            if self._motion.update(phases[row].tolist(), std[row].tolist(), location_mm, spread_mm):
+                flags[row] |= Flag.MOVED.value

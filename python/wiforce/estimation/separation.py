@@ -140,19 +140,20 @@ class EndSeparator:
         parts: list[dict[str, Array]] = []
         while len(tones):
             # A run of groups that are all usable, or of which none is.
-            others = np.flatnonzero(usable != usable[0])
-            run = tones[: others[0]] if others.size else tones
+            run = tones[: int((usable != usable[0]).argmax()) or len(tones)]
             part = self._separate_run(run, update) if usable[0] else self._without_ends(run)
             parts.append(part)
             tones, usable = tones[len(part["gain"]) :], usable[len(part["gain"]) :]
         arrays = parts[0]
         if len(parts) > 1:
             arrays = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-        # Tags found by a survey are solved for, but not given.
-        for name in arrays.keys() - {"noise", "noise_rise"}:
-            each = 2 if name in ("ends", "gain", "snr_db") else 1
-            arrays[name] = arrays[name][:, : each * self._tags]
-        lost = np.mean(1 - 1 / arrays["noise_rise"], axis=1)
+        if self._tags < len(self._model.tags):
+            # Tags found by a survey are solved for, but not given.
+            for name in arrays.keys() - {"noise", "noise_rise"}:
+                each = 2 if name in ("ends", "gain", "snr_db") else 1
+                arrays[name] = arrays[name][:, : each * self._tags]
+        rise = arrays["noise_rise"]
+        lost = (1 - 1 / rise).sum(axis=1) / rise.shape[1]
         arrays["interference"] = groups.interference + (1 - groups.interference) * lost
         return groups.having(tones=None, snapshot_weights=None, timed=None, **arrays)
 
@@ -235,8 +236,9 @@ class EndSeparator:
         }
 
     def _snr_db(self, ends: Array, gain: Array, noise: Array) -> Array:
-        level = noise.mean(axis=1)[:, None]
-        with np.errstate(invalid="ignore"):
-            power = np.mean(power_of(ends), axis=2) - gain * level
-            ratio = np.maximum(self._line_power * power / level, 1e-12)
+        subcarriers = noise.shape[1]
+        level = noise.sum(axis=1)[:, None] / subcarriers
+        # Of an end that was not received, whose gain is infinite, the noise exceeds the power.
+        power = power_of(ends).sum(axis=2) / subcarriers - gain * level
+        ratio = np.maximum(self._line_power * power / level, 1e-12)
         return np.where(np.isfinite(gain), 10 * np.log10(ratio), np.nan)

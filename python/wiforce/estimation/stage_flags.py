@@ -8,6 +8,10 @@ import numpy as np
 from ..io.readings import Flag
 from .groups import Array, Groups
 
+# The flags below, in their order.
+_FLAGS = Flag.REFERENCE, Flag.GAP, Flag.SATURATED, Flag.MOVED, Flag.INCONSISTENT
+_BITS = np.array([flag.value for flag in _FLAGS])
+
 
 def stage_flags(groups: Groups, sensor: int) -> Array:
     """Flags of a sensor's groups by the collection of snapshots, separation and reference.
@@ -35,17 +39,14 @@ def stage_flags(groups: Groups, sensor: int) -> Array:
     """
     ends = slice(2 * sensor, 2 * sensor + 2)
     late = groups.late_reference[:, ends].any(axis=1)
-    flagged = {
-        Flag.REFERENCE: groups.in_reference[:, ends].any(axis=1) | groups.in_tare,
-        Flag.GAP: groups.missing > 0,
-        Flag.SATURATED: groups.saturated,
-        Flag.MOVED: groups.reshaped[:, ends].any(axis=1),
-        Flag.INCONSISTENT: groups.overlapping[:, sensor] | late,
-    }
-    flags = np.zeros(len(groups), np.int64)
-    for flag, rows in flagged.items():
-        flags[rows] |= flag.value
-    return flags
+    flagged = [
+        groups.in_reference[:, ends].any(axis=1) | groups.in_tare,
+        groups.missing > 0,
+        groups.saturated,
+        groups.reshaped[:, ends].any(axis=1),
+        groups.overlapping[:, sensor] | late,
+    ]
+    return np.asarray(_BITS @ np.array(flagged, np.int64))
 
 
 def has_phases(groups: Groups, sensor: int) -> Array:
@@ -73,4 +74,4 @@ def has_phases(groups: Groups, sensor: int) -> Array:
     ends = slice(2 * sensor, 2 * sensor + 2)
     received = groups.locked[:, sensor] & ~groups.overlapping[:, sensor]
     known = np.isfinite(groups.phase_std_deg[:, ends]).all(axis=1)
-    return np.asarray(received & known & (np.abs(groups.ratios[:, ends]) > 0).all(axis=1))
+    return np.asarray(received & known & groups.ratios[:, ends].all(axis=1))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..signal.switching import switch_averages, switch_averages_and_slopes
+from ..signal.switching import switch_averages_and_slopes
 from ..signal.weights import ToneTable
 from .acquisition import ClockFit
 from .clock_tracker import ClockPath, ClockTracker
@@ -92,6 +92,8 @@ class TrackedTag:
         Whether the duty cycles have been estimated.
     last_seen_s : float
         Centre of the last group in which the tag was received, in s.
+    averaging_s : float
+        As given.
     waiting : list of GroupTones
         The latest groups, one each, over which a lost tag is acquired again.
 
@@ -108,7 +110,7 @@ class TrackedTag:
         self.clock = clock
         self.rows = range(2 * index, 2 * index + 2)
         self.rate = 2 * np.pi * clock.clock_hz
-        self._half_window = self.rate * averaging_s / 2
+        self.averaging_s = averaging_s
         self.likelihood = PhaseLikelihood(table, index, clock.clock_hz * averaging_s)
         self.overlapping = self.pulses_known = False
         self.tracker: ClockTracker | None = None
@@ -147,8 +149,8 @@ class TrackedTag:
         """Duty cycles of clocks 1 and 2."""
         return self.likelihood.duty
 
-    def waveforms(self, clock: ClockPath, times_s: Array) -> Array:
-        """s_1 and s_2 averaged over every snapshot of some groups.
+    def waveforms_and_slopes(self, clock: ClockPath, times_s: Array) -> tuple[Array, Array]:
+        """s_1 and s_2 averaged over every snapshot of some groups, and their derivatives.
 
         Parameters
         ----------
@@ -159,19 +161,10 @@ class TrackedTag:
 
         Returns
         -------
-        ndarray of float, shape (G, n, 2)
+        averages, slopes : ndarray of float, shape (G, n, 2)
+            The second by the clock's phase.
         """
-        return switch_averages(*self._at(clock, times_s))
-
-    def waveforms_and_slopes(self, clock: ClockPath, times_s: Array) -> tuple[Array, Array]:
-        """The same, and their derivatives by the clock's phase; shape (G, n, 2) each."""
-        return switch_averages_and_slopes(*self._at(clock, times_s))
-
-    def _at(
-        self, clock: ClockPath, times_s: Array
-    ) -> tuple[Array, Array, float, tuple[float, float]]:
-        """Clock phase of every snapshot, half the phase of Ta, delay of clock 2, duty cycles."""
         phases = np.multiply.outer(self.rate + clock.rate, times_s)
         phases += clock.phase[:, None]
-        half_window = self._half_window * (1 + clock.rate / self.rate)
-        return phases, half_window, self.clock2_delay, self.duty
+        half_window = (self.rate + clock.rate) * self.averaging_s / 2
+        return switch_averages_and_slopes(phases, half_window, self.clock2_delay, self.duty)

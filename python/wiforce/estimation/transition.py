@@ -57,7 +57,8 @@ class TransitionFlags:
             given, self._waiting = Groups.concatenate([*kept, groups]), None
             known = 1
         else:
-            given, self._waiting = Groups.concatenate([*kept, groups[:-1]]), groups[-1:]
+            before = [*kept, groups[:-1]] if len(groups) > 1 else kept
+            given, self._waiting = Groups.concatenate(before), groups[-1:]
             known = 2
         first = len(window) - len(kept) - len(groups)
         self._window = window.last(known)
@@ -119,12 +120,19 @@ class _Window(NamedTuple):
 def _flagged(groups: Groups, window: _Window, first: int) -> Groups:
     """Groups with the flag; they are the rows of the window from the first one on."""
     rows = _changes(window)[first : first + len(groups)]
+    if not rows.any():
+        return groups
     return groups.having(flags=groups.flags | rows * Flag.TRANSITION.value)
 
 
 def _changes(groups: _Window) -> Array:
     """Groups in which a press changed, (G, S); the first and last know one neighbour only."""
     count, ends = len(groups), 2 * groups.sensors
+    lowest, highest = groups.values.min(axis=0), groups.values.max(axis=0)
+    if (lowest[2 * ends :] == highest[2 * ends :]).all() and (
+        lowest[:ends] >= _DIP * highest[:ends]
+    ).all():
+        return np.zeros((count, groups.sensors), bool)  # no touch changes, and nothing dips
     # Row g: the previous and the next group, and whether they are adjacent on the grid.
     beside = np.zeros((2, count, 1), bool)
     beside[0, 1:, 0] = beside[1, :-1, 0] = np.diff(groups.number) == 1
