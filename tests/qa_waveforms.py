@@ -43,7 +43,7 @@ MORE = {
     "half-band": Air(
         np.convolve(np.random.default_rng(5).normal(size=(100, 2)) @ [1, 1j], [1, 1]),
         frame=505,
-        clock_hz=500,
+        clock_hz=400,
     ),
 }
 

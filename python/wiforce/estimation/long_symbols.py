@@ -17,9 +17,6 @@ from .group_tones import power_of
 from .groups import Array
 from .least_squares import GroupFit
 
-# Subcarriers from which on the median over the delays is one of noise: the Hann window widens what
-# a tag leaves to five delays or so, which is a sixth of them.
-_LEAST_SUBCARRIERS = 32
 # Median of an exponential distribution over its mean.
 _MEDIAN = np.log(2.0)
 # Groups of the median over changes, as in ``coherence``, and its standard deviations above which
@@ -39,7 +36,7 @@ class LongSymbolNoise:
     Parameters
     ----------
     waveform : Waveform
-        With a symbol that is not derotated.
+        With a symbol that ``resolves_spread_lines``.
     ends : int
         Ends of all tags, 2S.
 
@@ -117,8 +114,6 @@ class LongSymbolNoise:
 
     def _share(self, residual: Array, weights: Array) -> float:
         """Mean over the tones of the median power over the delays, relative to 1 / weights."""
-        if len(weights) < _LEAST_SUBCARRIERS:
-            return 1.0
         spectrum = np.zeros((len(residual), self._length), complex)
         spectrum[:, self._bins] = residual * (self._window * np.sqrt(weights))
         power = power_of(np.fft.ifft(spectrum, axis=1, norm="forward"))

@@ -100,7 +100,7 @@ class ProfileCheck:
         profiles, singular, _ = np.linalg.svd(delays, full_matrices=False)
         self._delays = profiles[:, singular > _LEAST_SINGULAR * singular[0]]
         self._subcarriers = waveform.subcarriers
-        self._blind = not waveform.is_derotated and self._holds_spread_lines()
+        self._blind = waveform.resolves_spread_lines and self._holds_spread_lines()
         self._reference: Array | None = None
         self._other: Array = np.empty(0)
         self._ends = ends

@@ -92,7 +92,9 @@ class EndSeparator:
         profile = waveform.noise_profile if is_long else None
         self._noise = NoiseEstimate(self._model.group_period_s, profile)
         self._coherence = CoherentResidual(2 * len(tags))
-        self._long = LongSymbolNoise(waveform, 2 * len(tags)) if is_long else None
+        self._long: LongSymbolNoise | None = None
+        if is_long and waveform.resolves_spread_lines:
+            self._long = LongSymbolNoise(waveform, 2 * len(tags))
         self._search = ClockSearch(self._model, self._noise, averaging_s)
         self._tracking = ClockTracking(self._model, self._noise, self._search)
         # The SNR is defined by line 1 of end 1.
