@@ -22,7 +22,7 @@ _PER_SPACING = 3
 _BEND = 0.05
 # A law through taps every 3 mm misses the shares between them by so much, whatever their scatter
 # (tests/qa_surface_captures.py).
-_LEAST_STD, _LEAST_LOCATION_MM = 0.0125, 0.05
+_LEAST_STD, _LEAST_LOCATION_MM = 0.002, 0.05
 # Behind its last point a table is 0, so its end must be.
 _END_STD = 0.003
 _LEAST_SHARES = 6
@@ -146,7 +146,7 @@ def fit_spreading(skin: Skin, taps: SurfaceTaps, law: str = "strips") -> Spreadi
         if law == "strips" and own.sum() < _LEAST_PER_STRIP:
             rule = f"must press each strip {_LEAST_PER_STRIP} times or more, or --law table be used"
             raise InputError("taps", f"{rule}; strip '{strip.sensor}'", int(own.sum()))
-    most = skin.onset_force_n / taps.force_n[:, None]
+    most = skin.untouched_below_n / taps.force_n[:, None]
     data = _Data(distance, np.nan_to_num(share), np.nan_to_num(noise), shown, taps.untouched, most)
     make, std = _FAMILIES[law](skin.spacing_mm, data), 0.02
     every = np.ones(len(taps), bool)
