@@ -19,8 +19,8 @@ from .groups import Array
 _DELAYS_S = np.linspace(-0.15e-6, 0.25e-6, 81)
 # Delay profiles whose singular value is smaller than this share of the largest are left out.
 _LEAST_SINGULAR = 0.05
-# Share of lines spread by one subcarrier that has these delays: 0.64 to 1 for chirps, below 0.03 for
-# Zadoff-Chu sequences of large roots and random symbols.
+# Share of lines spread by one subcarrier that has these delays: 0.64 to 1 for chirps, below 0.03
+# for Zadoff-Chu sequences of large roots and random symbols.
 _SPREAD_SHARE = 0.5
 # An image whose profile is this similar to the channel itself (squared correlation) is not
 # separable from it.

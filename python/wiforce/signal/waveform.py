@@ -26,8 +26,8 @@ _REPETITIONS = 5
 # Share of a frame up to which a symbol is short: that of the default preamble without a guard.
 # Symbols of a quarter left errors of 3 to 10 dB above the bound when they were derotated.
 _DEROTATED_SHARE = 0.2
-# Subcarriers from which on the delays of a symbol that is not short tell noise from what tags spread
-# over the subcarriers: that has 5 delays, widened by the window, for each sideband that counts.
+# Subcarriers from which on delays tell noise from what tags spread over the subcarriers of a symbol
+# that is not short: this has 5 delays, widened by the window, for each sideband that counts.
 _RESOLVING_SUBCARRIERS = 100
 # Samples of a symbol of the 802.11 preamble, and of the whole.
 _WIFI_SYMBOL, _WIFI_PREAMBLE = 64, 320
