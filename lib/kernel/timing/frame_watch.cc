@@ -17,8 +17,8 @@ namespace {
 constexpr float IN_PLACE = 0.7f;
 constexpr float SAME = 0.8f;
 
-// Shifts of long frames at which the whole is compared. A part of the preamble is found at
-// each of its repetitions, and a chirp at some samples beside each.
+// Shifts of long frames at which the whole is compared. A part of the preamble is found
+// at each of its repetitions, and a chirp at some samples beside each.
 constexpr std::size_t COMPARED = 256;
 
 // |<a, b>|^2 of unit vectors, b delayed by `shift` samples.
