@@ -170,6 +170,10 @@ BAD = {
         "law": "table", "distance_mm": [0, 5], "shares": [0.5, 0.2, 0]}},
     "surface.spreading: must be a law of as many strips as the surface has, 4": {"spreading": {
         "law": "strips", "distance_mm": [0, 5], "strip_shares": [[0.5, 0.2], [0.5, 0.2]]}},
+    "surface.spreading: must be a law of as many strips as the surface has, 4, got 3": {
+        "spreading": {"share": 0.5, "width_mm": 9, "location_offsets_mm": [0.1, 0, 0]}},
+    "surface.spreading.location_offsets_mm": {
+        "spreading": {"share": 0.5, "width_mm": 9, "location_offsets_mm": [0.1, 0, 0, 101]}},
     "surface.spreading_file: nowhere.yaml: ": {"spreading_file": "nowhere.yaml"},
     "surface.spreading_file: must be left out": {
         "spreading": {"share": 0.5, "width_mm": 9}, "spreading_file": "x.yaml"},
