@@ -155,7 +155,9 @@ def fit_spreading(skin: Skin, taps: SurfaceTaps, law: str = "strips") -> Spreadi
     keys = make(data, every, std)
     law_found = SpreadingKeys(share_std=round(std, 4), **keys).spreading()
     residual = (_expected(law_found, data) - data.share)[shown]
+    # Of locations, which are counted from port 1.
     offsets, along = _along(taps, shown)
+    offsets *= [-1.0 if strip.reversed else 1.0 for strip in skin.strips]
     found = SpreadingKeys(
         share_std=round(std, 4),
         location_std_mm=round(along, 3),

@@ -195,8 +195,8 @@ class SpreadingKeys:
     location_offsets_mm: tuple[float, ...] | None = key(
         Numbers(low=-100, high=100, optional=True),
         default=None,
-        doc="For each strip, in the order of y, by how much more than the x of a press it shows: "
-        "the error of where its port 1 is.",
+        doc="For each strip, in the order of y, by how much farther from its port 1 it shows a "
+        "press than this is: the error of where port 1 is.",
     )
     source: str | None = key(
         Text(limit=1000, optional=True), default=None, doc="Where the law comes from."

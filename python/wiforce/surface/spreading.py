@@ -33,7 +33,8 @@ class Spreading:
     location_std_mm : float
         Standard deviation of the location that a strip shows of a press, against the press's own.
     location_offsets_mm : tuple of float
-        What each strip shows too much of it on average; nothing where this is empty.
+        By how much too far from its port 1 each strip shows a press on average; nothing where this
+        is empty.
 
     Examples
     --------
@@ -76,7 +77,7 @@ class Spreading:
         return found
 
     def offset_mm(self, strip: int) -> float:
-        """Mean error of the x that a strip shows.
+        """Mean error of the location that a strip shows.
 
         Parameters
         ----------
