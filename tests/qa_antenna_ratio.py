@@ -18,7 +18,7 @@ from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from gnuradio.wiforce.simulation.simulator import simulate
-from wiforce_app.read import read_capture
+from wiforce_app.captures.recordings import read_capture
 
 SCENE = {
     "sensors": [{"name": "arm", "model": "line-900mhz-calibrated"}],
@@ -131,6 +131,7 @@ def test_survey_of_two_antennas_states_how_strong_the_tag_is(captures):
     )
 
 
+@pytest.mark.long
 def test_bursts_at_one_of_two_antennas_are_rejected(captures, interfered):
     clean, found = readings(*captures), readings(interfered, captures[1])
     assert [r.interference for r in found if not 0.16 < r.interference < 0.3] == []
@@ -205,6 +206,7 @@ def steady(scene, folder):
     return [(r, np.interp(r.time_s, times, force)) for r in found if r.time_s > 0.7]
 
 
+@pytest.mark.long
 def test_ratio_of_a_strong_tag_beside_an_unlisted_one_is_read(tmp_path):
     """The ratio is not linear in the tag, by more than ten times the noise; its deviation holds."""
     readings = steady(load_scene(ROOM), tmp_path)

@@ -102,6 +102,7 @@ def test_force_and_location_turn_the_ends_as_the_sensor_model_says():
         assert abs(np.angle(np.mean(seen / turn), deg=True)) < 0.2
 
 
+@pytest.mark.long
 def test_a_press_while_running_starts_where_the_stream_stands():
     tag = wiforce.backscatter_tag(**QUIET)
     probe = Probe(1_000_000, lambda: (tag.set_location_mm(30.0), tag.set_force_n(4.0)))

@@ -71,6 +71,7 @@ def test_the_interval_holds_the_median():
     assert _interval(np.arange(3)) == (0, 2)
 
 
+@pytest.mark.long
 def test_rows_and_latency_as_json():
     command = "gr-wiforce bench speed --json --runs 3 --megabytes 20 --latency-seconds 0.2"
     done = subprocess.run(

@@ -16,6 +16,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture import Capture, Segment, open_capture
 from gnuradio.wiforce.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene, scene_of
+from long_cases import cases
 
 # Frames of 320 samples at 1.25 Msps: a second of it is small and quickly read.
 SCENE = {
@@ -104,7 +105,7 @@ def test_scene_of_other_sensors_and_unreadable_scene_are_reported(press):
         scene_of(broken)
 
 
-@pytest.mark.parametrize("given", [640, 400, 720])
+@pytest.mark.parametrize("given", cases(400, long=(640, 720)))
 def test_read_wrong_frame_length_names_the_true_one(press, tmp_path, given):
     """Frames cut at the wrong places gave confident wrong readings."""
     output = tmp_path / "out.csv"
@@ -138,7 +139,7 @@ def test_read_faint_tag_is_read(tmp_path):
     assert len(readings) == 37 and (readings["flags"] != "").all()
 
 
-@pytest.mark.parametrize("content", ["noise", "silence", "floats"])
+@pytest.mark.parametrize("content", cases("noise", "silence", long=("floats",)))
 def test_read_without_frames_is_refused_with_a_hint(press, tmp_path, content):
     """A wrong datatype, rate or file gave an empty table and exit status 0."""
     rng, count = np.random.default_rng(1), 400_000

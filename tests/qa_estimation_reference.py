@@ -7,6 +7,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.average import AdaptiveAverage, SubcarrierAverage
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.reference import ConjugateDifference, subcarrier_weights
+from long_cases import cases
 from plain import WAVEFORM, T, errors_deg, make_air, make_plan, random_tag, run_chain, stated_deg
 from wiforce_app.bench.air import TagOnAir
 from wiforce_app.bench.chain import SnapshotChain
@@ -174,7 +175,9 @@ def test_average_over_no_group_is_refused():
         SubcarrierAverage(0)
 
 
-@pytest.mark.parametrize("gamma_db, group_length", [(-15, 625), (0, 625), (20, 625), (0, 125)])
+@pytest.mark.parametrize(
+    "gamma_db, group_length", cases((-15, 625), (0, 125), long=((0, 625), (20, 625)))
+)
 def test_ratios_stated_standard_deviation_matches_the_errors(gamma_db, group_length):
     """90 to 99 % of errors within two of them, and their size right on average."""
     groups = 12 * 625 // group_length

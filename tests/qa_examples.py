@@ -326,6 +326,7 @@ def test_headless_press_simulation_prints_applied_presses():
         assert np.median([float(w[2]) for w in near]) == pytest.approx(force_n, abs=FORCE_LIMIT_N)
 
 
+@pytest.mark.long
 def test_headless_two_sensors_prints_both_forces():
     lines = [line.split() for line in headless("two_sensors.py").splitlines()]
     for sensor, force_n in (("left", 3.0), ("right", 5.0)):
@@ -354,6 +355,7 @@ def test_headless_channel_and_doppler_prints_clock_offset():
     assert found == pytest.approx(40.0, abs=2.0)
 
 
+@pytest.mark.long
 def test_headless_paper_chain_prints_rotation_of_paper_only():
     lines = headless("paper_chain.py").splitlines()
     paper, ours = ([float(w) for w in line.split() if w[0] in "+-"] for line in lines)

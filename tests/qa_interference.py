@@ -21,6 +21,7 @@ from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.simulation.simulator import simulate
 from gnuradio.wiforce.wiforce_kernels import folded_reader
+from long_cases import cases
 from press_capture import SCENE, array_source
 
 FRAME = 720
@@ -374,7 +375,7 @@ def test_stream_with_interference_is_read_as_the_recording(
     assert_same(readings, read(scene, hit))
 
 
-@pytest.mark.parametrize("packet", [1, pytest.param(7, marks=LONG), 64])
+@pytest.mark.parametrize("packet", cases(1, 64, long=(7,)))
 def test_vectors_in_packets_carry_the_noise_of_each(press, bursty, packet):
     """However the scheduler divides the stream, the same snapshots must be rejected."""
     _, scene, _ = press

@@ -6,6 +6,7 @@ import csv
 import numpy as np
 import pytest
 from command_runs import run_command
+from long_cases import cases
 from second_simulator import write_case
 
 # Phase rms in degrees, median force error in newtons, median location error in millimetres.
@@ -37,7 +38,7 @@ def steady(truth, i):
     return all(row["touch"] == "1" for row in around) and np.ptp(forces) < 0.6
 
 
-@pytest.fixture(scope="module", params=LIMITS)
+@pytest.fixture(scope="module", params=cases("moving", "pair", long=("leaky", "faint")))
 def outcome(request, tmp_path_factory):
     """A case simulated, calibrated and read; its readings and truth by sensor."""
     folder = tmp_path_factory.mktemp(request.param)

@@ -134,6 +134,7 @@ def test_a_single_antenna_is_refused_with_the_reason(tmp_path):
         wiforce.load_scene(stated)
 
 
+@pytest.mark.long
 def test_no_tag_gives_no_clear_reading(tmp_path):
     """Noise must not be read as a press."""
     capture = capture_of(duration_s=8.0)

@@ -19,6 +19,7 @@ from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.weights import design_weights
 from gnuradio.wiforce.simulation.score import read_truth, score
 from gnuradio.wiforce.simulation.simulator import simulate
+from long_cases import cases
 
 T, TA = 57.6e-6, 20.48e-6
 
@@ -145,10 +146,10 @@ SECOND = {
 }
 
 
-@pytest.mark.parametrize("sections", [SHORT, SECOND], ids=["still", "moving"])
+@pytest.mark.parametrize("sections", cases(SECOND, long=(SHORT,)), ids=["moving", "still"])
 def test_expect_simulated_scene_gives_errors_of_readings(sections, tmp_path):
     from gnuradio.wiforce.io.capture import open_capture
-    from wiforce_app.read import read_capture
+    from wiforce_app.captures.recordings import read_capture
 
     scene = scene_of(**sections)
     expected = expect(plan(scene))[0]

@@ -9,12 +9,13 @@ import pytest
 from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.planning.advice import _all_clocks_changes
-from gnuradio.wiforce.planning.clock_lines import line_distances_hz, most_that_fit
+from gnuradio.wiforce.planning.clock_spacing import line_distances_hz, most_that_fit
 from gnuradio.wiforce.planning.clocks import assess_clocks
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.planning.proposed_clocks import propose_clocks
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.waveform import sounding_waveform
+from long_cases import cases
 
 WAVEFORM = sounding_waveform()
 STRONG = (1, 2, 4)
@@ -41,7 +42,7 @@ def scene_of(clocks_hz, group_length, **sections):
     return {"phase_group": {"snapshots": group_length}, "sensors": sensors, **sections}
 
 
-@pytest.mark.parametrize("group_length, tolerance_ppm", [(625, 100.0), (1250, 500.0)])
+@pytest.mark.parametrize("group_length, tolerance_ppm", cases((1250, 500.0), long=((625, 100.0),)))
 def test_propose_clocks_sixteen_tags_keep_strong_lines_two_bins_apart(group_length, tolerance_ppm):
     """Lines that meet because crystals are off by their tolerance would swap two sensors."""
     start = time.process_time()
@@ -70,7 +71,7 @@ def test_propose_clocks_twice_gives_the_same():
     assert propose_clocks(6, WAVEFORM, 625, taken=[1035.0]) == first
 
 
-@pytest.mark.parametrize("group_length", [63, 125, 250])
+@pytest.mark.parametrize("group_length", cases(125, long=(63, 250)))
 def test_propose_clocks_too_many_names_the_number_that_fits(group_length):
     """A user must learn how many sensors are possible, and get them when asking for so many."""
     with pytest.raises(InputError, match="longer phase groups") as caught:

@@ -14,6 +14,7 @@ import yaml
 from command_runs import run_command
 from gnuradio import wiforce
 from gnuradio.wiforce.errors import InputError
+from long_cases import cases
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +100,7 @@ def followed(command, output):
     return reading.returncode, said
 
 
-@pytest.mark.parametrize("follow", [False, True])
+@pytest.mark.parametrize("follow", cases(True, long=(False,)))
 def test_read_unreported_sample_loss_warns_of_shifted_timing(demo, read_args, tmp_path, follow):
     capture = cut(demo, tmp_path, 0)
     whole, lost = (demo[0] / "demo.sigmf-data").read_bytes(), 4 * (20 * 450_000 + 1234)

@@ -16,6 +16,7 @@ import yaml
 from command_runs import run_command
 from gnuradio import wiforce
 from gnuradio.wiforce.sensor import load_sensor, write_sensor
+from long_cases import cases
 from pyarrow import parquet
 from ros_clients import bag_messages
 
@@ -153,7 +154,9 @@ def test_simulate_output_that_is_its_scene_is_refused(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["press.truth.csv"]
 
 
-@pytest.mark.parametrize("number, status", [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    "number, status", cases((signal.SIGINT, 130), long=((signal.SIGTERM, 143),))
+)
 def test_read_interrupted_says_that_its_output_is_partial(tmp_path, number, status):
     """A script that is stopped at night must not take half a file for a whole one."""
     scene = {**SCENE, "simulation": {**SCENE["simulation"], "duration_s": 3.0, "presses": []}}

@@ -9,6 +9,7 @@ from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.noise import NoiseEstimate, Verdict
 from gnuradio.wiforce.io.readings import NUMBERS
 from gnuradio.wiforce.receiver import Receiver
+from long_cases import cases
 from plain import make_air
 from wiforce_app.bench.air import TagOnAir
 
@@ -131,7 +132,7 @@ def run(request):
     return plan, groups, tare_at, readings_of(plan, groups, 1, tare_at)
 
 
-@pytest.mark.parametrize("size", [7, pytest.param(64, marks=LONG), None], ids=["7", "64", "all"])
+@pytest.mark.parametrize("size", cases(7, None, long=(64,)), ids=["7", "all", "64"])
 def test_receiver_batches_of_any_size_give_equal_readings(run, size):
     plan, groups, tare_at, expected = run
     assert_equal(readings_of(plan, groups, size, tare_at), expected)

@@ -58,6 +58,7 @@ def test_undescribed_room_gives_no_confident_wrong_reading(name, cache, tmp_path
         assert "flags" not in failures(room, tally.summary())
 
 
+@pytest.mark.long
 def test_stream_of_compressing_receiver_is_corrected_like_a_recording(cache, tmp_path):
     """A program would read other forces live than from the recording of the same samples."""
     room = replace(room_named("iq-raw"), presses=PRESSES, duration_s=1.5)

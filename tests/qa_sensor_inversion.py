@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.sensor import calibrate, load_sensor, measure_vna
+from long_cases import cases
 from plain_search import Search
 from sensor_laws import LAWS, brute_force_inversion, wrap
 
@@ -40,7 +41,9 @@ def presses(count, seed=1, span=(1.5, 7.5), places=(21, 59)):
     return rng.uniform(*span, count), rng.uniform(*places, count), rng
 
 
-@pytest.mark.parametrize("name", ["line-900mhz-calibrated", "wiforce-2400mhz", "paper-900mhz"])
+@pytest.mark.parametrize(
+    "name", cases("line-900mhz-calibrated", long=("wiforce-2400mhz", "paper-900mhz"))
+)
 def test_search_over_a_fine_grid_finds_nothing_nearer(name):
     model = load_sensor(name)
     forces = np.arange(0.95, 9.5, 0.01)

@@ -14,6 +14,7 @@ from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
 from gnuradio.wiforce.stream import StreamReader
 from gnuradio.wiforce.wiforce_kernels import folded_reader
+from long_cases import cases
 from press_capture import array_source
 
 # A quarter of the usual rate costs a quarter of the time.
@@ -104,7 +105,7 @@ def assert_right(readings):
         assert abs(reading.location_mm - 37.0) < 0.3
 
 
-@pytest.mark.parametrize("input_type", ["sc16", "folded"])
+@pytest.mark.parametrize("input_type", cases("folded", long=("sc16",)))
 def test_stream_of_a_busy_room_is_read_as_its_recording(captures, input_type):
     """Live readings must not be worse than those of a recording of the same samples."""
     settings = wiforce.plan(SCENE)

@@ -11,6 +11,7 @@ import pytest
 from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.signal.symbols import read_symbol
+from long_cases import cases
 from waveform_captures import chirp
 
 
@@ -152,7 +153,7 @@ def test_every_command_refuses_a_symbol_alike(command, tmp_path):
     assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
 
 
-@pytest.mark.parametrize("length", [64, pytest.param(4096, marks=pytest.mark.long)])
+@pytest.mark.parametrize("length", cases(64, long=(4096,)))
 def test_damaged_files_are_refused_or_read_never_crash(length, tmp_path, long_run):
     """Any byte of a file may be wrong: what is accepted is a finite symbol."""
     rng = np.random.default_rng(2)

@@ -6,6 +6,7 @@ import pytest
 from gnuradio import wiforce
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.receiver import Receiver
+from long_cases import cases
 from plain import WAVEFORM
 
 K = len(WAVEFORM.bins)
@@ -277,7 +278,7 @@ def test_tag_silent_during_a_press_that_lasts_is_read_on():
     assert not wrong(pairs[96:]) and sum(not r.flags for _, r in pairs[96:116]) > 15
 
 
-@pytest.mark.parametrize("seed", [0, 3, *(pytest.param(n, marks=LONG) for n in (1, 2, 4, 5))])
+@pytest.mark.parametrize("seed", cases(3, long=(0, 1, 2, 4, 5)))
 def test_tare_at_any_moment_leaves_no_wrong_reading_without_a_flag(seed):
     rng = np.random.default_rng([seed, 7])
     bench, press = Bench(seed=seed), None

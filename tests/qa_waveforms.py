@@ -14,6 +14,7 @@ from gnuradio.wiforce.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.bound import phase_bound_deg
 from gnuradio.wiforce.signal.symbols import encode_symbol
+from long_cases import cases
 from second_simulator import Tag, write_vna
 from waveform_captures import Air, chirp, zadoff_chu
 
@@ -91,9 +92,7 @@ def held_to_the_bound(air, folder):
     return 10 * np.log10(np.mean((errors[steady] / bound) ** 2)), ratio
 
 
-@pytest.mark.parametrize(
-    "name", [*CASES, *(pytest.param(name, marks=pytest.mark.long) for name in MORE)]
-)
+@pytest.mark.parametrize("name", cases(*CASES, long=MORE))
 def test_symbol_given_as_a_file_is_read_at_its_bound_and_errors_are_as_stated(name, folder):
     """A user's own symbol must read as well as the physics allows, and say how well."""
     air, own = (CASES | MORE)[name], folder / name

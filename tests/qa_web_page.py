@@ -104,6 +104,7 @@ def test_page_shows_what_was_published(window, reader):
         reader.until(lambda: window.text("#run") == "run another", run="another")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("size", SIZES)
 def test_page_of_eight_sensors_fits_its_window(window, reader, size):
     window.resize(size)

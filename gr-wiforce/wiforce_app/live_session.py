@@ -64,7 +64,7 @@ class LiveSession:
             self.waveform, _FREE_SEARCHED_FRAMES if free else None, antennas
         )
         self.source = sample_receiver(
-            request.sample_rate_hz, request.frame_length, self.alignment, antennas
+            request.sample_rate_hz, self.waveform.frame_length, self.alignment, antennas
         )
         self._latest = deque(maxlen=_KEPT_BATCHES)
         self.reader = wiforce.reader(

@@ -8,9 +8,9 @@ from gnuradio.wiforce.estimation.off_state import estimate_off_reflection
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.scene import load_scene
 
+from .captures.recordings import read_capture
 from .options import sample_type
 from .progress import progress
-from .read import read_capture
 
 # Flags of groups in which the reflection is not constant.
 _UNSTEADY = {"gap", "transition", "moved"}

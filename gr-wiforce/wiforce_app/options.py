@@ -183,3 +183,22 @@ def worker_options(command):
     ):
         command = option(command)
     return command
+
+
+def refuse(options, rule):
+    """Refuse options that were given without reason.
+
+    Parameters
+    ----------
+    options : dict
+        Values by the names of the options; false where one was not given.
+    rule : str
+
+    Raises
+    ------
+    click.UsageError
+        Naming the first of them.
+    """
+    for option, value in options.items():
+        if value:
+            raise click.UsageError(f"{option} {rule}")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from gnuradio.wiforce.errors import InputError
 
 if TYPE_CHECKING:
-    from gnuradio.wiforce.scene.schema import Scene
+    from gnuradio.wiforce.scene.schema import Scene, Sounding
 
 
 # Time for which samples are collected, by the option --latency. Handling every packet by itself
@@ -42,12 +42,8 @@ class RadioRequest:
         Device arguments, of the receiver where ``tx_args`` names another transmitter.
     sample_rate_hz, center_frequency_hz : float
         In both directions.
-    waveform : str
-        Its name, or the file that its symbol came from.
-    frame_length : int
-        Samples per frame.
-    repeated : dict
-        The other keys of the scene's ``sounding``.
+    sounding : Sounding
+        The frame.
     amplitude : float
         Root of the mean preamble power of the transmitted signal, over full scale.
     tx_gain_db, rx_gain_db : float or None
@@ -77,9 +73,7 @@ class RadioRequest:
     args: str
     sample_rate_hz: float
     center_frequency_hz: float
-    waveform: str
-    frame_length: int
-    repeated: dict = dataclasses.field(default_factory=dict)
+    sounding: Sounding
     amplitude: float = 0.5
     tx_gain_db: float | None = None
     rx_gain_db: float | None = None
@@ -111,31 +105,20 @@ class RadioRequest:
         -------
         RadioRequest
         """
-        waveform = scene.waveform()
         return cls(
             args,
-            waveform.sample_rate_hz,
+            scene.radio.sample_rate_hz,
             scene.radio.center_frequency_hz,
-            waveform.name,
-            waveform.frame_length,
-            {
-                "symbol_length": scene.sounding.symbol_length,
-                "repetitions": scene.sounding.repetitions,
-                "averaged_repetitions": scene.sounding.averaged_repetitions,
-                "symbol": scene.sounding.symbol,
-            },
+            scene.sounding,
             antennas=scene.environment.receive_antennas,
             scene_name=str(scene.path or "scene"),
             **settings,
         )
 
     @property
-    def sounding(self) -> dict:
+    def frames(self) -> dict:
         """Parameters of the blocks that make and align frames."""
-        from gnuradio.wiforce.scene.schema import Sounding
-
-        stated = Sounding(waveform=self.waveform, frame_length=self.frame_length, **self.repeated)
-        return {"waveform": stated.waveform_at(self.sample_rate_hz), "item_type": "sc16"}
+        return {"waveform": self.sounding.waveform_at(self.sample_rate_hz), "item_type": "sc16"}
 
     def to_json(self) -> str:
         """The request as a line of text."""
@@ -144,4 +127,8 @@ class RadioRequest:
     @classmethod
     def from_json(cls, text: str) -> RadioRequest:
         """A request from :meth:`to_json`."""
-        return cls(**json.loads(text))
+        # Only the process of the device needs it.
+        from gnuradio.wiforce.scene.schema import Sounding
+
+        values = json.loads(text)
+        return cls(**values | {"sounding": Sounding(**values["sounding"])})

@@ -63,14 +63,14 @@ class RadioStreams:
         radio.collect(0 if packets else together, _RECEIVE_TIMEOUT_S)
         radio.source.set_min_output_buffer(_BUFFER_SAMPLES)
         if radio.sink is not None:
-            source = wiforce.sounding_source(amplitude=request.amplitude, **request.sounding)
+            source = wiforce.sounding_source(amplitude=request.amplitude, **request.frames)
             self._transmitted = source
             self._transmission.connect(source, radio.sink)
         self._alignment = None
         # Frames of a free-running transmitter are followed by the reader.
         self.aligned = request.aligned and not radio.starts_together and antennas == 1
         if self.aligned:
-            self._alignment = wiforce.frame_alignment(**request.sounding)
+            self._alignment = wiforce.frame_alignment(**request.frames)
             self._reception.connect(radio.source, self._alignment, self._sender)
         else:
             for antenna in range(antennas):

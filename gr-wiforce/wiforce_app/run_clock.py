@@ -3,33 +3,10 @@
 
 import time
 from collections.abc import Callable
-from datetime import datetime, timezone
 
 # The device's clock is compared again after this time: 25 ppm of it are 0.25 ms.
 _EVERY_S = 10.0
 _QUERIES = 3
-
-
-def utc_text(utc_s: float | None) -> str:
-    """UTC as ISO 8601 with microseconds; empty when unknown.
-
-    Parameters
-    ----------
-    utc_s : float or None
-        Seconds since 1970.
-
-    Returns
-    -------
-    str
-
-    Examples
-    --------
-    >>> utc_text(1.5), utc_text(None)
-    ('1970-01-01T00:00:01.500000Z', '')
-    """
-    if utc_s is None:
-        return ""
-    return datetime.fromtimestamp(utc_s, timezone.utc).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
 
 
 class ClockComparison:

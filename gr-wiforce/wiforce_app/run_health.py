@@ -11,10 +11,11 @@ from datetime import datetime, timezone
 from gnuradio.wiforce.estimation.sensor_readout import RETUNED
 from gnuradio.wiforce.estimation.touch import SILENT_S
 from gnuradio.wiforce.io.readings import Reading
+from gnuradio.wiforce.io.utc import written_utc
 
 from .live_session import LiveSession
 from .radio_keeper import OPENING, RECONNECTING, RUNNING
-from .run_clock import RunClock, utc_text
+from .run_clock import RunClock
 
 # Without samples for this long the device counts as lost; it sends packets every millisecond.
 _NO_SAMPLES_S = 1.0
@@ -212,7 +213,7 @@ class RunHealth:
         return {
             **surface,
             "run": self.run,
-            "time_utc": utc_text(time.time()),
+            "time_utc": written_utc(time.time()),
             "time_utc_uncertainty_s": self._clock.uncertainty_s,
             "time_s": session.time_s,
             "state": state,
@@ -228,7 +229,7 @@ class RunHealth:
         """What every reading carries besides its own columns: ``run`` and ``time_utc``."""
         self._follow_clock()
         utc_s = self._clock.utc_s(self.device_time_s(reading))
-        return {"run": self.run, "time_utc": utc_text(utc_s)}
+        return {"run": self.run, "time_utc": written_utc(utc_s)}
 
     def device_time_s(self, reading: Reading) -> float | None:
         """Device time at the centre of a reading's group; None when unknown."""

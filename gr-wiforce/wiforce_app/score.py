@@ -102,7 +102,7 @@ def _forces(capture, scene_path, datatype, sensor):
         from gnuradio.wiforce.io.capture import open_capture
         from gnuradio.wiforce.scene import scene_of
 
-        from .read import read_capture
+        from .captures.recordings import read_capture
 
         rows = []
         recording = open_capture(capture, datatype)

@@ -14,8 +14,8 @@ from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.recording import RecordingReader
 from gnuradio.wiforce.scene import scene_of
 
+from .captures.recordings import warn
 from .options import capture_scene, sample_type
-from .read import warn
 from .room_report import (
     changes_of,
     finding_rows,

@@ -20,8 +20,8 @@ from .estimation.recorded_frames import find_frames, first_frame, require_frames
 from .estimation.recorded_groups import RecordedGroups, RecordedRatio, first_frames
 from .estimation.survey import Survey
 from .io.capture import Capture, open_capture
-from .io.capture_files import second_antenna
-from .io.channel_snapshots import ChannelSnapshots, is_snapshots, open_snapshots
+from .io.capture_files import is_snapshots, second_antenna
+from .io.channel_snapshots import ChannelSnapshots, open_snapshots
 from .io.readings import COLUMNS, NUMBERS, GroupCounts, Reading
 from .planning.plan import Plan, PlanOrScene, as_plan
 from .planning.plan import plan as plan_of

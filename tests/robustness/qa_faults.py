@@ -138,6 +138,7 @@ def test_a_device_opened_again_is_flagged_even_where_nothing_seems_changed(path)
     assert len(flagged) > 25 and all(flagged[20:]) and sum(flagged[:20]) < 3
 
 
+@pytest.mark.long
 @pytest.mark.timeout(7200)
 def test_no_sequence_of_faults_gives_a_wrong_reading_without_a_flag(path, long_run):
     seeds = range(LONG_SEQUENCES if long_run else SEQUENCES)

@@ -10,6 +10,7 @@ import time
 import numpy as np
 import pytest
 from gnuradio import blocks, gr, wiforce
+from long_cases import cases
 
 READ = ("--scene", "scene.yaml")
 
@@ -25,7 +26,7 @@ def room_for(size):
     return lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", cases(0, long=(1, 2, 3)))
 def test_a_full_disk_keeps_every_whole_row_and_is_reported_in_one_line(sandbox, readings, seed):
     size = int(np.random.default_rng(seed).integers(len("".join(readings))))
     output = sandbox.folder / f"full{seed}.csv"

@@ -9,14 +9,14 @@ import fuzzing
 import numpy as np
 import pytest
 
-CASES, LONG_CASES = 50, 10_000
+CASES, LONG_CASES = 25, 10_000
 # What is not refused starts a process for the radio.
 LONG_RADIO_CASES = 500
 # Reading a capture takes longer than all else.
-FEWER = {"metadata": 8, "samples": 8, "snapshots": 25, "surface": 20, "spreading": 20, "radio": 6}
+FEWER = {"metadata": 8, "samples": 8, "snapshots": 12, "surface": 10, "spreading": 10, "radio": 6}
 # Readers leave their buffers behind: see "processes of their own" in docs/architecture.md.
 CASES_PER_PROCESS = {"metadata": 200, "samples": 200}
-PROCESSES, LONG_PROCESSES = 1, 100
+PROCESSES = 100
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -46,11 +46,12 @@ def test_a_broken_input_is_refused_in_one_line_or_read(tmp_path, name, long_run)
         assert (done.returncode, done.stdout) == (0, ""), done.stdout + done.stderr[-2000:]
 
 
+@pytest.mark.long
 @pytest.mark.timeout(3000)
 @pytest.mark.parametrize("name", fuzzing.KINDS)
-def test_a_process_ends_as_its_entry_function_does(name, long_run):
+def test_a_process_ends_as_its_entry_function_does(name):
     kind = fuzzing.kind_of(name)
-    for seed in range(LONG_PROCESSES if long_run else PROCESSES):
+    for seed in range(PROCESSES):
         arguments = kind.put(kind.broken(np.random.default_rng(seed)))
         done = subprocess.run(
             ["gr-wiforce", *arguments], capture_output=True, text=True, timeout=100

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 
+@pytest.mark.long
 @pytest.mark.timeout(300)
 def test_live_reader_with_whatever_happens_to_it_is_right_or_says_that_it_is_not():
     """A robot acts on readings without a flag, and on the state; nobody looks for weeks."""

@@ -8,6 +8,7 @@ import sys
 
 import numpy as np
 import pytest
+from long_cases import cases
 
 CONTROL, TX, FIFO = 49152, 49157, 49159
 SETTINGS_BASE, POKE, POKE_FIRMWARE = 0x7000, 3, 6
@@ -86,7 +87,7 @@ def test_device_is_usable_after_a_crafted_datagram(software_usrp, datagrams):
     assert samples_of_a_session(device) == 50_000
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", cases(0, long=(1,)))
 def test_device_with_a_scene_is_usable_after_any_register_writes(software_usrp, seed):
     rng = np.random.default_rng(seed)
     device = software_usrp("tabletop")

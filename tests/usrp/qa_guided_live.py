@@ -107,6 +107,7 @@ def calibrated(bench, tmp_path_factory, long_run):
     return Calibrated(bench, tmp_path_factory.mktemp("guided"), *plan)
 
 
+@pytest.mark.long
 @pytest.mark.timeout(1000)
 def test_guided_calibration_continues_after_it_was_killed(calibrated):
     """An hour of work would be lost with the battery."""

@@ -18,6 +18,7 @@ def test_delays_are_counted_from_when_the_device_sent_the_sample():
     assert delays_s(readings, sent, 0.006) == pytest.approx([0.04, -0.2])
 
 
+@pytest.mark.long
 def test_bench_live_measures_delay_of_readings_and_presses():
     command = ["gr-wiforce", "bench", "live", "--json", "--msps", "1.25", "--presses", "2"]
     run = subprocess.run(command, capture_output=True, text=True, timeout=100)

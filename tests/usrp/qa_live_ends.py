@@ -105,6 +105,7 @@ def test_live_device_gone_reports_and_keeps_readings(software_usrp, slow_scene, 
     assert len(rows_of(output)) > 15
 
 
+@pytest.mark.long
 def test_live_device_stalled_or_late_loses_nothing(software_usrp, slow_scene, tmp_path):
     """A second without a sample costs nothing, and a start that was missed is tried again; what
     came is recorded."""
@@ -137,6 +138,7 @@ def test_live_device_stalled_or_late_loses_nothing(software_usrp, slow_scene, tm
     assert recorded.samples / 2.5e6 > found["time_s"][-1]
 
 
+@pytest.mark.long
 def test_live_starts_and_stops_leave_nothing_open(slow_scene, slow_device, long_run):
     times = 5 if long_run else 2
     held, _ = run_session("repeated", slow_scene, f"{slow_device.args},{FRAMES}", times)

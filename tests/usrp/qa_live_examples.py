@@ -106,6 +106,7 @@ def test_example_transmit_uhd_sends_and_receives_nothing(device, scene):
     assert not status["rx_streaming"] and status["tx_underflows"] == 0
 
 
+@pytest.mark.long
 def test_example_two_readers_uhd_each_reads_its_own_sensor(device, scene, software_usrp, tmp_path):
     untouched = scene_file(tmp_path, [], 400, 0.3, **SLOW)
     other = software_usrp(untouched, speed=2)

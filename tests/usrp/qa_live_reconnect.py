@@ -147,6 +147,7 @@ def test_live_device_started_again_is_found_and_its_clock_does_not_matter(
     assert abs(utc_s - ended_s) < 5
 
 
+@pytest.mark.long
 def test_live_driver_killed_is_started_again(slow_scene, slow_device, tmp_path):
     """A driver may crash or be killed for its memory, with a packet half sent."""
     output = tmp_path / "out.csv"
@@ -237,6 +238,7 @@ def test_live_killed_reader_leaves_a_stopped_device_behind(slow_scene, slow_devi
     wait_until(lambda: streaming_s(slow_device) == 0.0, limit=30)  # the host has closed it
 
 
+@pytest.mark.long
 def test_live_blocked_output_is_not_taken_for_a_lost_device(slow_scene, slow_device):
     """A reader whose standard output nobody reads must not reset a working device."""
     with live(slow_device.args, slow_scene, *GAINS, "--reconnect") as process:

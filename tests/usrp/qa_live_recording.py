@@ -74,6 +74,7 @@ def test_live_recording_metadata_names_device_gains_and_loss(recorded):
     assert fields["wiforce:scene"]["sensors"][0]["name"] == "arm"
 
 
+@pytest.mark.long
 def test_live_killed_at_full_rate_keeps_all_but_the_last_second(software_usrp, tmp_path):
     scene = scene_file(tmp_path, [(0.9, 4.0, 6.0, 45.0)])
     device = software_usrp(scene)

@@ -87,6 +87,7 @@ def send_broken_requests(port, count, seed):
             count -= burst
 
 
+@pytest.mark.long
 @pytest.mark.timeout(3000)
 def test_live_fuzzed_requests_leave_readings_complete(slow_scene, slow_device, long_run):
     """Many requests to the first process, then some to each of the others."""

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from long_cases import cases
 
 EXAMPLES = Path("/usr/libexec/uhd/examples")
 
@@ -30,14 +31,14 @@ def counts(output):
     return {name: int(value) for name, value in re.findall(r"Num (.+?): +(\d+)", output)}
 
 
-@pytest.mark.parametrize("board, name", [("SBX", "SBX"), ("WBX", "WBX"), ("CBX", "CBX")])
-def test_uhd_find_and_probe_report_an_n210(software_usrp, board, name):
+@pytest.mark.parametrize("board", cases("SBX", long=("WBX", "CBX")))
+def test_uhd_find_and_probe_report_an_n210(software_usrp, board):
     device = software_usrp("--air", "cable", "--daughterboard", board)
     found = run("uhd_find_devices", f"--args={device.args}")
     assert f"addr: {device.address}" in found and "type: usrp2" in found
     probe = run("uhd_usrp_probe", f"--args={device.args}")
     assert "Mboard: N210r4" in probe
-    assert re.search(rf"RX Dboard: A\n.*ID: {name} ", probe), probe
+    assert re.search(rf"RX Dboard: A\n.*ID: {board} ", probe), probe
 
 
 def test_uhd_test_messages_all_reports_arrive(software_usrp):
@@ -92,7 +93,7 @@ def test_uhd_loopback_receives_what_is_transmitted(software_usrp, tmp_path):
     assert np.abs(x[1:] - x[:-1] * step).max() < 0.3 * 32767 * 2 * np.pi / 8192 * 2 + 2
 
 
-@pytest.mark.parametrize("frame", [1472, 8000])
+@pytest.mark.parametrize("frame", cases(8000, long=(1472,)))
 def test_uhd_benchmark_rate_at_full_rate_loses_nothing(software_usrp, frame):
     device = software_usrp("--air", "cable")
     arguments = f"{device.args},recv_frame_size={frame},send_frame_size={frame}"

@@ -91,6 +91,7 @@ def test_soapy_overflow_is_one_gap_of_the_samples_lost(runs):
     assert fields["wiforce:rx_gain_db"] == fields["wiforce:tx_gain_db"] == 15
 
 
+@pytest.mark.long
 def test_soapy_device_lost_is_opened_again_on_the_frames_that_it_had(
     software_usrp, slow_scene, tmp_path
 ):

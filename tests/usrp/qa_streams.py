@@ -6,6 +6,7 @@ import numpy as np
 import pmt
 import pytest
 from gnuradio import blocks, gr, uhd
+from long_cases import cases
 
 RATE = 12.5e6
 DELAY = 64  # samples at RATE: the default delay of the device
@@ -161,7 +162,7 @@ def test_stream_timed_bursts_arrive_at_their_sample_and_amplitude(software_usrp)
     assert device.command("status")["tx_late_packets"] == 0
 
 
-@pytest.mark.parametrize("rate", [25e6, 5e6, 100e6 / 12, 100e6 / 27])
+@pytest.mark.parametrize("rate", cases(25e6, 100e6 / 27, long=(5e6, 100e6 / 12)))
 def test_stream_amplitude_equal_at_every_kind_of_rate(software_usrp, rate):
     device = software_usrp("--air", "cable", "--delay-us", 0)
     # At some rates the driver doubles what it sends and so clips above 0.5.
@@ -185,7 +186,7 @@ def test_stream_tuning_offset_shifts_the_frequency(software_usrp):
     assert device.command("status")["tx_late_packets"] == 0
 
 
-@pytest.mark.parametrize("board", ["SBX", "CBX", "WBX"])
+@pytest.mark.parametrize("board", cases("SBX", long=("CBX", "WBX")))
 def test_device_carriers_and_gains_decoded_from_register_writes(software_usrp, board):
     device = software_usrp("--air", "cable", "--daughterboard", board)
     host = Host(device)

@@ -8,7 +8,6 @@ from pathlib import Path
 import click
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.readings import GroupCounts
-from gnuradio.wiforce.scene import load_scene
 
 from ..interrupts import Interrupted
 from ..log import PROGRAM, printable
@@ -54,6 +53,8 @@ def read_many(given, scene, output, form, again, jobs, scheduler, settings):
         For bad arguments, before anything is read.
     """
     if scene is not None:
+        from gnuradio.wiforce.scene import load_scene
+
         load_scene(scene)
     captures = find_captures(given, settings["datatype"])
     whole = _whole_file(output, form)

@@ -10,11 +10,6 @@ from pathlib import Path
 
 from gnuradio.wiforce.errors import OutputError
 from gnuradio.wiforce.io.readings import GroupCounts
-from gnuradio.wiforce.io.writers import open_writer
-from gnuradio.wiforce.planning.plan import plan
-from gnuradio.wiforce.scene import scene_of
-
-from ..provenance import fingerprint, provenance
 
 _UUID_DIGITS = len(uuid.uuid4().hex)
 # Longer than most metadata, and thousands of noisy samples.
@@ -102,7 +97,13 @@ def read_capture_file(job):
 
 
 def _read(job):
-    from ..read import open_reader, open_recording, warn, warn_of_end, warn_of_start
+    # In the process of a worker alone: the command, which sends jobs to it, starts faster without.
+    from gnuradio.wiforce.io.writers import open_writer
+    from gnuradio.wiforce.planning.plan import plan
+    from gnuradio.wiforce.scene import scene_of
+
+    from ..provenance import fingerprint, provenance
+    from .recordings import open_reader, open_recording, warn, warn_of_end, warn_of_start
 
     recording = open_recording(job.path, job.settings["datatype"])
     scene, differences = scene_of(recording, job.scene)

@@ -7,8 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.capture_files import SUFFIXES, second_antenna
-from gnuradio.wiforce.io.channel_snapshots import SUFFIX, is_snapshots
+from gnuradio.wiforce.io.capture_files import (
+    SNAPSHOTS_SUFFIX,
+    SUFFIXES,
+    is_snapshots,
+    second_antenna,
+)
 
 _META = ".sigmf-meta"
 
@@ -88,7 +92,7 @@ def _meant_by(argument, datatype):
         folder = Path(argument)
         named = []
         for file in sorted(_files_in(folder)):
-            stem = file.with_name(file.name.removesuffix(_META).removesuffix(SUFFIX))
+            stem = file.with_name(file.name.removesuffix(_META).removesuffix(SNAPSHOTS_SUFFIX))
             path = file if is_snapshots(file) else stem
             named.append(NamedCapture(stem.relative_to(folder).as_posix(), str(path)))
         captures = _without_second_antennas(named)
@@ -123,7 +127,9 @@ def _files_in(folder):
         raise InputError(error.filename, f"cannot be searched ({error.strerror})") from error
 
     for place, _, names in os.walk(folder, onerror=refuse):
-        yield from (Path(place) / name for name in names if name.endswith((_META, SUFFIX)))
+        yield from (
+            Path(place) / name for name in names if name.endswith((_META, SNAPSHOTS_SUFFIX))
+        )
 
 
 def _named(path, datatype):

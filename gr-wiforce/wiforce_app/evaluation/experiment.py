@@ -18,7 +18,7 @@ from gnuradio.wiforce.simulation.channel import AirChannel
 from gnuradio.wiforce.simulation.score import read_truth, score
 from gnuradio.wiforce.simulation.simulator import simulate
 
-from ..read import read_capture
+from ..captures.recordings import read_capture
 from .causes import OWN, other_causes, with_cause
 from .channels import snapshot_channels
 from .error_summary import calibration_bias_deg, summary

@@ -7,6 +7,7 @@ from pathlib import Path
 from ..errors import InputError
 
 SUFFIXES = (".sigmf-data", ".sigmf-meta")
+SNAPSHOTS_SUFFIX = ".npz"
 
 
 def recording_stem(name: str | Path, where: str) -> str:
@@ -92,3 +93,22 @@ def files_of(data: Path) -> tuple[Path, ...]:
     names = [f"{name}{suffix}" for name in (stem, second_antenna(stem)) for suffix in SUFFIXES]
     others = [path for path in map(Path, names) if path.exists() and path != data]
     return (data, *others)
+
+
+def is_snapshots(path: str | Path) -> bool:
+    """Whether a file is one of channel snapshots, by its name.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    bool
+
+    Examples
+    --------
+    >>> is_snapshots("press.npz"), is_snapshots("press.sigmf-data")
+    (True, False)
+    """
+    return Path(path).suffix.lower() == SNAPSHOTS_SUFFIX

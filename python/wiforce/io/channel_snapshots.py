@@ -14,7 +14,6 @@ import numpy as np
 
 from ..errors import InputError
 
-SUFFIX = ".npz"
 _KEYS = ("time_s", "channel", "subcarrier_hz")
 # Limits of what a file may hold: fewer subcarriers or packets give no reading, and no device has
 # more subcarriers (802.11be, 320 MHz) or antennas.
@@ -77,25 +76,6 @@ class ChannelSnapshots:
     def files(self) -> tuple[Path, ...]:
         """Files that it was read from."""
         return (self.path,)
-
-
-def is_snapshots(path: str | Path) -> bool:
-    """Whether a file is one of channel snapshots, by its name.
-
-    Parameters
-    ----------
-    path : str or Path
-
-    Returns
-    -------
-    bool
-
-    Examples
-    --------
-    >>> is_snapshots("press.npz"), is_snapshots("press.sigmf-data")
-    (True, False)
-    """
-    return Path(path).suffix.lower() == SUFFIX
 
 
 def open_snapshots(path: str | Path) -> ChannelSnapshots:

@@ -91,11 +91,9 @@ def _row(message: Any) -> dict[str, Any]:
         "flags": " ".join(message.flags),
         "group": None if message.group < 0 else message.group,
         "run": message.run,
-        "time_utc": _utc_text(message.header.stamp),
+        "time_utc": written_utc(_utc_s(message.header.stamp)),
     }
 
 
-def _utc_text(stamp: Any) -> str:
-    if not stamp.sec:
-        return ""
-    return written_utc(stamp.sec, stamp.nanosec // 1000)
+def _utc_s(stamp: Any) -> float | None:
+    return stamp.sec + stamp.nanosec / 1e9 if stamp.sec else None

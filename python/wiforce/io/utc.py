@@ -5,27 +5,27 @@ import re
 from datetime import datetime, timezone
 
 
-def written_utc(utc_s: int, microseconds: int = 0) -> str:
+def written_utc(utc_s: float | None) -> str:
     """Write a time.
 
     Parameters
     ----------
-    utc_s : int
-        Whole seconds since 1970.
-    microseconds : int, optional
-        The rest, 0 to 999 999.
+    utc_s : float or None
+        Seconds since 1970.
 
     Returns
     -------
     str
+        Empty for an unknown time.
 
     Examples
     --------
-    >>> written_utc(1769903999, 250000)
-    '2026-01-31T23:59:59.250000Z'
+    >>> written_utc(1769903999.25), written_utc(None)
+    ('2026-01-31T23:59:59.250000Z', '')
     """
-    time = datetime.fromtimestamp(utc_s, timezone.utc).replace(microsecond=microseconds)
-    return time.strftime("%Y-%m-%dT%H:%M:%S.%fZ")
+    if utc_s is None:
+        return ""
+    return datetime.fromtimestamp(utc_s, timezone.utc).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
 
 
 def parsed_utc(text: str) -> datetime:

@@ -22,7 +22,7 @@ from ..signal.lines import CLUTTER_MARGIN, tag_lines
 from ..signal.switching import harmonics
 from ..signal.waveform import Waveform
 from ..signal.weights import WORST_GAIN, design_weights
-from .clock_lines import LineTable, line_distances_hz, most_that_fit
+from .clock_spacing import LineTable, line_distances_hz, most_that_fit
 from .clocks import assess_clocks
 from .clutter_band import BANDS_HZ
 from .mains import lamp_distances_hz
