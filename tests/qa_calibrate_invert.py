@@ -82,6 +82,13 @@ def test_phases_that_cannot_be_are_refused_by_row(folder, tmp_path, content, mes
     assert len(done.stderr.splitlines()) == 1 and not (tmp_path / "o.csv").exists()
 
 
+def test_readings_of_a_surface_are_refused_with_the_alternative(folder, tmp_path):
+    (tmp_path / "r.csv").write_text("phase1_deg,phase2_deg,y_mm\n10,20,\n")
+    done = run_command("invert", tmp_path / "r.csv", "--sensor", folder / "s.yaml")
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert "holds readings of a surface" in done.stderr and "`gr-wiforce read`" in done.stderr
+
+
 @pytest.mark.parametrize(
     "change, message",
     [

@@ -168,6 +168,37 @@ BOOST_AUTO_TEST_CASE(
     BOOST_TEST(watch.decide() == 0);
 }
 
+BOOST_DATA_TEST_CASE(lost_samples_are_found_in_long_frames,
+                     data::make({ 1, 4096, 8191, 20481 }))
+{
+    // Five repetitions of a symbol of 4096 samples, and a guard as long as it.
+    constexpr int SYMBOL = 4096, FRAME = 6 * SYMBOL;
+    std::mt19937 random{ 5 };
+    std::normal_distribution<float> normal;
+    std::vector<fc32> frame(FRAME);
+    for (int i = 0; i < SYMBOL; i++)
+        frame[i] = { normal(random), normal(random) };
+    for (int i = SYMBOL; i < 5 * SYMBOL; i++)
+        frame[i] = frame[i - SYMBOL];
+    frame_watch watch(FRAME, 0);
+    std::uint64_t position = 0, place = 0;
+    int found = 0;
+    for (int decisions = 0; decisions < 5 && found == 0; decisions++) {
+        // What lies between two averages is not taken.
+        const auto skipped = watch.decision() - watch.averaged_samples() - position;
+        position += skipped;
+        place += skipped;
+        for (; position < watch.decision(); position++, place++) {
+            const fc32 value = frame[place % FRAME] + 0.5f * fc32(normal(random), 0);
+            watch.take(&value, 1, position);
+        }
+        found = watch.decide();
+        if (decisions == 1)
+            place += sample;
+    }
+    BOOST_TEST(found == FRAME - sample);
+}
+
 BOOST_AUTO_TEST_CASE(frames_too_long_to_be_searched_are_not_watched)
 {
     const fc32 one(1, 0);

@@ -89,6 +89,14 @@ def test_reading_message_unknown_values_are_nan_and_flags_stay():
     assert message.stamp_ns is None and wrench.topic == "/wiforce/arm/wrench_doubtful"
 
 
+def test_reading_message_of_a_surface_holds_y():
+    """Subscribers of the list of presses would otherwise have to derive it from a torque."""
+    message, _ = reading_messages(PRESS.row() | {"y_mm": 12.5, "y_std_mm": 0.2})
+    assert (message.fields["y_mm"], message.fields["y_std_mm"]) == (12.5, 0.2)
+    message, _ = reading_messages(PRESS.row())
+    assert math.isnan(message.fields["y_mm"]) and math.isnan(message.fields["y_std_mm"])
+
+
 def test_wrench_of_press_points_into_the_surface_and_holds_the_location():
     name, force_z, torque_y = wrench_of(PRESS)
     assert (name, force_z) == ("wrench", -4.0)

@@ -8,12 +8,18 @@ import yaml
 from command_runs import run_command
 from gnuradio.wiforce.io.writers import open_writer
 from gnuradio.wiforce.planning.plan import plan
+from skin_law import other_loads
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """A scene, taps at known points and their readings: what a user calibrates a skin with."""
-    folder, rng = tmp_path_factory.mktemp("surface"), np.random.default_rng(5)
+    folder = tmp_path_factory.mktemp("surface")
+    calibrate_in(folder, np.random.default_rng(5))
+    return folder
+
+
+def calibrate_in(folder, rng):
     (folder / "bare.yaml").write_text(yaml.safe_dump(made.scene()))
     taps = made.known_presses(rng)
     made.write_taps(folder / "taps.csv", taps)
@@ -28,7 +34,6 @@ def folder(tmp_path_factory):
     assert done.returncode == 0, done.stderr
     scene = made.scene(spreading_file="skin.yaml", presses=2)
     (folder / "scene.yaml").write_text(yaml.safe_dump(scene))
-    return folder
 
 
 @pytest.fixture(scope="module")
@@ -54,6 +59,21 @@ def test_presses_anywhere_are_read_within_five_percent_and_a_millimetre(settings
     # Flags would hide the errors of readings that a user must not trust.
     clear = [r for r in made.of_surface(readings) if not r.flags]
     assert len(clear) >= 0.95 * len(presses)
+
+
+@pytest.mark.long
+def test_another_skin_is_read_within_the_stated_uncertainty(tmp_path, monkeypatch):
+    """No figure of the reader may be that of one skin."""
+    monkeypatch.setattr(made, "strip_loads", other_loads)
+    calibrate_in(tmp_path, np.random.default_rng(6))
+    rng = np.random.default_rng(16)
+    presses = rng.uniform([4, 25, 0], [9, 55, 36], (500, 3))
+    readings = made.readings_of(plan(tmp_path / "scene.yaml"), presses[:, None].tolist(), rng)
+    error, std, _ = made.errors_of(made.of_surface(readings), presses)
+    assert len(error) == len(presses)
+    assert (np.abs(error) < 2 * std).mean(axis=0).min() >= 0.9
+    # Nor may it hide errors behind large uncertainties.
+    assert np.sqrt(np.mean((error / std) ** 2, axis=0)).min() > 0.5
 
 
 @pytest.mark.parametrize("lost", [1])
@@ -150,6 +170,10 @@ BAD = {
         "law": "table", "distance_mm": [0, 5], "shares": [0.5, 0.2, 0]}},
     "surface.spreading: must be a law of as many strips as the surface has, 4": {"spreading": {
         "law": "strips", "distance_mm": [0, 5], "strip_shares": [[0.5, 0.2], [0.5, 0.2]]}},
+    "surface.spreading: must be a law of as many strips as the surface has, 4, got 3": {
+        "spreading": {"share": 0.5, "width_mm": 9, "location_offsets_mm": [0.1, 0, 0]}},
+    "surface.spreading.location_offsets_mm": {
+        "spreading": {"share": 0.5, "width_mm": 9, "location_offsets_mm": [0.1, 0, 0, 101]}},
     "surface.spreading_file: nowhere.yaml: ": {"spreading_file": "nowhere.yaml"},
     "surface.spreading_file: must be left out": {
         "spreading": {"share": 0.5, "width_mm": 9}, "spreading_file": "x.yaml"},

@@ -67,6 +67,9 @@ def invert(phases, model, output, frequency_hz, std_deg, tracked, smoothed):
 
 def _read(path):
     header, rows = read_csv(path)
+    if "y_mm" in header:
+        rule = "holds readings of a surface, which are not computed from one sensor's phases: "
+        raise InputError(path, f"{rule}`gr-wiforce read` computes them from the capture")
     for column in _NEEDED:
         if column not in header:
             raise InputError(path, f"must have a column {column}", ", ".join(header))

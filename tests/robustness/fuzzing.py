@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 from gnuradio.wiforce import sensor as sensors
-from mutations import mutated, mutated_samples
+from mutations import mutated, mutated_arrays, mutated_samples
 from wiforce_app.main import main
 
 LIMIT_S = 10
@@ -91,7 +91,11 @@ SPREADING = {
     "distance_mm": [-12.0, 0.0, 12.0],
     "strip_shares": [[0.3, 0.7, 0.2], [0.2, 0.6, 0.3]],
     "share_std": 0.02,
+    "location_offsets_mm": [0.1, -0.2],
 }
+SYMBOL = {**SCENE, "sounding": {"waveform": "own.npy", "frame_length": 400}}
+# No radio: a device without channels, which every SoapySDR has.
+RADIO = "--args\ndriver=null,serial=7\n--rx-gain\n10\n--tx-gain\n5\n--bandwidth\n1000000\n"
 
 
 class Hang(BaseException):
@@ -118,15 +122,35 @@ class Kind:
     def broken(self, rng, of=None):
         """A broken version of the original, or of another input."""
         mutate = mutated_samples if self.file.suffix == ".bin" else mutated
+        # A damaged archive is refused as a whole: mostly, the arrays in it are broken.
+        if self.file.suffix in (".npy", ".npz") and rng.random() < 0.8:
+            return mutated_arrays(self.original, rng)
         return mutate(self.original if of is None else of, rng)
+
+    def put(self, data):
+        """Put a version where the command finds it; returns the arguments of the command."""
+        self.file.write_bytes(data)
+        return self.arguments
+
+
+class OptionsKind(Kind):
+    """Options of a command, a line each, in the place of a file.
+
+    What is read behind NUL or is no UTF-8 cannot be an argument, and is replaced.
+    """
+
+    def put(self, data):
+        words = data.decode(errors="replace").replace("\0", "").splitlines()
+        return (*self.arguments, *words)
 
 
 KINDS = ("scene", "sensor", "vna", "index", "touchstone", "phases", "metadata", "samples")
-KINDS += ("snapshots", "surface", "spreading", "taps")
+KINDS += ("snapshots", "surface", "spreading", "taps", "symbol", "radio")
 _READ = ("read", "-o", "out.csv", "--scene", "scene.yaml")
 _CALIBRATE = ("calibrate", "-o", "out.yaml", "--form", "cubic", "--length-mm", "10")
 _TOUCHSTONE = (*_CALIBRATE, "--frequency-hz", "900e6")
 _SKIN = ("calibrate", "--surface", "surface.yaml", "--readings", "shown.csv", "-o", "o.yaml")
+_CHECK = ("check", "--scene", "scene.yaml", "--driver", "soapy")
 _INVERT = ("invert", "-o", "out.jsonl", "--sensor")
 
 
@@ -146,6 +170,8 @@ def kind_of(name):
         "samples": lambda: Kind(
             "x.bin", "capture.sigmf-data", *_READ, "x.bin", "--datatype", "ci16_le"
         ),
+        "symbol": lambda: Kind("own.npy", "chirp.npy", "plan", "symbol.yaml"),
+        "radio": lambda: OptionsKind("options.txt", "radio.txt", *_CHECK),
         "snapshots": lambda: Kind("x.npz", "packets.npz", "read", "-o", "out.csv", "x.npz"),
     }[name]()
 
@@ -157,6 +183,11 @@ def prepare(folder):
     assert main(["simulate", str(folder / "scene.yaml"), str(folder / "capture")]) == 0
     (folder / "packets.yaml").write_text(yaml.safe_dump(PACKETS))
     assert main(["simulate", str(folder / "packets.yaml"), str(folder / "packets")]) == 0
+    (folder / "symbol.yaml").write_text(yaml.safe_dump(SYMBOL))
+    symbol = np.exp(1j * np.pi * np.arange(64) ** 2 / 64)
+    for name in ("chirp.npy", "own.npy"):
+        np.save(folder / name, symbol)
+    (folder / "radio.txt").write_text(RADIO)
     (folder / "x.sigmf-data").symlink_to("capture.sigmf-data")
     # A short line: the tables of its model are small, and soon built.
     line = replace(sensors.load_sensor("line-900mhz"), length_mm=10.0)
@@ -239,10 +270,10 @@ def check(kind, data):
 
     A busy machine may stop us for as long as LIMIT_S: what hangs must do so twice.
     """
-    kind.file.write_bytes(data)
+    arguments = kind.put(data)
     for last in (False, True):
         try:
-            return fault_of(*call(kind.arguments))
+            return fault_of(*call(arguments))
         except Hang as hang:
             if last:
                 return str(hang)

@@ -1,7 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Broken versions of a file: what a slip of the hand, a bad disk or malice makes of it."""
 
+import io
 import re
+import warnings
+
+import numpy as np
 
 _NUMBER = re.compile(rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _WORD = re.compile(rb"[A-Za-z_][\w-]*")
@@ -46,6 +50,51 @@ def mutated_samples(data, rng):
         else:
             del data[int(rng.choice([start, len(data) // 2, 3, 0])) :]
     return bytes(data)
+
+
+def mutated_arrays(data, rng):
+    """A ``.npy`` or ``.npz`` file (bytes) with arrays of other values, shapes, types or names."""
+    whole = np.load(io.BytesIO(data))
+    is_one = isinstance(whole, np.ndarray)
+    arrays = {"": whole} if is_one else dict(whole)
+    for _ in range(int(rng.choice([1, 1, 2]))):
+        name = sorted(arrays)[int(rng.integers(len(arrays)))]
+        arrays[name] = _other_array(arrays[name], rng)
+        if not is_one and rng.random() < 0.1:
+            arrays[_pick(("time_s", "channel", "subcarrier_hz", "other"), rng)] = arrays.pop(name)
+    stream = io.BytesIO()
+    if is_one:
+        np.save(stream, arrays[""])
+    else:
+        np.savez(stream, **arrays)
+    return stream.getvalue()
+
+
+_VALUES = (0, -1, 1, np.nan, np.inf, -np.inf, 1e-320, 1e30, 1e300, -1e300, 2**53, 0.5)
+_TYPES = ("f2", "f4", "f8", ">f8", "c8", "c16", "i1", "u8", "?", "S4", "U3", "M8[s]", "V8", "g")
+
+
+def _other_array(array, rng):
+    what = rng.integers(8)
+    with np.errstate(all="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            if what < 3 and array.size:
+                out = array.copy()
+                at = rng.integers(out.size, size=int(rng.choice([1, 3, out.size])))
+                out.reshape(-1)[at] = _pick(_VALUES, rng)
+                return out
+            if what == 3:
+                return array.astype(_pick(_TYPES, rng))
+            if what == 4:
+                return array[: int(rng.integers(len(array) + 1))]
+            if what == 5:
+                return array.reshape(_pick(((1, -1), (-1, 1), (-1,), (2, -1), (1, 1, 1, -1)), rng))
+            if what == 6:
+                return _pick((array[..., None], array.T, array[:0], array[::-1], array * 0), rng)
+            return _pick((np.array(7.0), np.array("text"), np.zeros((3, 0)), array[0]), rng)
+        except (ValueError, TypeError, OverflowError, IndexError):
+            return np.zeros(3)
 
 
 def _place(data, rng):

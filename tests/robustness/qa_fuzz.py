@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 CASES, LONG_CASES = 25, 10_000
+# What is not refused starts a process for the radio.
+LONG_RADIO_CASES = 500
 # Reading a capture takes longer than all else.
-FEWER = {"metadata": 8, "samples": 8, "snapshots": 12, "surface": 10, "spreading": 10}
+FEWER = {"metadata": 8, "samples": 8, "snapshots": 12, "surface": 10, "spreading": 10, "radio": 6}
 # Readers leave their buffers behind: see "processes of their own" in docs/architecture.md.
 CASES_PER_PROCESS = {"metadata": 200, "samples": 200}
 PROCESSES = 100
@@ -31,7 +33,8 @@ def prepared(tmp_path_factory):
 @pytest.mark.timeout(20_000)
 @pytest.mark.parametrize("name", fuzzing.KINDS)
 def test_a_broken_input_is_refused_in_one_line_or_read(tmp_path, name, long_run):
-    cases = LONG_CASES if long_run else FEWER.get(name, CASES)
+    most = LONG_RADIO_CASES if name == "radio" else LONG_CASES
+    cases = most if long_run else FEWER.get(name, CASES)
     at_once = min(CASES_PER_PROCESS.get(name, cases), cases)
     for seed in range(cases // at_once):
         # A process of its own: what it remembers must not come from the tests before.
@@ -49,8 +52,8 @@ def test_a_broken_input_is_refused_in_one_line_or_read(tmp_path, name, long_run)
 def test_a_process_ends_as_its_entry_function_does(name):
     kind = fuzzing.kind_of(name)
     for seed in range(PROCESSES):
-        kind.file.write_bytes(kind.broken(np.random.default_rng(seed)))
+        arguments = kind.put(kind.broken(np.random.default_rng(seed)))
         done = subprocess.run(
-            ["gr-wiforce", *kind.arguments], capture_output=True, text=True, timeout=100
+            ["gr-wiforce", *arguments], capture_output=True, text=True, timeout=100
         )
         assert fuzzing.fault_of(done.returncode, done.stderr) is None, f"{name} {seed}"

@@ -104,6 +104,38 @@ def test_soapy_lost_samples_never_give_a_wrong_unflagged_reading(played, tmp_pat
         assert lost == 0 or any(row["flags"] for row in near), name
 
 
+@pytest.mark.timeout(1200)
+def test_soapy_random_losses_without_times_never_give_a_wrong_unflagged_reading(
+    played, tmp_path, long_run
+):
+    """Nobody reports what is lost, and it may be any number of samples at any time."""
+    rng = np.random.default_rng(12)
+    symbol = 64
+    flagged = clear = 0
+    for batch in range(20 if long_run else 1):
+        runs, lost = [], []
+        for n in range(3 if long_run else 2):
+            at = np.sort(rng.uniform(0.35, 1.9, rng.integers(1, 4)) * RATE).astype(int)
+            any_number = rng.integers(1, 20_000, len(at))
+            special = rng.choice([1, FRAME, 2 * symbol, 9 * FRAME + 1, FRAME - 1], len(at))
+            count = np.where(rng.random(len(at)) < 0.5, any_number, special)
+            drops = ";".join(f"{a}:{c}" for a, c in zip(at, count, strict=True))
+            output = tmp_path / f"{batch}-{n}.csv"
+            arguments = f"time=0,drops={drops}"
+            runs.append(start(*played, arguments, "-o", output, "--duration", 1.9))
+            lost.append((output, drops, count.sum() / RATE))
+        statuses, said = run_session("refused", *map(json.dumps, runs))
+        assert statuses == [0] * len(runs), said
+        for output, drops, lost_s in lost:
+            rows = rows_of(output)
+            found = [(row["time_s"], wrong(row, lost_s)) for row in rows]
+            assert not [each for each in found if each[1]], drops
+            flagged += sum(bool(row["flags"]) for row in rows)
+            clear += sum(not row["flags"] for row in rows)
+    # A reader that flags everything would pass.
+    assert clear > flagged / 2, (clear, flagged)
+
+
 def test_soapy_unsuitable_radios_refused_in_one_line(played):
     cases = [
         (["full=0"], ["--args", "full-duplex", "not both"]),

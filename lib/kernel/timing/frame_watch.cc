@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 namespace gr::wiforce::kernel {
 
@@ -15,6 +16,10 @@ namespace {
 // repetitions leaves 0.64. Averages that correlate by SAME show the same frames.
 constexpr float IN_PLACE = 0.7f;
 constexpr float SAME = 0.8f;
+
+// Shifts of long frames at which the whole is compared. A part of the preamble is found
+// at each of its repetitions, and a chirp at some samples beside each.
+constexpr std::size_t COMPARED = 256;
 
 // |<a, b>|^2 of unit vectors, b delayed by `shift` samples.
 float match(const std::vector<fc32>& a, const std::vector<fc32>& b, std::size_t shift)
@@ -129,7 +134,7 @@ int frame_watch::find_shift(const profile& now) const
 {
     float best = SAME;
     int shift = 0;
-    for (std::uint64_t i = 1; i < d_length; i++) {
+    for (const std::uint64_t i : likely_shifts(now)) {
         const float value = match(now, d_reference, i);
         if (value > best) {
             best = value;
@@ -137,6 +142,42 @@ int frame_watch::find_shift(const profile& now) const
         }
     }
     return shift;
+}
+
+// All shifts of a frame of up to LONGEST_WHOLE samples; of a longer one those at which
+// the part of the reference with most energy is most similar.
+std::vector<std::uint64_t> frame_watch::likely_shifts(const profile& now) const
+{
+    std::vector<std::uint64_t> shifts(d_length - 1);
+    std::iota(shifts.begin(), shifts.end(), 1);
+    if (d_length <= LONGEST_WHOLE || shifts.size() <= COMPARED)
+        return shifts;
+    const std::uint64_t part = LONGEST_WHOLE * std::uint64_t(LONGEST_WHOLE) / d_length;
+    std::uint64_t first = 0;
+    float most = 0;
+    for (std::uint64_t start = 0; start + part <= d_length; start += part) {
+        float energy = 0;
+        for (std::uint64_t i = start; i < start + part; i++)
+            energy += std::norm(d_reference[i]);
+        if (energy > most) {
+            most = energy;
+            first = start;
+        }
+    }
+    profile twice(now);
+    twice.insert(twice.end(), now.begin(), now.end());
+    const profile wanted(d_reference.begin() + first, d_reference.begin() + first + part);
+    std::vector<float> found(d_length);
+    for (const std::uint64_t shift : shifts) {
+        const auto at = twice.begin() + first + shift;
+        found[shift] = match(profile(at, at + part), wanted, 0);
+    }
+    std::partial_sort(shifts.begin(),
+                      shifts.begin() + COMPARED,
+                      shifts.end(),
+                      [&](auto a, auto b) { return found[a] > found[b]; });
+    shifts.resize(COMPARED);
+    return shifts;
 }
 
 void frame_watch::restart(std::uint64_t position)

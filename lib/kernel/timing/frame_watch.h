@@ -18,12 +18,15 @@ namespace gr::wiforce::kernel {
  * in a row agree on it and contain nearly all of the energy.
  *
  * The search takes time by the square of the frame length, 2 ms for 720 samples and 0.2
- * s for LONGEST_FRAME: longer frames are not monitored.
+ * s for LONGEST_WHOLE. In longer frames, a part with most energy is searched for, and
+ * the whole frame is compared where it is found, which takes 0.2 s as well. Frames longer
+ * than LONGEST_FRAME, of which that part would be too short, are not monitored.
  */
 class frame_watch
 {
 public:
-    static constexpr int LONGEST_FRAME = 8192;
+    static constexpr int LONGEST_WHOLE = 8192;
+    static constexpr int LONGEST_FRAME = 16 * LONGEST_WHOLE;
 
     // The grid begins at position `origin`. Throws std::invalid_argument unless
     // frame_length >= 1.
@@ -60,6 +63,7 @@ private:
 
     profile average() const;
     int find_shift(const profile& now) const;
+    std::vector<std::uint64_t> likely_shifts(const profile& now) const;
     int judge(const profile& now);
 
     const std::uint64_t d_length;

@@ -23,6 +23,7 @@ from .coherence import CoherentResidual
 from .group_tones import GroupTones, power_of
 from .groups import Array, Groups
 from .least_squares import ToneModel
+from .long_symbols import LongSymbolNoise
 from .noise import STEP_GROUPS, NoiseEstimate, Verdict
 from .tracked_tag import TagClock, TrackedTag
 
@@ -91,6 +92,9 @@ class EndSeparator:
         profile = waveform.noise_profile if is_long else None
         self._noise = NoiseEstimate(self._model.group_period_s, profile)
         self._coherence = CoherentResidual(2 * len(tags))
+        self._long: LongSymbolNoise | None = None
+        if is_long and waveform.resolves_spread_lines:
+            self._long = LongSymbolNoise(waveform, 2 * len(tags))
         self._search = ClockSearch(self._model, self._noise, averaging_s)
         self._tracking = ClockTracking(self._model, self._noise, self._search)
         # The SNR is defined by line 1 of end 1.
@@ -169,8 +173,13 @@ class EndSeparator:
         noise = clocks.noise
         factors, disturbed = self._coherence.update(fit, noise.inverse)
         significant = np.where(noise.ratio > _SIGNIFICANT_RESIDUAL, noise.ratio, 1.0)
+        own = fit.gain * np.maximum(factors, significant[:, None])
+        if self._long is not None:
+            # What is spread over the subcarriers looks coherent, but does not change an end.
+            noisy, unsteady = self._long.update(fit, noise.inverse, significant[:, None])
+            own, disturbed = np.minimum(own, noisy), disturbed & unsteady
         stated, disturbed_tags = gain.copy(), np.zeros((len(groups), len(self._model.tags)), bool)
-        stated[:, fit.rows] *= np.maximum(factors, significant[:, None])
+        stated[:, fit.rows] = np.where(np.isfinite(gain[:, fit.rows]), own, np.inf)
         disturbed_tags[:, fit.rows[::2] // 2] = disturbed[:, ::2] | disturbed[:, 1::2]
         arrays = {
             **self._clock_arrays(clocks),
@@ -213,6 +222,8 @@ class EndSeparator:
         self._search.run(GroupTones.concatenate(latest))
         self._tracking.restart()
         self._coherence.reset()
+        if self._long is not None:
+            self._long.reset()
         for tag in self._model.tags:
             tag.waiting = [] if tag.tracker else list(latest)
 

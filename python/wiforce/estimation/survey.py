@@ -176,9 +176,8 @@ class Survey:
         The light of lamps is reflected on a few paths, and thus nearly alike on all subcarriers.
         The average over K of them divides white noise by K, but hardly that. Other lines, and what
         is broader, may be the noise of the tag's own clock: to suppress it further would cost more
-        of the tag's lines than it gains. So would suppressing lamps whose lines coincide with
-        those of a tag: they fall as the tag's do, so that the weak ones, which the noise hides,
-        disturb as much as the others.
+        of the tag's lines than it gains. So would lamps on the lines of a tag: both fall alike, so
+        that the weak lines, which the noise hides, disturb as much as the others.
 
         Parameters
         ----------

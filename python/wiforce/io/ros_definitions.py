@@ -47,6 +47,9 @@ float64 force_n
 float64 force_std_n
 float64 location_mm
 float64 location_std_mm
+# Of a surface: position across its strips, with standard deviation; location_mm is x.
+float64 y_mm
+float64 y_std_mm
 # Phases of the reflections at both ports.
 float64 phase1_deg
 float64 phase2_deg

@@ -17,7 +17,7 @@ _WORTHWHILE_DB = 3.0
 # Repetitions whose differences show interference, and longest frames whose timing is monitored
 # (lib/kernel/timing/frame_watch.h).
 _LEAST_COMPARED = 2
-_LONGEST_MONITORED = 8192
+_LONGEST_MONITORED = 131072
 
 
 @dataclass(frozen=True)

@@ -213,10 +213,11 @@ def surface_violations(scene: "Scene") -> Iterator[tuple[str, str, Any] | tuple[
     except InputError as error:
         yield "surface.spreading_file", str(error)
         return
-    if law is not None and law.strip_shares and len(law.strip_shares) != len(surface.strips):
-        rule = f"must be a law of as many strips as the surface has, {len(surface.strips)}"
-        where = "surface.spreading_file" if surface.spreading is None else "surface.spreading"
-        yield where, rule, len(law.strip_shares)
+    for of_strips in (law.strip_shares, law.location_offsets_mm) if law is not None else ():
+        if of_strips and len(of_strips) != len(surface.strips):
+            rule = f"must be a law of as many strips as the surface has, {len(surface.strips)}"
+            where = "surface.spreading_file" if surface.spreading is None else "surface.spreading"
+            yield where, rule, len(of_strips)
     skin = bare_skin(scene)
     assert skin is not None
     if skin.x_span_mm[0] >= skin.x_span_mm[1]:

@@ -20,9 +20,9 @@ _PER_SPACING = 3
 # A law of least complexity: second differences of the shares have this standard deviation. Those
 # of a plate on a foundation, at a third of a spacing, are 0.01 to 0.05.
 _BEND = 0.05
-# A law through taps every 3 mm misses the shares between them by so much, whatever their scatter
-# (tests/qa_surface_captures.py).
-_LEAST_STD, _LEAST_LOCATION_MM = 0.0125, 0.05
+# Where the noise of the strips hides what the law errs by: 2 cN of a press of 10 N, and a fifth of
+# a scale division of 0.1 mm.
+_LEAST_STD, _LEAST_LOCATION_MM = 0.002, 0.02
 # Behind its last point a table is 0, so its end must be.
 _END_STD = 0.003
 _LEAST_SHARES = 6
@@ -146,7 +146,7 @@ def fit_spreading(skin: Skin, taps: SurfaceTaps, law: str = "strips") -> Spreadi
         if law == "strips" and own.sum() < _LEAST_PER_STRIP:
             rule = f"must press each strip {_LEAST_PER_STRIP} times or more, or --law table be used"
             raise InputError("taps", f"{rule}; strip '{strip.sensor}'", int(own.sum()))
-    most = skin.onset_force_n / taps.force_n[:, None]
+    most = skin.untouched_below_n / taps.force_n[:, None]
     data = _Data(distance, np.nan_to_num(share), np.nan_to_num(noise), shown, taps.untouched, most)
     make, std = _FAMILIES[law](skin.spacing_mm, data), 0.02
     every = np.ones(len(taps), bool)
@@ -155,12 +155,29 @@ def fit_spreading(skin: Skin, taps: SurfaceTaps, law: str = "strips") -> Spreadi
     keys = make(data, every, std)
     law_found = SpreadingKeys(share_std=round(std, 4), **keys).spreading()
     residual = (_expected(law_found, data) - data.share)[shown]
-    off = np.where(shown, taps.strip_x_mm - taps.x_mm[:, None], 0.0)
-    own_mm2 = np.where(shown, taps.strip_x_std_mm, 0.0) ** 2
-    along = float(np.sqrt(max((off**2 - own_mm2)[shown].mean(), _LEAST_LOCATION_MM**2)))
-    found = SpreadingKeys(share_std=round(std, 4), location_std_mm=round(along, 3), **keys)
+    # Of locations, which are counted from port 1.
+    offsets, along = _along(taps, shown)
+    offsets *= [-1.0 if strip.reversed else 1.0 for strip in skin.strips]
+    found = SpreadingKeys(
+        share_std=round(std, 4),
+        location_std_mm=round(along, 3),
+        location_offsets_mm=tuple(offsets.round(3).tolist()),
+        **keys,
+    )
     rms = float(np.sqrt(np.mean(residual**2)))
     return SpreadingFit(found, count, int(taps.untouched.sum()), rms)
+
+
+def _along(taps: SurfaceTaps, shown: NDArray[np.bool_]) -> tuple[Array, float]:
+    """By how much each strip shows too large an x, and the standard deviation of the rest."""
+    off = np.where(shown, taps.strip_x_mm - taps.x_mm[:, None], 0.0)
+    count = shown.sum(axis=0)
+    offsets = off.sum(axis=0) / np.maximum(count, 1)
+    # Of a tap that is left out of the mean.
+    rest = np.where(shown, off - offsets, 0.0) * (count / np.maximum(count - 1, 1))
+    own_mm2 = np.where(shown, taps.strip_x_std_mm, 0.0) ** 2
+    excess = float((rest**2 - own_mm2)[shown].mean())
+    return offsets, max(excess, _LEAST_LOCATION_MM**2) ** 0.5
 
 
 @dataclass(frozen=True)

@@ -219,7 +219,7 @@ class SurfaceEstimator:
             own = StripProfile(
                 own.force_n,
                 own.log_weight,
-                np.asarray(strip.x_of(own.location_mm)),
+                np.asarray(strip.x_of(own.location_mm - self.skin.spreading.offset_mm(i))),
                 own.variance_mm2,
             )
             profiles.append(_spread_out(own, rows, len(phases)))

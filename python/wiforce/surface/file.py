@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Spreading laws in scene files and in files of their own."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -192,12 +192,22 @@ class SpreadingKeys:
         default=_LOCATION_STD_MM,
         doc="Standard deviation of the location that a strip shows, against that of the press.",
     )
+    location_offsets_mm: tuple[float, ...] | None = key(
+        Numbers(low=-100, high=100, optional=True),
+        default=None,
+        doc="For each strip, in the order of y, by how much farther from its port 1 it shows a "
+        "press than this is: the error of where port 1 is.",
+    )
     source: str | None = key(
         Text(limit=1000, optional=True), default=None, doc="Where the law comes from."
     )
 
     def spreading(self) -> Spreading:
         """The law itself."""
+        law = self._law()
+        return replace(law, location_offsets_mm=self.location_offsets_mm or ())
+
+    def _law(self) -> Spreading:
         errors = self.share_std, self.location_std_mm
         if self.law == "gaussian":
             assert self.share is not None and self.width_mm is not None
@@ -207,7 +217,7 @@ class SpreadingKeys:
             assert self.strip_shares is not None
             columns = zip(*self.strip_shares, strict=True)
             mean = tuple(sum(column) / len(column) for column in columns)
-            return StripSpreading(self.distance_mm, mean, *errors, self.strip_shares)
+            return StripSpreading(self.distance_mm, mean, *errors, of_strips=self.strip_shares)
         assert self.shares is not None
         return Spreading(self.distance_mm, self.shares, *errors)
 

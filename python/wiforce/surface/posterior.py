@@ -272,7 +272,7 @@ class SurfacePosterior:
         dx = summary.x_mm[:, None] - x[..., None]
         squares = (a * df**2 + 2 * b * df * dx + c * dx**2).sum(axis=-1)
         std = np.hypot(self._strip_std(force)[..., None], _ONSET_STD_N)
-        above = (shares * force[..., None] - self._skin.onset_force_n) / std
+        above = (shares * force[..., None] - self._skin.untouched_below_n) / std
         above = np.maximum(above, 0) * evidence.untouched[:, None]
         return squares + (above**2).sum(axis=-1), (above > 0).sum(axis=-1)
 
@@ -284,7 +284,7 @@ class SurfacePosterior:
         spread = self._skin.spreading.location_std_mm**2
         for i, strip_y in enumerate(self._skin.y_mm):
             borne = self._skin.spreading.share_of(i, y - strip_y) * safe
-            onset = self._skin.onset_force_n[i]
+            onset = self._skin.untouched_below_n[i]
             if (rows := np.flatnonzero(evidence.untouched[:, i])).size:
                 below = (onset - borne[rows]) / np.hypot(std[rows], _ONSET_STD_N)
                 total[rows] += log_ndtr(below)

@@ -16,6 +16,10 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+# Share of the least calibrated force up to which an onset counts as assumed (sensor/calibration.py
+# assumes half).
+_ASSUMED_ONSET = 0.501
+
 
 @dataclass(frozen=True)
 class Strip:
@@ -97,6 +101,20 @@ class Skin:
     def onset_force_n(self) -> Array:
         """Force at which each strip is first shorted."""
         return np.array([strip.model.onset_force_n for strip in self.strips])
+
+    @property
+    def untouched_below_n(self) -> Array:
+        """Force below which each strip lies where it is untouched.
+
+        This is the onset. Where a calibration has no sweeps that start before the contact, the
+        onset is assumed to be half the least calibrated force: then it is that force, since an
+        onset which is too low would exclude presses that the strip does not show.
+        """
+        bounds = []
+        for strip in self.strips:
+            onset, least = strip.model.onset_force_n, strip.model.force_span_n[0]
+            bounds.append(least if onset <= _ASSUMED_ONSET * least else onset)
+        return np.array(bounds)
 
     @property
     def spacing_mm(self) -> float:

@@ -32,6 +32,9 @@ class Spreading:
         reading.
     location_std_mm : float
         Standard deviation of the location that a strip shows of a press, against the press's own.
+    location_offsets_mm : tuple of float
+        By how much too far from its port 1 each strip shows a press on average; nothing where this
+        is empty.
 
     Examples
     --------
@@ -44,6 +47,7 @@ class Spreading:
     shares: tuple[float, ...]
     share_std: float
     location_std_mm: float
+    location_offsets_mm: tuple[float, ...] = ()
 
     @cached_property
     def _curve(self) -> "PchipInterpolator":
@@ -72,6 +76,20 @@ class Spreading:
         found: Array = np.where(distance <= last, self._curve(np.minimum(distance, last)), 0.0)
         return found
 
+    def offset_mm(self, strip: int) -> float:
+        """Mean error of the location that a strip shows.
+
+        Parameters
+        ----------
+        strip : int
+            Index in the order of y.
+
+        Returns
+        -------
+        float
+        """
+        return self.location_offsets_mm[strip] if self.location_offsets_mm else 0.0
+
     def share_of(self, strip: int, distance_mm: ArrayLike) -> Array:
         """Share of one strip; here that of any.
 
@@ -99,7 +117,7 @@ class StripSpreading(Spreading):
         y of a press less that of the strip, rising.
     shares : tuple of float
         Mean of the strips' curves.
-    share_std, location_std_mm : float
+    share_std, location_std_mm, location_offsets_mm
         As for :class:`Spreading`.
     of_strips : tuple of tuple of float
         Share of each strip at each distance.
@@ -107,7 +125,8 @@ class StripSpreading(Spreading):
     Examples
     --------
     >>> law = StripSpreading(
-    ...     (-12.0, 0.0, 12.0), (0.2, 0.6, 0.2), 0.02, 0.3, ((0.3, 0.7, 0.2), (0.1, 0.5, 0.2)))
+    ...     (-12.0, 0.0, 12.0), (0.2, 0.6, 0.2), 0.02, 0.3,
+    ...     of_strips=((0.3, 0.7, 0.2), (0.1, 0.5, 0.2)))
     >>> law.share_of(0, [0.0, -12.0]).tolist(), law.share(0.0).tolist()
     ([0.7, 0.3], 0.6)
     """
