@@ -140,6 +140,7 @@ def test_bursts_at_one_of_two_antennas_are_rejected(captures, interfered):
         assert np.abs(wrap_deg(np.subtract(got, want))).max() < 0.5
 
 
+@pytest.mark.long
 def test_antenna_ratio_stream_with_bursts_is_read_as_the_recording(captures, interfered):
     _, scene = captures
     found, flowgraph, ratio = [], gr.top_block(), wiforce.antenna_ratio()

@@ -128,7 +128,8 @@ EIGHT = (1000, 1400, 1790, 820, 1180, 1610, 1930, 1100)
 SIXTEEN = (435, 765, 1660, 585, 645, 705, 1595, 495, 930, 1800, 1230, 1470, 1050, 1920, 1350, 1110)
 
 
-@pytest.mark.parametrize("clocks", [EIGHT, pytest.param(SIXTEEN, marks=LONG)], ids=len)
+@pytest.mark.long
+@pytest.mark.parametrize("clocks", [EIGHT, SIXTEEN], ids=len)
 def test_screen_takes_edges_of_many_tags_for_bursts_only_among_bursts(clocks, tmp_path):
     """Eight tags raise all differences in 3 % of the snapshots, sixteen in 12 %."""
     scene = scene_of(clocks, snr_db=15, duration_s=0.54)

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from long_cases import cases
 from rooms import effects, radio, reflections
 from rooms.judge import failures, judge
 from rooms.rooms import ROOMS, Capture, Room, mixture, room_named, scene_of
@@ -251,7 +252,7 @@ def test_receiver_effects_have_their_sizes():
     assert np.allclose(np.abs(offset - block), 0.025)
 
 
-@pytest.mark.parametrize("name", [*ROOMS, *(f"mixture-{i}" for i in range(10))])
+@pytest.mark.parametrize("name", cases(*(f"mixture-{i}" for i in range(10)), long=ROOMS))
 def test_capture_fits_the_converter(name, tmp_path):
     """Clipping that no room states would be one more effect; a low level would be quantized."""
     room = room_named(name)

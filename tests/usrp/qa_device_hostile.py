@@ -78,8 +78,8 @@ STREAM = [poke(39, 100), poke(32, 0xE0000001), poke(33, 0), poke(34, 0)]
 
 @pytest.mark.parametrize(
     "datagrams",
-    [FIRMWARE, EEPROMS, GPSDO, [*TIME, *STREAM]],
-    ids=["firmware", "eeprom", "gpsdo", "time"],
+    cases([*TIME, *STREAM], long=(FIRMWARE, EEPROMS, GPSDO)),
+    ids=["time", "firmware", "eeprom", "gpsdo"],
 )
 def test_device_is_usable_after_a_crafted_datagram(software_usrp, datagrams):
     device = software_usrp("--air", "cable")

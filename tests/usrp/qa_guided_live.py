@@ -189,6 +189,7 @@ def test_help_states_the_defaults_of_the_plan(capsys):
     assert f"with--live{RULER_STD_MM:g}." in shown
 
 
+@pytest.mark.long
 def test_interrupted_session_ends_in_order_and_is_kept(bench, tmp_path):
     """The device would be left transmitting, or the work lost."""
     with bench.person(tmp_path / "arm.yaml") as person:

@@ -31,6 +31,7 @@ from live_runs import (
 KILLS, LONG_KILLS = 2, 100
 
 
+@pytest.mark.long
 @pytest.mark.timeout(3000)
 def test_live_killed_at_any_moment_keeps_all_but_the_last_second_and_runs_again(
     slow_scene, slow_device, tmp_path, long_run

@@ -229,6 +229,7 @@ def test_live_restart_appends_to_the_readings_and_reports_to_systemd(
     assert len(starts) == 2 and starts[1] > 15
 
 
+@pytest.mark.long
 def test_live_killed_reader_leaves_a_stopped_device_behind(slow_scene, slow_device):
     """An N210 would send samples to nobody, and a transmitter stay on the air."""
     with live(slow_device.args, slow_scene, *GAINS) as process:

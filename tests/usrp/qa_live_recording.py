@@ -36,6 +36,7 @@ def recorded(tmp_path_factory):
     return scene, folder / "run", readings
 
 
+@pytest.mark.long
 def test_live_onset_reported_within_a_tenth_of_a_second(recorded):
     _, _, readings = recorded
     # The force rises from 0 to 4 N in 0.7 .. 0.8 s, and shorts the line from 0.9 N on. The group

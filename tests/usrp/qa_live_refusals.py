@@ -6,9 +6,10 @@ import socket
 
 import pytest
 from live_runs import command, run_session, scene_of
+from long_cases import cases
 
 
-@pytest.mark.parametrize("name", ["live", "check"])
+@pytest.mark.parametrize("name", cases("live", long=("check",)))
 def test_live_and_check_without_device_name_alternatives(name):
     status, out, said = command(name, "--scene", "demo", "--args", "addr=127.0.0.254")
     assert (status, out) == (2, "") and said.count("\n") == 1

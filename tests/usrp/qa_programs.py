@@ -41,6 +41,7 @@ def test_uhd_find_and_probe_report_an_n210(software_usrp, board):
     assert re.search(rf"RX Dboard: A\n.*ID: {board} ", probe), probe
 
 
+@pytest.mark.long
 def test_uhd_test_messages_all_reports_arrive(software_usrp):
     device = software_usrp("--air", "cable", speed=10)
     arguments = ["--args", device.args, "--test-chain", "--ntests", 20]

@@ -78,6 +78,7 @@ def wrong(row, lost_s):
     return None
 
 
+@pytest.mark.long
 def test_soapy_lost_samples_never_give_a_wrong_unflagged_reading(played, tmp_path, long_run):
     """Without times, frames and the tag's clock show what was lost."""
     chosen = LOSSES if long_run else QUICK

@@ -53,6 +53,7 @@ def record(args, count, path):
     return values, recorder.times()
 
 
+@pytest.mark.long
 def test_stream_ten_million_samples_at_full_rate_all_correct(software_usrp, tmp_path):
     device = software_usrp("--air", "counter")
     values, times = record(device.args, 10_000_000, tmp_path / "ramp")
