@@ -292,16 +292,18 @@ def test_automatic_clutter_band_costs_a_tenth_of_a_db_at_most(clock_hz, snapshot
 
 
 @pytest.mark.parametrize(
-    ("surveyed_snr_db", "std_deg", "flagged"),
+    ("surveyed_snr_db", "in_lamps", "std_deg", "flagged"),
     [
-        (10.0, 2.0, True),
-        (10.0, 0.2, False),
-        (3.0, 2.0, False),
-        (-np.inf, 2.0, False),
-        (None, 2.0, False),
+        (10.0, False, 2.0, True),
+        (10.0, False, 0.2, False),
+        (3.0, False, 2.0, False),
+        (-np.inf, False, 2.0, False),
+        (None, False, 2.0, False),
+        (None, True, 2.0, True),
+        (None, True, 0.9, False),
     ],
 )
-def test_noise_on_the_lines_alone_is_flagged(surveyed_snr_db, std_deg, flagged):
+def test_noise_on_the_lines_alone_is_flagged(surveyed_snr_db, in_lamps, std_deg, flagged):
     """A stronger tag on nearly the same clock takes the place of ours: no touch, and no flag."""
     none = np.zeros((1, 2), bool)
     groups = Groups(
@@ -317,7 +319,12 @@ def test_noise_on_the_lines_alone_is_flagged(surveyed_snr_db, std_deg, flagged):
         reshaped=none,
     )
     readout = SensorReadout(
-        load_sensor("line-900mhz"), 900e6, 0j, 0.036, surveyed_snr_db=surveyed_snr_db
+        load_sensor("line-900mhz"),
+        900e6,
+        0j,
+        0.036,
+        surveyed_snr_db=surveyed_snr_db,
+        in_lamps=in_lamps,
     )
     found = readout.read(groups, sensor=0)
     assert bool(found["flags"][0] & Flag.INCONSISTENT.value) == flagged

@@ -14,7 +14,7 @@ from gnuradio.wiforce.planning.findings import findings, level_reference
 from gnuradio.wiforce.planning.other_clock import other_clock_hz
 from gnuradio.wiforce.planning.plan import Plan, plan
 from gnuradio.wiforce.planning.reference_survey import survey_reference
-from gnuradio.wiforce.planning.room import adapted, added_noise, room_noise_of_tones
+from gnuradio.wiforce.planning.room import adapted, added_noise, expecting_snr, room_noise_of_tones
 from gnuradio.wiforce.signal.room_noise import room_noise
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from gnuradio.wiforce.signal.weights import design_weights
@@ -476,3 +476,11 @@ def test_lamps_on_lines_of_a_tag_count_once(clock_hz, counts):
     survey = survey_channel(room(lamps(50, 4.0)), WAVEFORM, [TagClock(clock_hz)])
     (source,) = [source for source in survey.sources if source.kind == "lamps"]
     assert survey.weight(source, 625) == counts
+
+
+def test_plan_names_the_tags_whose_lines_are_those_of_lamps(own_plan):
+    settings = replace(own_plan, clocks=(TagClock(1000.0), TagClock(1040.0)))
+    survey = survey_channel(room(lamps(50, 4.0)), WAVEFORM, settings.clocks)
+    assert expecting_snr(settings, survey).in_lamps == (True, False)
+    quiet = survey_channel(room(), WAVEFORM, settings.clocks)
+    assert expecting_snr(settings, quiet).in_lamps == (False, False)

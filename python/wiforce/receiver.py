@@ -271,6 +271,7 @@ def make_readout(
     """
     period_s, carrier_hz = plan.group_period_s, plan.center_frequency_hz
     surveyed = plan.surveyed_snr_db or [None] * len(plan.sensors)
+    in_lamps = plan.in_lamps or [False] * len(plan.sensors)
     two_antennas = plan.require_scene().environment.receive_antennas > 1
     tag_ratios = plan.tag_ratios or [_TAG_RATIO if two_antennas else 0.0] * len(plan.sensors)
     sensors = {
@@ -283,8 +284,11 @@ def make_readout(
             s.drift_deg_per_sqrt_s,
             snr_db,
             tag_ratio,
+            lamps,
         )
-        for s, snr_db, tag_ratio in zip(plan.sensors, surveyed, tag_ratios, strict=True)
+        for s, snr_db, tag_ratio, lamps in zip(
+            plan.sensors, surveyed, tag_ratios, in_lamps, strict=True
+        )
     }
     ratios = estimator_named(plan.estimator).ratios
     surface = None

@@ -98,6 +98,8 @@ class SensorReadout:
         SNR of line 1 of the tag against the noise between the lines.
     tag_ratio : float
         Amplitude of the tag over that of the static path, for two antennas; 0 for one.
+    in_lamps : bool
+        Whether strong lines of the tag coincide with those of lamps.
 
     Attributes
     ----------
@@ -129,10 +131,12 @@ class SensorReadout:
         drift_deg_per_sqrt_s: float | None = None,
         surveyed_snr_db: float | None = None,
         tag_ratio: float = 0.0,
+        in_lamps: bool = False,
     ) -> None:
         self._model = model
         self._frequency_hz = frequency_hz
         self._surveyed_snr_db, self._tag_ratio = surveyed_snr_db, tag_ratio
+        self._in_lamps = in_lamps
         self._period_s = group_period_s
         self._off = np.asarray(off_reflection, complex)
         self._untouched = np.array(model.untouched_deg(frequency_hz))
@@ -225,7 +229,7 @@ class SensorReadout:
 
     def _is_disturbed(self, groups: Groups, sensor: int) -> Array:
         """Whether something is received on the tag's own lines that is no noise; shape (G,)."""
-        disturbed = np.zeros(len(groups), bool)
+        disturbed = np.full(len(groups), self._in_lamps)
         if groups.disturbed is not None:
             disturbed |= groups.disturbed[:, sensor]
         if self._surveyed_snr_db is not None and groups.snr_db is not None:

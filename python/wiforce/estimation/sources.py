@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..signal.lines import aliased_hz
+from ..signal.lines import STRONG_LINES, aliased_hz
 from ..signal.switching import line_envelope
 from ..signal.waveform import Waveform
 from .groups import Array
@@ -99,6 +99,29 @@ class Source:
     def width_share(self) -> float:
         """How far its lines may move after the survey, relative to their frequency."""
         return _WIDTH_SHARE[self.kind]
+
+    def meets(self, clocks_hz: Sequence[float], reach_hz: float) -> Array:
+        """Whether lines 1, 2 or 4 of clocks coincide with multiples of its fundamental.
+
+        Parameters
+        ----------
+        clocks_hz : sequence of float, length S
+        reach_hz : float
+            Distance from which on lines are apart.
+
+        Returns
+        -------
+        ndarray of bool, shape (S,)
+
+        Examples
+        --------
+        >>> lamps = Source("lamps", 100.0, (RoomLine(100.0, 1.0),), ())
+        >>> lamps.meets([1000.0, 1040.0, 1050.0], 14.0).tolist()
+        [True, False, True]
+        """
+        lines_hz = np.outer(clocks_hz, STRONG_LINES)
+        apart_hz = lines_hz - self.fundamental_hz * np.round(lines_hz / self.fundamental_hz)
+        return np.asarray((np.abs(apart_hz) < reach_hz).any(axis=1))
 
 
 @dataclass(frozen=True)

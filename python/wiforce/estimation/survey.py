@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..signal.lines import COINCIDING_BINS, STRONG_LINES, aliased_hz
+from ..signal.lines import COINCIDING_BINS, aliased_hz
 from ..signal.room_noise import RoomNoise, room_noise
 from ..signal.switching import line_envelope
 from ..signal.waveform import Waveform
@@ -192,10 +192,9 @@ class Survey:
         """
         if source.kind != "lamps":
             return 1
-        lines_hz = np.outer(STRONG_LINES, [line.clock_hz for line in self.clocks])
-        apart_hz = lines_hz - source.fundamental_hz * np.round(lines_hz / source.fundamental_hz)
         reach_hz = COINCIDING_BINS / (group_length * self.snapshot_period_s)
-        return 1 if np.any(np.abs(apart_hz) < reach_hz) else self.subcarriers
+        met = source.meets([line.clock_hz for line in self.clocks], reach_hz)
+        return 1 if met.any() else self.subcarriers
 
     def moving_hz(self) -> float:
         """Highest frequency up to which the spectrum stays above noise from zero on, in Hz."""

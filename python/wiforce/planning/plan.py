@@ -94,6 +94,8 @@ class Plan:
     surveyed_snr_db : tuple of float
         SNR of line 1 of each tag in a survey; empty where there was none, or where other tags are
         solved for, whose residual is known to remain on the lines.
+    in_lamps : tuple of bool
+        Tags with strong lines that coincide with those of lamps; empty where there was no survey.
     tag_ratios : tuple of float
         Amplitude of each tag over that of the static path, which bends the ratio of two antennas;
         empty for one antenna, and where no survey has measured it.
@@ -122,6 +124,7 @@ class Plan:
     compression: Compression | None = field(default=None, repr=False)
     room: RoomNoise | None = field(default=None, repr=False)
     surveyed_snr_db: tuple[float, ...] = ()
+    in_lamps: tuple[bool, ...] = ()
     tag_ratios: tuple[float, ...] = ()
     times_s: np.ndarray | None = field(default=None, repr=False, compare=False)
 

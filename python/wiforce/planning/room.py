@@ -12,7 +12,7 @@ from ..estimation.clock_lines import measured
 from ..estimation.sources import RoomLine, Source
 from ..estimation.survey import Survey
 from ..estimation.tracked_tag import TagClock
-from ..signal.lines import CLUTTER_MARGIN
+from ..signal.lines import CLUTTER_MARGIN, COINCIDING_BINS
 from ..signal.room_noise import RoomNoise, room_noise
 from ..signal.switching import harmonics
 from ..signal.weights import ToneTable
@@ -98,7 +98,7 @@ def adapted(plan: Plan, survey: Survey | None) -> Plan:
 
 
 def expecting_snr(plan: Plan, survey: Survey | None) -> Plan:
-    """State in a plan the SNR of the tags that a survey expects of its weights.
+    """State in a plan what a survey expects of the tags: their SNR, and lamps on their lines.
 
     Parameters
     ----------
@@ -109,7 +109,8 @@ def expecting_snr(plan: Plan, survey: Survey | None) -> Plan:
     Returns
     -------
     Plan
-        The same one without a survey, and where other tags are solved for, which raise the noise.
+        The same one without a survey; without SNR where other tags are solved for, which raise the
+        noise.
 
     Examples
     --------
@@ -117,9 +118,18 @@ def expecting_snr(plan: Plan, survey: Survey | None) -> Plan:
     >>> expecting_snr(plan("demo"), None).surveyed_snr_db
     ()
     """
-    if survey is None or plan.others:
+    if survey is None:
         return plan
-    return replace(plan, surveyed_snr_db=survey.snr_db)
+    plan = replace(plan, in_lamps=_in_lamps(plan, survey))
+    return plan if plan.others else replace(plan, surveyed_snr_db=survey.snr_db)
+
+
+def _in_lamps(plan: Plan, survey: Survey) -> tuple[bool, ...]:
+    """Tags with strong lines that coincide with those of lamps."""
+    clocks_hz, reach_hz = plan.clocks_hz, COINCIDING_BINS / plan.group_period_s
+    lamps = [source for source in survey.sources if source.kind == "lamps"]
+    met = [source.meets(clocks_hz, reach_hz) for source in lamps]
+    return tuple(np.any(met, axis=0).tolist()) if met else (False,) * len(clocks_hz)
 
 
 def readapted(
