@@ -2,13 +2,13 @@
 """Disks that fill up, files that are cut while they are read, names nobody expects."""
 
 import os
-import resource
 import shutil
 import threading
 import time
 
 import numpy as np
 import pytest
+from full_disk import room_for
 from gnuradio import blocks, gr, wiforce
 from long_cases import cases
 
@@ -20,10 +20,6 @@ def complaint(done, status):
     assert done.returncode == status, done
     assert done.stderr.count("\n") == 1 and done.stderr.startswith("gr-wiforce: "), done.stderr
     return done.stderr
-
-
-def room_for(size):
-    return lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
 
 
 @pytest.mark.parametrize("seed", cases(0, long=(1, 2, 3)))

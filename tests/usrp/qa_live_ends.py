@@ -2,7 +2,6 @@
 """Ends of live runs: killed, out of disk space, without its device, started again."""
 
 import json
-import resource
 import signal
 import subprocess
 import sys
@@ -12,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zmq
+from full_disk import room_for
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.scene import load_scene
 from live_runs import (
@@ -75,13 +75,9 @@ def test_live_killed_at_any_moment_keeps_all_but_the_last_second_and_runs_again(
 def test_live_full_disk_reports_and_keeps_all_before(slow_scene, slow_device, tmp_path):
     """First the recording meets its end, then the readings."""
     room = int(np.random.default_rng(2).integers(4500, 6500))  # more than the metadata
-
-    def little_room():
-        resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
-
     output, recording = tmp_path / "out.csv", tmp_path / "run"
     options = [*GAINS, "-o", output, "--record", recording]
-    with live(slow_device.args, slow_scene, *options, before=little_room) as process:
+    with live(slow_device.args, slow_scene, *options, before=room_for(room)) as process:
         _, said = process.communicate(timeout=60)
     assert process.returncode == 1
     warning, error = said.splitlines()
