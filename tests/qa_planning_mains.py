@@ -10,11 +10,12 @@ from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.planning.advice import improve, warnings
 from gnuradio.wiforce.planning.bands import licence_note, outside_band
-from gnuradio.wiforce.planning.mains import better_clock_hz, lamp_distances_hz
+from gnuradio.wiforce.planning.mains import better_clock_hz
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.planning.proposed_clocks import propose_clocks
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.schema import scene_json_schema
+from gnuradio.wiforce.signal.lines import lamp_distances_hz
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from wiforce_app.check import Findings, advice_on
 

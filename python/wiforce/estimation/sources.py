@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..signal.lines import STRONG_LINES, aliased_hz
+from ..signal.lines import COINCIDING_BINS, aliased_hz, lamp_distances_hz
 from ..signal.switching import line_envelope
 from ..signal.waveform import Waveform
 from .groups import Array
@@ -100,14 +100,14 @@ class Source:
         """How far its lines may move after the survey, relative to their frequency."""
         return _WIDTH_SHARE[self.kind]
 
-    def meets(self, clocks_hz: Sequence[float], reach_hz: float) -> Array:
+    def meets(self, clocks_hz: Sequence[float], group_period_s: float) -> Array:
         """Whether lines 1, 2 or 4 of clocks coincide with multiples of its fundamental.
 
         Parameters
         ----------
         clocks_hz : sequence of float, length S
-        reach_hz : float
-            Distance from which on lines are apart.
+        group_period_s : float
+            Of the groups that the lines are read in.
 
         Returns
         -------
@@ -116,12 +116,12 @@ class Source:
         Examples
         --------
         >>> lamps = Source("lamps", 100.0, (RoomLine(100.0, 1.0),), ())
-        >>> lamps.meets([1000.0, 1040.0, 1050.0], 14.0).tolist()
+        >>> lamps.meets([1000.0, 1040.0, 1050.0], 0.036).tolist()
         [True, False, True]
         """
-        lines_hz = np.outer(clocks_hz, STRONG_LINES)
-        apart_hz = lines_hz - self.fundamental_hz * np.round(lines_hz / self.fundamental_hz)
-        return np.asarray((np.abs(apart_hz) < reach_hz).any(axis=1))
+        mains_hz = (self.fundamental_hz / 2,)
+        nearest_hz = [lamp_distances_hz(clock_hz, mains_hz).min() for clock_hz in clocks_hz]
+        return np.array(nearest_hz) < COINCIDING_BINS / group_period_s
 
 
 @dataclass(frozen=True)

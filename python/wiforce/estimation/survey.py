@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..signal.lines import COINCIDING_BINS, aliased_hz
+from ..signal.lines import aliased_hz
 from ..signal.room_noise import RoomNoise, room_noise
 from ..signal.switching import line_envelope
 from ..signal.waveform import Waveform
@@ -192,8 +192,8 @@ class Survey:
         """
         if source.kind != "lamps":
             return 1
-        reach_hz = COINCIDING_BINS / (group_length * self.snapshot_period_s)
-        met = source.meets([line.clock_hz for line in self.clocks], reach_hz)
+        clocks_hz = [line.clock_hz for line in self.clocks]
+        met = source.meets(clocks_hz, group_length * self.snapshot_period_s)
         return 1 if met.any() else self.subcarriers
 
     def moving_hz(self) -> float:

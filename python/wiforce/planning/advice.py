@@ -8,11 +8,12 @@ import numpy as np
 
 from ..errors import InputError
 from ..scene import Scene
+from ..signal.lines import lamp_distances_hz
 from .bands import outside_band
 from .clocks import ClockReport, assess_clocks
 from .expected import expect
 from .levels import receive_levels, why_not_readable
-from .mains import lamp_distances_hz, lamp_multiples, lamp_warnings, lines_near_lamps
+from .mains import lamp_multiples, lamp_warnings, lines_near_lamps
 from .packet_advice import packet_changes, packet_warnings
 from .plan import Plan
 from .plan import plan as plan_of

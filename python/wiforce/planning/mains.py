@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from ..signal.lines import STRONG_LINES
+from ..signal.lines import STRONG_LINES, lamp_distances_hz
 from ..signal.waveform import Waveform
 from .clocks import WORST_LOSS_DB, assess_clocks
 from .plan import Plan
@@ -26,36 +26,6 @@ _BETTER = 1.5
 _ACCEPTED_LOSS_DB = 0.1
 # Clocks are compared in groups of at most this length: longer ones only resolve more.
 _LONGEST_ASSESSED = 625
-
-
-def lamp_distances_hz(clock_hz: float, mains_hz: Sequence[float]) -> np.ndarray:
-    """Distance of a tag's strong lines to the nearest line of a lamp.
-
-    Parameters
-    ----------
-    clock_hz : float
-        Clock of the tag, in Hz.
-    mains_hz : sequence of float
-        Mains frequencies that are possible, in Hz.
-
-    Returns
-    -------
-    ndarray of float, shape (3,)
-        For lines 1, 2 and 4, in Hz; infinite without mains frequencies.
-
-    Examples
-    --------
-    >>> lamp_distances_hz(1000.0, (50.0, 60.0)).tolist()
-    [0.0, 0.0, 0.0]
-    >>> lamp_distances_hz(1035.0, (50.0, 60.0)).tolist()
-    [35.0, 30.0, 40.0]
-    """
-    lines = np.array(STRONG_LINES) * clock_hz
-    found = np.full(len(lines), np.inf)
-    for mains in mains_hz:
-        beyond = np.mod(lines, 2 * mains)
-        found = np.minimum(found, np.minimum(beyond, 2 * mains - beyond))
-    return found
 
 
 def farthest_from_lamps(

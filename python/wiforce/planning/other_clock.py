@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..estimation.sources import RoomLine
-from ..signal.lines import STRONG_LINES
-from .mains import lamp_distances_hz, nearby_clocks_hz
+from ..signal.lines import STRONG_LINES, lamp_distances_hz
+from .mains import nearby_clocks_hz
 from .plan import Plan
 
 

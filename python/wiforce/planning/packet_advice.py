@@ -9,11 +9,11 @@ import numpy as np
 from ..errors import InputError
 from ..estimation.tracked_tag import TagClock
 from ..scene import Scene
-from ..signal.lines import STRONG_LINES
+from ..signal.lines import STRONG_LINES, lamp_distances_hz
 from ..signal.timed_weights import clutter_at, timed_lines
 from .expected import phase_std_deg
 from .loss import end_variances
-from .mains import lamp_distances_hz, lamp_multiples, lines_lie, too_near
+from .mains import lamp_multiples, lines_lie, too_near
 from .plan import Plan
 from .plan import plan as plan_of
 

@@ -18,14 +18,13 @@ from ..errors import InputError
 from ..estimation.likelihood import PHASE_MARGIN, own_lines, phase_margin
 from ..estimation.tracked_tag import TagClock
 from ..scene import load_scene
-from ..signal.lines import CLUTTER_MARGIN, tag_lines
+from ..signal.lines import CLUTTER_MARGIN, lamp_distances_hz, tag_lines
 from ..signal.switching import harmonics
 from ..signal.waveform import Waveform
 from ..signal.weights import WORST_GAIN, design_weights
 from .clock_spacing import LineTable, line_distances_hz, most_that_fit
 from .clocks import assess_clocks
 from .clutter_band import BANDS_HZ
-from .mains import lamp_distances_hz
 from .pulses import Pulses, double_rate_pulses
 
 # Part of half the snapshot rate up to which a tag has its highest line that is needed; beyond it,

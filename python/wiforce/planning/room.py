@@ -12,7 +12,7 @@ from ..estimation.clock_lines import measured
 from ..estimation.sources import RoomLine, Source
 from ..estimation.survey import Survey
 from ..estimation.tracked_tag import TagClock
-from ..signal.lines import CLUTTER_MARGIN, COINCIDING_BINS
+from ..signal.lines import CLUTTER_MARGIN
 from ..signal.room_noise import RoomNoise, room_noise
 from ..signal.switching import harmonics
 from ..signal.weights import ToneTable
@@ -126,10 +126,9 @@ def expecting_snr(plan: Plan, survey: Survey | None) -> Plan:
 
 def _in_lamps(plan: Plan, survey: Survey) -> tuple[bool, ...]:
     """Tags with strong lines that coincide with those of lamps."""
-    clocks_hz, reach_hz = plan.clocks_hz, COINCIDING_BINS / plan.group_period_s
     lamps = [source for source in survey.sources if source.kind == "lamps"]
-    met = [source.meets(clocks_hz, reach_hz) for source in lamps]
-    return tuple(np.any(met, axis=0).tolist()) if met else (False,) * len(clocks_hz)
+    met = [source.meets(plan.clocks_hz, plan.group_period_s) for source in lamps]
+    return tuple(np.any(met, axis=0).tolist()) if met else (False,) * len(plan.clocks_hz)
 
 
 def readapted(

@@ -166,6 +166,36 @@ def with_mirrors(positive: Sequence[Tone]) -> tuple[Tone, ...]:
     return (*negative[::-1], *positive)
 
 
+def lamp_distances_hz(clock_hz: float, mains_hz: Sequence[float]) -> np.ndarray:
+    """Distance of a tag's strong lines to the nearest line of a lamp.
+
+    Parameters
+    ----------
+    clock_hz : float
+        Clock of the tag, in Hz.
+    mains_hz : sequence of float
+        Mains frequencies that are possible, in Hz.
+
+    Returns
+    -------
+    ndarray of float, shape (3,)
+        For lines 1, 2 and 4, in Hz; infinite without mains frequencies.
+
+    Examples
+    --------
+    >>> lamp_distances_hz(1000.0, (50.0, 60.0)).tolist()
+    [0.0, 0.0, 0.0]
+    >>> lamp_distances_hz(1035.0, (50.0, 60.0)).tolist()
+    [35.0, 30.0, 40.0]
+    """
+    lines = np.array(STRONG_LINES) * clock_hz
+    found = np.full(len(lines), np.inf)
+    for mains in mains_hz:
+        beyond = np.mod(lines, 2 * mains)
+        found = np.minimum(found, np.minimum(beyond, 2 * mains - beyond))
+    return found
+
+
 def _shared(tone: Tone, owner: tuple[int, int], line_hz: float) -> Tone:
     """A tone with one more line on it; the slower, stronger line gives its frequency on air."""
     return Tone(tone.frequency_hz, (*tone.owners, owner), min(tone.line_hz, line_hz, key=abs))

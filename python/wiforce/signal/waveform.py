@@ -118,7 +118,7 @@ class Waveform:
 
     @property
     def resolves_spread_lines(self) -> bool:
-        """Whether noise is told from what tags spread over the subcarriers of a long symbol."""
+        """Whether noise can be separated from what tags spread over subcarriers of a symbol."""
         return not self.is_derotated and len(self.subcarriers) >= _RESOLVING_SUBCARRIERS
 
     @property
