@@ -216,7 +216,7 @@ def _text(findings):
         lines += [
             f"peak       {levels['peak_dbfs']:.1f} dBFS, {100 * levels['clipped']:.3g} % clipped",
             f"preamble   {levels['preamble_dbfs']:.1f} dBFS",
-            f"noise      {_or_unknown(levels['noise_dbfs'])} dBFS",
+            f"noise      {_or_unknown(levels['noise_dbfs'])}",
             f"DC offset  {levels['dc_dbfs']:.1f} dBFS",
             f"delay      {findings.delay_us:.2f} us from transmit to receive",
         ]
@@ -228,4 +228,4 @@ def _text(findings):
 
 
 def _or_unknown(value):
-    return "unknown" if value is None else f"{value:.1f}"
+    return "unknown" if value is None else f"{value:.1f} dBFS"
