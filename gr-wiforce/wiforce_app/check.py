@@ -82,6 +82,8 @@ def check(capture, scene_path, args, datatype, as_json, **radio):
         _measure(findings, scene, session, samples)
     findings.advice = advice_on(findings, scene)
     findings.notes = [note for note in [licence_note(scene)] if note]
+    if radio["driver"] == "soapy" and findings.delay_us is not None:
+        findings.notes.append("the delay differs from start to start with this driver")
     if as_json:
         report = {**asdict(findings), "room": finding_rows(findings.room)}
         click.echo(json.dumps(report, indent=2))

@@ -231,6 +231,9 @@ def _warn_of_strangers(zmq_endpoint):
 
 def radio_request(args, scene, tx_gain, rx_gain, **settings):
     """The radio that a command's options ask for."""
+    if scene.packets:
+        rule = "must be a scene of samples; one with packets is for `read` of channel snapshots"
+        raise InputError("--scene", rule)
     _check_transmitter(scene, settings)
     return RadioRequest.of_scene(
         scene,
