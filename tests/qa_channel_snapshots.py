@@ -42,6 +42,10 @@ BAD = {
     "same hertz": (changed("subcarrier_hz", 1, 0.0), "subcarrier_hz: must differ"),
     "nan hertz": (changed("subcarrier_hz", 1, np.nan), r"subcarrier_hz\[1\]: must be a number"),
     "real": (arrays_of() | {"channel": np.ones((100, 8))}, "channel: must be complex"),
+    "magnitudes": (
+        arrays_of() | {"channel": np.abs(arrays_of()["channel"]).astype(complex)},
+        "channel: must hold phases, but all imaginary parts are 0",
+    ),
     "flat": (arrays_of() | {"channel": np.ones(100, complex)}, "channel: must be complex"),
     "text": (arrays_of() | {"time_s": np.array(["a"] * 100)}, "time_s: must be one real"),
     "silent": (arrays_of() | {"channel": np.zeros((100, 8, 2), complex)}, "64 packets or more"),

@@ -210,6 +210,18 @@ def test_scenes_and_files_of_different_kinds_are_refused(tmp_path):
     assert done.returncode == 2 and "another device measures the channel" in done.stderr
 
 
+def test_times_in_milliseconds_are_refused_by_the_file_and_its_unit(tmp_path):
+    """A message about the scene would send the user to the wrong file."""
+    capture = capture_of(antennas=2, subcarriers=8, duration_s=2.0)
+    capture.time_s = capture.time_s * 1000
+    capture.save(tmp_path / "ms.npz")
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(scene_of()))
+    done = run_command("read", "ms.npz", "--scene", "scene.yaml", "-o", "ms.csv", cwd=tmp_path)
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
+    assert "ms.npz: time_s: must be in seconds" in done.stderr and "interval_s" in done.stderr
+    assert not (tmp_path / "ms.csv").exists()
+
+
 @pytest.mark.parametrize(
     ("change", "key"),
     [

@@ -22,6 +22,10 @@ from .planning.packet_plan import fitted_plan, groups_of, tag_ratios
 from .planning.plan import Plan, PlanOrScene, as_plan
 from .receiver import Receiver
 
+# Typical distance of packets over the stated one from which on the unit of their times, or the scene,
+# is taken to be wrong: milliseconds are a factor of 1000, and no group of a reading holds enough
+# packets from a hundred on.
+_TOO_FAR = 100.0
 # Groups that are passed to the receiver at once.
 _BATCH = 16
 
@@ -149,6 +153,14 @@ def _check(recording: ChannelSnapshots, plan: Plan) -> None:
     if carrier_hz is not None and abs(carrier_hz - stated) > 1.0:
         rule = f"center_frequency_hz must be that of the scene ({stated:.9g})"
         raise InputError(recording.path, rule, carrier_hz)
+    interval_s = scene.packets.interval_s
+    typical_s = float(np.median(np.diff(recording.time_s)))
+    if typical_s > _TOO_FAR * interval_s:
+        rule = (
+            f"time_s: must be in seconds, and packets about packets.interval_s ({interval_s:.3g} s)"
+            " apart; most are farther apart than"
+        )
+        raise InputError(recording.path, rule, f"{typical_s:.3g} s")
 
 
 def _without_oscillator(recording: ChannelSnapshots, untouched: Array, free: bool) -> Array:
