@@ -129,7 +129,7 @@ class SurfaceEstimator:
             inconsistent[row] = contradicts
         inconsistent &= touch == 1
         spans = np.array([self.skin.x_span_mm, self.skin.y_span_mm])
-        # Beyond the surface the law is unknown. A press that may lie there is read as if it applied.
+        # Beyond the surface the law is unknown, but presses there are read as if it applied.
         across_std = np.sqrt(covariance[..., 2, 2])
         margin = _LIKELY * np.stack([np.zeros_like(across_std), across_std], axis=-1)
         with np.errstate(invalid="ignore"):
