@@ -158,10 +158,10 @@ def _check(recording: ChannelSnapshots, plan: Plan) -> None:
     typical_s = float(np.median(np.diff(recording.time_s)))
     if typical_s > _TOO_FAR * interval_s:
         rule = (
-            f"time_s: must be in seconds, and packets about packets.interval_s ({interval_s:.3g} s)"
-            " apart; most are farther apart than"
+            "time_s: must be in seconds, and packets about as far apart as packets.interval_s "
+            f"({interval_s:.3g} s)"
         )
-        raise InputError(recording.path, rule, f"{typical_s:.3g} s")
+        raise InputError(recording.path, rule, typical_s)
 
 
 def _without_oscillator(

@@ -228,8 +228,6 @@ def _violations(
     if channel.ndim not in (2, 3) or channel.dtype.kind != "c":
         rule = "channel: must be complex, packets by subcarriers, or by subcarriers and antennas"
         yield rule, _kind(channel)
-    if channel.real.any() and not channel.imag.any():
-        yield ("channel: must hold phases, but all imaginary parts are 0",)
     packets, subcarriers, *antennas = channel.shape
     if packets != len(time_s):
         yield f"channel: must have as many packets as time_s ({len(time_s)})", channel.shape
@@ -245,6 +243,8 @@ def _violations(
         )
     if packets < LEAST_PACKETS:
         yield f"time_s: must hold {LEAST_PACKETS} packets or more", packets
+    if channel.real.any() and not channel.imag.any():
+        yield ("channel: must hold phases, but all imaginary parts are 0",)
     if not np.isfinite(time_s).all():
         row = int(np.flatnonzero(~np.isfinite(time_s))[0])
         yield f"time_s[{row}]: must be finite", float(time_s[row])
