@@ -46,6 +46,8 @@ class PacketCapture:
     jitter: float | None = None  # share of the interval; None for exponential gaps
     chain_gain_db: float = 0.0
     common_phase: bool = True
+    drift_deg: float = 0.0  # by which the last antenna's phase swings to and fro, in 17 s
+    change_db: float = -np.inf  # of a path that is there from touched_s on, against the static ones
     lamp: float = 0.0  # amplitude of a path that a lamp modulates, on mains of 60.01 Hz
     walker: float = 0.0  # amplitude of a path by way of a person, with a Doppler up to 20 Hz
     stamp_s: float = 0.0  # standard deviation of the errors of the times that are reported
@@ -65,6 +67,10 @@ class PacketCapture:
         received = np.tile(self.room, (len(self.time_s), 1, 1)).astype(complex)
         since = self.time_s - self.time_s[0]
         touched = (since >= self.touched_s[0]) & (since < self.touched_s[1])
+        if np.isfinite(self.change_db):
+            size = self.static * 10 ** (self.change_db / 20)
+            later = since >= self.touched_s[0] - 0.3
+            received += size * later[:, None, None] * self._paths(rng, 3, 40e-9, shape, first=1.0)
         for tag, way, own in zip(self.tags, self.ways, states, strict=True):
             for end in (0, 1):
                 degrees = np.where(touched, tag.touched_deg[end], tag.untouched_deg[end])
@@ -78,6 +84,9 @@ class PacketCapture:
         received += self.walker * walking[:, None, None] * self._paths(rng, 3, 30e-9, shape, 1.0)
         noise = rng.normal(size=(*received.shape, 2)) @ np.array([1, 1j])
         received += self.noise / np.sqrt(2) * noise
+        if self.drift_deg:
+            swing = np.radians(self.drift_deg) * np.sin(2 * np.pi * since / 17)
+            received[:, :, -1] *= np.exp(1j * swing)[:, None]
         received *= self._packet_factors(rng)
         if self.chain_gain_db:
             steps = 10 ** (

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Files of channel snapshots: what is refused in one line, and what is read."""
 
+import os
 import pickle
 
 import numpy as np
@@ -42,6 +43,10 @@ BAD = {
     "same hertz": (changed("subcarrier_hz", 1, 0.0), "subcarrier_hz: must differ"),
     "nan hertz": (changed("subcarrier_hz", 1, np.nan), r"subcarrier_hz\[1\]: must be a number"),
     "real": (arrays_of() | {"channel": np.ones((100, 8))}, "channel: must be complex"),
+    "magnitudes": (
+        arrays_of() | {"channel": np.abs(arrays_of()["channel"]).astype(complex)},
+        "channel: must hold phases, but all imaginary parts are 0",
+    ),
     "flat": (arrays_of() | {"channel": np.ones(100, complex)}, "channel: must be complex"),
     "text": (arrays_of() | {"time_s": np.array(["a"] * 100)}, "time_s: must be one real"),
     "silent": (arrays_of() | {"channel": np.zeros((100, 8, 2), complex)}, "64 packets or more"),
@@ -69,6 +74,19 @@ def test_pickled_objects_are_refused_and_never_loaded(tmp_path):
     (tmp_path / "b.npz").write_bytes(pickle.dumps([1, 2, 3]))
     with pytest.raises(InputError, match="pickles|broken"):
         open_snapshots(tmp_path / "b.npz")
+
+
+def test_a_single_array_is_refused_by_its_kind(tmp_path):
+    np.save(tmp_path / "a.npy", np.ones(3))
+    (tmp_path / "a.npy").rename(tmp_path / "a.npz")
+    with pytest.raises(InputError, match="is a single array; write it with numpy.savez"):
+        open_snapshots(tmp_path / "a.npz")
+
+
+def test_a_pipe_is_refused_instead_of_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "a.npz")
+    with pytest.raises(InputError, match="not a pipe"):
+        open_snapshots(tmp_path / "a.npz")
 
 
 def test_files_that_are_no_npz_are_refused(tmp_path):

@@ -234,6 +234,25 @@ def test_scenes_and_files_of_different_kinds_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("seed", "condition"), [(4, {"drift_deg": 12.0}), (6, {"change_db": -25.0})]
+)
+def test_drifting_antennas_and_changed_rooms_give_no_confident_errors(seed, condition, tmp_path):
+    """Both turn the tags as a press does: readings were wrong by 5 to 50 standard deviations."""
+    capture = capture_of(
+        seed, subcarriers=16, noise=0.6, duration_s=12.0, touched_s=(6.0, 11.5), **condition
+    )
+    rows = []
+    readings = touched(readings_of(capture, tmp_path), capture)
+    for own, force, location in zip(readings, (4, 3), (35, 50), strict=True):
+        clear = own[own["flags"] == ""]
+        assert (np.abs(clear["force_n"] - force) < 3 * clear["force_std_n"]).all()
+        assert (np.abs(clear["location_mm"] - location) < 3 * clear["location_std_mm"]).all()
+        rows.append(len(clear))
+    # What the receiver does is undone; the room's change makes readings uncertain.
+    assert min(rows) == 8 if "drift_deg" in condition else max(rows) == 8
+
+
+@pytest.mark.parametrize(
     ("change", "key"),
     [
         ({"packets": {"interval_s": 0}}, "packets.interval_s"),

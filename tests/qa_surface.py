@@ -93,6 +93,17 @@ def test_a_lost_strip_is_flagged_and_errors_stay_within_the_stated_uncertainty(
     assert all(r.touch is None for r in own if r.touch != 1)
 
 
+def test_presses_outside_the_strips_are_flagged_or_within_their_uncertainty(settings):
+    """Beyond the surface one strip is touched, as by a lighter press on it."""
+    rng = np.random.default_rng(15)
+    outside = rng.uniform([4, 25, 43], [14, 55, 50], (20, 3))
+    outside[::2, 2] = 36 - outside[::2, 2]
+    readings = made.readings_of(settings, outside[:, None].tolist(), rng)
+    own = made.of_surface(readings)
+    assert sum(r.touch == 1 for r in own) >= 10
+    assert all("extrapolated" in r.flags for r in own if r.touch == 1)
+
+
 def test_two_presses_far_apart_are_both_read(settings):
     both = [(6.0, 30.0, 0.0), (7.0, 50.0, 36.0)]
     readings = made.readings_of(settings, [both] * 4, np.random.default_rng(11))

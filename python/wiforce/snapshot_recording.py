@@ -12,7 +12,7 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from .errors import InputError
-from .estimation.antenna_combination import AntennaCombination, without_gain_steps
+from .estimation.antenna_combination import AntennaCombination, without_drift, without_gain_steps
 from .estimation.groups import Array, Groups
 from .estimation.packet_groups import whole_groups
 from .estimation.press_evidence import Suspicion
@@ -90,12 +90,13 @@ class SnapshotReader:
         free = scene.environment.reader_clock == "free"
         # Threads are slower than one core for matrices as small as these.
         with self._blas.limit(limits=1, user_api="blas"):
-            channel = _without_oscillator(recording, untouched, free)
+            channel = _without_oscillator(recording, untouched, plan.group_period_s, free)
             self.plan = self._fitted(plan, time_s, channel)
             if free:
                 ratios = tag_ratios(self.plan, time_s, channel, recording.antennas)
                 self.plan = replace(self.plan, tag_ratios=ratios)
-            self.source = groups_of(self.plan, time_s, channel)
+            others = recording.antennas - 1 if free else 0
+            self.source = groups_of(self.plan, time_s, channel, others)
         self.receiver = Receiver(self.plan, tracked, derotated=False, on_groups=on_groups)
 
     @property
@@ -180,11 +181,14 @@ def _check(recording: ChannelSnapshots, plan: Plan) -> None:
         raise InputError(recording.path, rule, carrier_hz)
 
 
-def _without_oscillator(recording: ChannelSnapshots, untouched: Array, free: bool) -> Array:
+def _without_oscillator(
+    recording: ChannelSnapshots, untouched: Array, period_s: float, free: bool
+) -> Array:
     """Channels of each packet without phase and gain of the receiver; shape (n, channels)."""
     channel: Any = recording.channel
     if not free:
         return np.asarray(channel.reshape(len(channel), -1))
-    channel = without_gain_steps(channel)
+    time_s = recording.time_s - recording.time_s[0]
+    channel = without_drift(without_gain_steps(channel), time_s, untouched, period_s)
     combination = AntennaCombination(channel[untouched], recording.subcarrier_hz)
     return combination.process(channel)

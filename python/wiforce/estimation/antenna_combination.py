@@ -12,12 +12,21 @@ _ROUNDS = 4
 # Correlation of a packet with the static paths below which its phases over the subcarriers are not
 # those of a delay; noise of -10 dB leaves 0.95.
 _COHERENT = 0.9
+# Share of rooms in which two standard deviations are exceeded; and the change of the static paths
+# that is ignored, -46 dB, above what a press on a tag 50 dB below them causes by itself.
+_EXCEEDED, _LEAST_CHANGE = 0.05, 0.005
 # Packets of which the static paths are estimated.
 _MOST_PACKETS = 4000
 
 # Steps of one antenna's gain against the others', in nepers, that are larger than what a tag does
 # to the mean power of a packet, and packets with the same gain from which on it is measured.
 _LEAST_STEP, _LEAST_ALIKE = np.log(10) / 20 * 0.3, 20
+
+# Drift of an antenna's complex gain against the first one that is undone: 2 deg or 0.3 dB, three
+# times what a press did on an antenna that received the tag 40 dB below the static path; where no
+# more than this share of the change differs from subcarrier to subcarrier. Below this amplitude an
+# antenna is taken to have failed.
+_LEAST_DRIFT, _OWN_SHARE, _FAILED = np.radians(2.0), 0.1, 0.05
 
 
 def without_gain_steps(channel: Array) -> Array:
@@ -69,11 +78,109 @@ def without_gain_steps(channel: Array) -> Array:
     return corrected
 
 
+def without_drift(channel: Array, time_s: Array, untouched: Array, period_s: float) -> Array:
+    """Undo slow changes of gain and phase between antennas, which turn a tag as a press does.
+
+    Parameters
+    ----------
+    channel : ndarray of complex, shape (n, K, A)
+    time_s : ndarray, shape (n,)
+        Of each packet, rising, from 0, in s.
+    untouched : ndarray of bool, shape (n,)
+        Packets of the reference, in which the gains are what they are brought to.
+    period_s : float
+        Time over which gains are averaged: the length of a group.
+
+    Returns
+    -------
+    ndarray of complex, shape (n, K, A)
+        The same array where nothing drifts.
+
+    Notes
+    -----
+    The static paths against the first antenna, averaged over the packets of a period, are compared
+    with those of the reference. A change that is the same on all subcarriers is one of the
+    receiver; one of the room differs between subcarriers and is left in.
+
+    Examples
+    --------
+    >>> rng, time_s = np.random.default_rng(1), np.linspace(0, 20, 2000)
+    >>> room = rng.standard_normal((8, 2, 2)) @ np.array([1, 1j])
+    >>> drifting = np.tile(room, (2000, 1, 1))
+    >>> drifting[:, :, 1] *= np.exp(0.01j * time_s)[:, None]
+    >>> steady = without_drift(drifting, time_s, time_s < 2, 0.5)
+    >>> bool(np.abs(steady / room - 1).max() < 0.02 < np.abs(drifting / room - 1).max())
+    True
+    """
+    period = (time_s / period_s).astype(int)
+    _, first = np.unique(period, return_index=True)
+    count = np.diff(np.append(first, len(time_s)))
+    center_s = np.add.reduceat(time_s, first) / count
+    # A few packets show the tags instead of their means.
+    usable = count >= 0.5 * np.median(count)
+    corrected = channel
+    for antenna in range(1, channel.shape[2]):
+        products = channel[:, :, antenna] * channel[:, :, 0].conj()
+        size = np.mean(np.abs(channel[:, :, 0]) ** 2, axis=1, keepdims=True)
+        products = products / np.maximum(size, 1e-300)
+        usual = products[untouched].mean(axis=0)
+        mean = (np.add.reduceat(products, first, axis=0) / count[:, None])[usable]
+        power = float(np.sum(np.abs(usual) ** 2))
+        gain = mean @ usual.conj() / max(power, 1e-300)
+        change = np.abs(gain - 1) ** 2
+        own = np.sum(np.abs(mean - gain[:, None] * usual) ** 2, axis=1) / max(power, 1e-300)
+        drifts = change.max() > _LEAST_DRIFT**2 and own.sum() < _OWN_SHARE * change.sum()
+        if not drifts or np.abs(gain).min() < _FAILED:
+            continue
+        if corrected is channel:
+            corrected = channel.copy()
+        at_s = center_s[usable]
+        along = np.interp(time_s, at_s, gain.real) + 1j * np.interp(time_s, at_s, gain.imag)
+        corrected[:, :, antenna] /= along[:, None]
+    return corrected
+
+
 def _against_first(channel: Array, rows: Array, antenna: int) -> Array:
     """Mean of an antenna against the first one in some packets, on each subcarrier; shape (K,)."""
     first, other = channel[rows, :, 0], channel[rows, :, antenna]
     size = np.mean(np.abs(first) ** 2, axis=1, keepdims=True)
     return np.asarray(np.mean(other * first.conj() / np.maximum(size, 1e-300), axis=0))
+
+
+def rotation_std_deg(change: Array, others: int) -> Array:
+    """Rotation of all tags by a change of the static paths that packets are divided by.
+
+    Parameters
+    ----------
+    change : ndarray, shape (G,)
+        Power of the change in the combinations without a static path, over that of the static
+        paths.
+    others : int
+        Combinations of a subcarrier: antennas less one.
+
+    Returns
+    -------
+    ndarray, shape (G,)
+        Standard deviation in degrees.
+
+    Notes
+    -----
+    Where static paths change by D, a combination holds T - (D / S) U in place of the tag's T, with
+    the tag's part U along the static paths S. U cannot be measured, and neither can the part of D
+    along S, since phase and gain of a packet are the same. Of n directions with independent
+    Rayleigh fading, another one holds t times their mean power or more with a probability of
+    (1 + t / n)^-n (:func:`.planning.packet_plan.tag_ratios`). The result is half of what is
+    exceeded in 5 %; half of its power changes phases.
+
+    Examples
+    --------
+    >>> rotation_std_deg(np.array([0.0, 1e-6, 1e-3]), 1).round(2).tolist()
+    [0.0, 0.0, 2.76]
+    """
+    exceeded = others * (_EXCEEDED ** (-1 / others) - 1)
+    power = np.maximum(change - _LEAST_CHANGE**2, 0) / others
+    std: Array = np.degrees(np.sqrt(exceeded * power / 2) / 2)
+    return std
 
 
 class AntennaCombination:

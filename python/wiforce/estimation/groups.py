@@ -70,6 +70,9 @@ class Groups:
         group of the batch is incomplete; a row of zeros says that its tones cannot be used.
     interference : ndarray of float, shape (G,), optional
         Share of the snapshots that were rejected because another transmitter interfered with them.
+    common_std_deg : ndarray, shape (G,), optional
+        Standard deviation of a rotation of all ends by changes of the static paths, which packets
+        with phases of their own are referred to; 0 unless given.
     timed : ndarray of TimedWeights, shape (G,), optional
         Weights of groups whose snapshots have times of their own, which the tones were computed
         with; None in the place of a group whose tones cannot be used.
@@ -144,6 +147,7 @@ class Groups:
     retuned: Array = _set_by_stage()
     snapshot_weights: Array | None = _set_by_stage()
     interference: Array = _set_by_stage()
+    common_std_deg: Array = _set_by_stage()
     timed: Array | None = _set_by_stage()
     ends: Array = _set_by_stage()
     gain: Array = _set_by_stage()
@@ -183,6 +187,8 @@ class Groups:
             self.missing = np.zeros(count, np.int64)
         if self.interference is None:
             self.interference = np.zeros(count)
+        if self.common_std_deg is None:
+            self.common_std_deg = np.zeros(count)
         if self.saturated is None:
             self.saturated = np.zeros(count, bool)
         if self.retuned is None:

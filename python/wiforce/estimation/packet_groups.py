@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..signal.timed_weights import TimedTable
+from .antenna_combination import rotation_std_deg
 from .groups import Array, Groups
 
 # A packet is left out whose channel deviates from the median by this many times the power that one
@@ -55,6 +56,10 @@ class PacketGroups:
         Of each packet since the start of the first group, rising, in s.
     channel : ndarray of complex, shape (n, K)
         Without an oscillator's phase.
+    still : ndarray of complex, shape (K,), optional
+        Mean channel of the untouched reference. Needed where packets were divided by static paths.
+    others : int
+        Channels of each subcarrier, with ``still``.
 
     Examples
     --------
@@ -66,7 +71,15 @@ class PacketGroups:
     ((1, 16, 52), True)
     """
 
-    def __init__(self, table: TimedTable, time_s: Array, channel: Array) -> None:
+    def __init__(
+        self,
+        table: TimedTable,
+        time_s: Array,
+        channel: Array,
+        still: Array | None = None,
+        others: int = 1,
+    ) -> None:
+        self._still, self._others = still, others
         self._table, self._time_s, self._channel = table, time_s, channel
         self._period_s = table.group_period_s
 
@@ -87,6 +100,7 @@ class PacketGroups:
         shape = len(found), len(self._table.tones), self._channel.shape[1]
         tones, timed = np.zeros(shape, complex), np.empty(len(found), object)
         missing, rejected = np.zeros(len(found), np.int64), np.zeros(len(found))
+        change = np.zeros(len(found))
         for row, i in enumerate(found):
             rows = slice(bounds[i], bounds[i + 1])
             channel = self._channel[rows].astype(complex)
@@ -96,11 +110,17 @@ class PacketGroups:
             timed[row] = self._table.at(times_s[kept])
             if timed[row] is not None:
                 tones[row] = timed[row].apply(channel[kept])
+            if self._still is not None:
+                moved = channel[kept].mean(axis=0) - self._still
+                change[row] = self._others * np.mean(np.abs(moved) ** 2)
             missing[row] = self._missing(times_s[kept])
             if timed[row] is None:
                 missing[row] = self._table.group_length
         index = np.array(found, np.int64) + first
-        return Groups(index, tones, missing, timed=timed, interference=rejected)
+        rotation = rotation_std_deg(change, self._others)
+        return Groups(
+            index, tones, missing, timed=timed, interference=rejected, common_std_deg=rotation
+        )
 
     def _missing(self, times_s: Array) -> int:
         """Packets that a group lacks, where it lacks so many that its reading is flagged."""

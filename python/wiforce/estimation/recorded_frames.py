@@ -250,7 +250,10 @@ def _check_kind(
             raise InputError(recording.path, f"{rule} {waveform.name!r}")
     symbol = symbol_of(waveform)
     if find_frame_period(samples, waveform, symbol.conj()).likeness > clear:
-        raise InputError(recording.path, "I and Q are swapped, or the spectrum is inverted")
+        rule = (
+            "I and Q are swapped, the spectrum is inverted, or another sounding.waveform was sent"
+        )
+        raise InputError(recording.path, rule)
     for ratio in _RATIOS:
         found = find_frame_period(samples, waveform, _resampled(symbol, ratio))
         if found.samples is not None and found.likeness > clear:

@@ -186,6 +186,10 @@ class SensorReadout:
             std = np.hypot(np.hypot(std, drifting), near[:, None])
         if self._tag_ratio:
             std = np.hypot(std, curvature_deg(ratios, self._tag_ratio))
+        if groups.common_std_deg.any():
+            # What both ends have in common moves the force by twice the variance of what they have
+            # independently.
+            std = np.hypot(std, np.sqrt(2) * groups.common_std_deg[:, None])
         level = ratios * scale * np.exp(-1j * np.radians(drift))
         with np.errstate(invalid="ignore"):
             phases, slope = corrected_phase_deg(level, self._untouched, self._off)

@@ -196,10 +196,16 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
     """The arrays of a file that are looked at, and nothing that would be executed."""
     if path.is_dir():
         raise InputError(path, "is a folder; name the .npz file in it")
+    if path.exists() and not path.is_file():
+        raise InputError(path, "must be a file, not a pipe or a device")
     try:
+        with path.open("rb") as file:
+            start = file.read(6)
+        if start == b"\x93NUMPY":
+            raise InputError(path, "is a single array; write it with numpy.savez")
+        if not start.startswith(b"PK"):
+            raise InputError(path, "is broken, or no .npz file of NumPy")
         with np.load(path, allow_pickle=False) as opened:
-            if not isinstance(opened, np.lib.npyio.NpzFile):
-                raise InputError(path, "is a single array; write it with numpy.savez")
             wanted = (*_KEYS, "center_frequency_hz", "scene")
             return {name: opened[name] for name in wanted if name in opened.files}
     except OSError as error:
@@ -243,6 +249,8 @@ def _violations(
         )
     if packets < LEAST_PACKETS:
         yield f"time_s: must hold {LEAST_PACKETS} packets or more", packets
+    if channel.real.any() and not channel.imag.any():
+        yield ("channel: must hold phases, but all imaginary parts are 0",)
     if not np.isfinite(time_s).all():
         row = int(np.flatnonzero(~np.isfinite(time_s))[0])
         yield f"time_s[{row}]: must be finite", float(time_s[row])

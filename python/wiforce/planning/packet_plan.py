@@ -86,7 +86,7 @@ def fitted_plan(
     return _with_band(changed, time_s, channel)
 
 
-def groups_of(plan: Plan, time_s: np.ndarray, channel: np.ndarray) -> PacketGroups:
+def groups_of(plan: Plan, time_s: np.ndarray, channel: np.ndarray, others: int = 0) -> PacketGroups:
     """Phase groups of packets by the weights of a plan.
 
     Parameters
@@ -95,6 +95,8 @@ def groups_of(plan: Plan, time_s: np.ndarray, channel: np.ndarray) -> PacketGrou
         Fitted to the packets.
     time_s, channel : ndarray
         As for :func:`fitted_plan`.
+    others : int
+        Channels of each subcarrier, where packets were divided by static paths; 0 otherwise.
 
     Returns
     -------
@@ -115,7 +117,10 @@ def groups_of(plan: Plan, time_s: np.ndarray, channel: np.ndarray) -> PacketGrou
     table = plan.table
     if not isinstance(table, TimedTable):
         raise ValueError("a plan of samples has no times of packets")
-    return PacketGroups(table, time_s, channel)
+    if not others:
+        return PacketGroups(table, time_s, channel)
+    still = channel[time_s < plan.require_scene().reference_s].mean(axis=0)
+    return PacketGroups(table, time_s, channel, still, others)
 
 
 def tag_ratios(

@@ -22,6 +22,8 @@ _CONSISTENT = 0.9973
 # A press may load a strip that another one is read from by this part of the force that shorts it:
 # it then makes no contact of its own there.
 _CROSS = 0.6
+# Standard deviations of y within which a press may lie.
+_LIKELY = 2.0
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ class SurfaceFound:
     inconsistent : ndarray of bool, shape (G, P)
         Whether no press explains what the strips show.
     outside : ndarray of bool, shape (G, P)
-        Whether the press lies beyond what the strips cover.
+        Whether the press lies beyond what the strips cover, or may by two standard deviations of y.
     main : ndarray of int, shape (G, P)
         The strip that bears most of the press.
 
@@ -127,8 +129,11 @@ class SurfaceEstimator:
             inconsistent[row] = contradicts
         inconsistent &= touch == 1
         spans = np.array([self.skin.x_span_mm, self.skin.y_span_mm])
+        # Beyond the surface the law is unknown, but presses there are read as if it applied.
+        across_std = np.sqrt(covariance[..., 2, 2])
+        margin = _LIKELY * np.stack([np.zeros_like(across_std), across_std], axis=-1)
         with np.errstate(invalid="ignore"):
-            beyond = (mean[..., 1:] < spans[:, 0]) | (mean[..., 1:] > spans[:, 1])
+            beyond = (mean[..., 1:] - margin < spans[:, 0]) | (mean[..., 1:] + margin > spans[:, 1])
         main = self.skin.shares(np.nan_to_num(mean[..., 2])).argmax(axis=-1)
         return SurfaceFound(touch, mean, covariance, inconsistent, beyond.any(axis=-1), main)
 
