@@ -48,6 +48,13 @@ MORE = {
     ),
 }
 
+# What a tag spreads over these symbols is stronger than the noise.
+RANDOM = np.random.default_rng(9).standard_normal((1024, 2)) @ [1, 1j]
+STRONG = {
+    name: air for name, air in (CASES | MORE).items() if name.endswith(("128", "1024", "4096"))
+}
+STRONG["random-1024"] = replace(LONG, symbol=RANDOM)
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
@@ -60,7 +67,7 @@ def folder(tmp_path_factory):
 
 
 def held_to_the_bound(air, folder):
-    """rms phase error of the press over the bound, in dB, and the stated one over the actual.
+    """rms phase error of the press over the bound in dB, the stated one over it, and the SNR read.
 
     Every reading must be unflagged.
     """
@@ -89,7 +96,8 @@ def held_to_the_bound(air, folder):
     rms = np.sqrt(np.mean(errors[steady] ** 2))
     # The median, since groups in which the press begins or ends are uncertain by more.
     ratio = np.sqrt(np.mean(np.median(stated[steady], axis=0) ** 2)) / rms
-    return 10 * np.log10(np.mean((errors[steady] / bound) ** 2)), ratio
+    snr_db = np.median(np.concatenate([each.snr_db for each in groups]))
+    return 10 * np.log10(np.mean((errors[steady] / bound) ** 2)), ratio, snr_db
 
 
 @pytest.mark.parametrize("name", cases(*CASES, long=MORE))
@@ -98,10 +106,22 @@ def test_symbol_given_as_a_file_is_read_at_its_bound_and_errors_are_as_stated(na
     air, own = (CASES | MORE)[name], folder / name
     own.mkdir()
     air.write(own, "../finger.yaml")
-    excess_db, ratio = held_to_the_bound(air, own)
-    # Noise is so low with 4096 samples that 0.014 deg which are no noise add 1 dB.
-    assert -1.5 < excess_db < (2.5 if name.endswith("4096") else 1.5)
+    excess_db, ratio, _ = held_to_the_bound(air, own)
+    assert -1.5 < excess_db < 1.5
     assert 0.9 < ratio < 1.5
+
+
+@pytest.mark.parametrize("name", cases("chirp-1024", long=sorted(STRONG.keys() - {"chirp-1024"})))
+def test_strong_tag_is_read_at_its_bound_though_it_switches_within_a_symbol(name, folder):
+    """What switching spreads over the subcarriers would be 25 dB above the noise."""
+    air, own = replace(STRONG[name], snr_db=20.0), folder / f"{name}-strong"
+    own.mkdir()
+    air.write(own, "../finger.yaml")
+    excess_db, ratio, snr_db = held_to_the_bound(air, own)
+    assert -1.5 < excess_db < 1.5
+    assert 0.9 < ratio < 1.8
+    # The mean over subcarriers of random power is that of the weakest.
+    assert abs(snr_db - 20) < 2 or name.startswith("random")
 
 
 def tiny(tmp_path, **sounding):
