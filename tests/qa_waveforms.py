@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from command_runs import run_command
 from gnuradio import wiforce
+from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.bound import phase_bound_deg
@@ -122,6 +124,30 @@ def test_strong_tag_is_read_at_its_bound_though_it_switches_within_a_symbol(name
     assert 0.9 < ratio < 1.8
     # The mean over subcarriers of random power is that of the weakest.
     assert abs(snr_db - 20) < 2 or name.startswith("random")
+
+
+def test_long_symbols_in_batches_of_any_size_give_equal_readings(folder, monkeypatch):
+    """Spread lines and their noise follow the groups, whether these come singly or not."""
+    air, own = replace(LONG, snr_db=20.0, duration_s=1.2), folder / "batches"
+    own.mkdir()
+    air.write(own, "../finger.yaml")
+    taken, process = [], Receiver.process
+
+    def record(receiver, groups):
+        taken.append(groups)
+        return process(receiver, groups)
+
+    monkeypatch.setattr(Receiver, "process", record)
+    plan = wiforce.plan(own / "scene.yaml")
+    expected = [r for batch in RecordingReader(open_capture(own / "capture"), plan) for r in batch]
+    monkeypatch.undo()
+    receiver, groups = Receiver(plan), Groups.concatenate(taken)
+    readings = [r for i in range(len(groups)) for r in receiver.process(groups[i : i + 1])]
+    readings += receiver.finish()
+    values = np.array([(r.phase1_deg, r.phase2_deg, r.snr_db) for r in readings], float)
+    others = np.array([(r.phase1_deg, r.phase2_deg, r.snr_db) for r in expected], float)
+    assert len(values) >= 30
+    np.testing.assert_allclose(values, others, rtol=1e-8)
 
 
 def tiny(tmp_path, **sounding):

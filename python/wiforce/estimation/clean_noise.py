@@ -71,8 +71,9 @@ class CleanNoise:
         first = 0
         while first < len(residuals):
             if not self._noise.known:
-                block = residuals if self._from_all else residuals[first : first + 1]
-                self._noise.set(robust_noise(block, fit.freedom), max(levels), len(block))
+                block = slice(None) if self._from_all else slice(first, first + 1)
+                start = robust_noise(residuals[block], fit.freedom)
+                self._noise.set(start, max(levels[block]), len(residuals[block]))
             part = self._noise.follow(
                 residuals[first:], fit.freedom, levels[first:], complete[first:]
             )
