@@ -91,6 +91,27 @@ def test_read_scene_that_differs_warns_of_each_key(press, tmp_path):
     assert len(caught) == 3
 
 
+def test_read_with_another_symbol_warns_in_a_readable_line(tmp_path):
+    """The samples of a symbol as text filled the terminal."""
+    n = np.arange(64)
+    np.save(tmp_path / "up.npy", np.exp(1j * np.pi * n**2 / 64))
+    scene = changed("sounding", waveform="up.npy")
+    path = written(tmp_path, scene)
+    wiforce.simulate(load_scene(path), tmp_path / "press")
+    capture = open_capture(tmp_path / "press")
+    assert scene_of(capture, path)[1] == []
+    named = written(tmp_path, changed("sounding", waveform="chirp", symbol_length=64))
+    lines = scene_of(capture, named)[1]
+    assert [line.split(" is ")[0] for line in lines] == [
+        "sounding.waveform",
+        "sounding.symbol_length",
+    ]
+    np.save(tmp_path / "up.npy", np.exp(-1j * np.pi * n**2 / 64))
+    assert scene_of(capture, written(tmp_path, scene))[1] == [
+        "sounding.symbol: up.npy holds another symbol than in the capture's own scene"
+    ]
+
+
 def test_scene_of_other_sensors_and_unreadable_scene_are_reported(press):
     """A capture whose own scene is broken must be readable with a good one."""
     scene = {**SCENE, "sensors": [{**SCENE["sensors"][0], "name": "leg"}]}

@@ -27,11 +27,11 @@ def changed(name, index, value):
 
 
 BAD = {
-    "missing": ({"time_s": np.arange(100.0)}, "channel and subcarrier_hz is missing"),
+    "missing": ({"time_s": np.arange(100.0)}, "missing: channel, subcarrier_hz"),
     "falling": (changed("time_s", 50, 0.0), r"time_s\[50\]: must not lie before"),
     "nan time": (changed("time_s", 7, np.nan), r"time_s\[7\]: must be finite, got nan"),
     "infinite time": (changed("time_s", 99, np.inf), r"time_s\[99\]: must be finite"),
-    "late": (changed("time_s", 99, 1e300), r"time_s\[99\]: must not lie more than 3600 s"),
+    "late": (changed("time_s", 99, 1e300), r"time_s\[99\]: must lie at most 3600 s"),
     "standing": (arrays_of() | {"time_s": np.ones(100)}, "time_s: must not be the same"),
     "few packets": (arrays_of(63), "time_s: must hold 64 packets or more, got 63"),
     "few subcarriers": (arrays_of(subcarriers=3), "subcarrier_hz: must hold 4 to 4096"),
@@ -92,6 +92,18 @@ def test_the_command_says_what_is_wrong_in_one_line(tmp_path):
     np.savez(tmp_path / "b.npz", **arrays_of())
     done = run_command("read", "b.npz", cwd=tmp_path)
     assert done.returncode == 2 and "holds no scene; name one with --scene" in done.stderr
+
+
+def test_commands_for_samples_say_that_the_file_holds_snapshots(tmp_path):
+    np.savez(tmp_path / "a.npz", **arrays_of())
+    for command in ("check", "survey"):
+        done = run_command(command, "a.npz", cwd=tmp_path)
+        assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+        assert "a.npz: holds channel snapshots, which only `read` takes" in done.stderr
+    done = run_command("read", "a", "--scene", "wifi_packets", cwd=tmp_path)
+    assert (
+        done.returncode == 2 and "a: no such capture; channel snapshots are in a.npz" in done.stderr
+    )
 
 
 def test_size_and_unit_of_the_channel_do_not_matter(tmp_path):

@@ -101,6 +101,10 @@ def test_version_option_prints_version_of_build():
             ["live", "--scene", "demo", "--args", "x", "--zmq", "tcp://nowhere.invalid:5555"],
             "--zmq: cannot be bound (ADDRESS must be an IPv4 address of this machine",
         ),
+        (
+            ["live", "--scene", "wifi_packets", "--args", "x"],
+            "--scene: must be a scene of samples; one with packets is for `read`",
+        ),
         (["live", "--scene", "demo", "--args", "x", "--tx-gain", "9dB"], "is not a valid number."),
         (["keys", "keys", "--client", "server"], "--client: must be letters"),
         (["bench", "speed", "--only", "x"], "got 'x'"),

@@ -108,6 +108,31 @@ def test_readme_notebook_selects_touched_readings(tmp_path, monkeypatch):
     exec(program, {})
 
 
+def test_waveform_page_scene_is_planned_with_its_symbol(tmp_path, monkeypatch):
+    """The page showed a section of a scene only, which `plan` refused."""
+    from gnuradio import wiforce
+
+    monkeypatch.chdir(tmp_path)
+    exec(code_blocks("waveforms.md", "python")[0], {})
+    (tmp_path / "scene.yaml").write_text(code_blocks("waveforms.md", "yaml")[0])
+    settings = wiforce.plan("scene.yaml")
+    assert settings.waveform.symbol_length == 128 and settings.scene.simulation.presses
+
+
+def test_pages_of_packets_and_surfaces_hold_whole_scenes(tmp_path):
+    from gnuradio import wiforce
+
+    (tmp_path / "wifi.yaml").write_text(code_blocks("wifi.md", "yaml")[0])
+    assert wiforce.load_scene(tmp_path / "wifi.yaml").simulation.snr_db == -12
+    strips, presses = code_blocks("surfaces.md", "yaml")[:2]
+    for name in ("low.yaml", "high.yaml"):
+        strips = strips.replace(name, "line-900mhz-calibrated")
+    bare = "".join(line for line in strips.splitlines(True) if "spreading_file" not in line)
+    (tmp_path / "skin.yaml").write_text(bare + presses)
+    scene = wiforce.load_scene(tmp_path / "skin.yaml")
+    assert len(scene.surface.strips) == len(scene.simulation.surface_presses) == 2
+
+
 # Put into the tutorial's program: the signal waits at 1.1 s until the sensor is pressed, which
 # happens at 0.7 s, since a busy machine may run ahead of its readings.
 WAITING = """

@@ -171,8 +171,18 @@ def test_block_parameters_can_all_be_set_in_grc(make_block, block_id):
     assert given == parameters_of(target)
 
 
-@pytest.mark.parametrize("block_id", ["wiforce_reader", "wiforce_capture_source"])
-def test_block_takes_the_scene_of_a_scene_block_by_its_id(platform, qt, tmp_path, block_id):
+@pytest.mark.parametrize(
+    ("block_id", "key"),
+    [
+        ("wiforce_reader", "scene"),
+        ("wiforce_capture_source", "scene"),
+        ("wiforce_sounding_source", "waveform"),
+        ("wiforce_backscatter_tag", "waveform"),
+        ("wiforce_frame_alignment", "waveform"),
+        ("wiforce_antenna_ratio", "waveform"),
+    ],
+)
+def test_block_takes_the_scene_of_a_scene_block_by_its_id(platform, qt, tmp_path, block_id, key):
     """A second copy of the file's name would be forgotten when the scene is exchanged."""
     path = tmp_path / "slow.yaml"
     path.write_text("sensors: [{name: leg, model: line-900mhz}]\n")
@@ -180,7 +190,7 @@ def test_block_takes_the_scene_of_a_scene_block_by_its_id(platform, qt, tmp_path
     variable, block = graph.new_block("variable_wiforce_scene"), graph.new_block(block_id)
     for made, values in (
         (variable, {"id": "of_the_leg", "file": path}),
-        (block, {"id": "under_test", "scene": "of_the_leg", **NEEDED.get(block_id, {})}),
+        (block, {"id": "under_test", key: "of_the_leg", **NEEDED.get(block_id, {})}),
     ):
         for name, value in values.items():
             made.params[name].set_value(str(value))
@@ -189,7 +199,7 @@ def test_block_takes_the_scene_of_a_scene_block_by_its_id(platform, qt, tmp_path
     assert not [m for _, m in block.iter_error_messages() if "not connected" not in m]
     code = block.templates.render("make")
     (given,) = [
-        word.value for word in ast.parse(code.strip()).body[0].value.keywords if word.arg == "scene"
+        word.value for word in ast.parse(code.strip()).body[0].value.keywords if word.arg == key
     ]
     # The program passes the variable, which is the scene itself there.
     assert ast.unparse(given) == "of_the_leg"
@@ -198,7 +208,7 @@ def test_block_takes_the_scene_of_a_scene_block_by_its_id(platform, qt, tmp_path
     variable.params["id"].set_value("renamed")
     graph.rewrite()
     graph.validate()
-    assert any("scene" in message for _, message in block.iter_error_messages())
+    assert any(key in message for _, message in block.iter_error_messages())
 
 
 SECTIONS = {"sensors", "radio", "sounding", "phase_group", "environment", "reference_s"}

@@ -158,11 +158,34 @@ def test_packets_that_stop_are_flagged_as_a_gap(tmp_path):
     assert flags[18] == ""
 
 
+@pytest.mark.parametrize("factor", [10.0, 1000.0])
+def test_times_that_contradict_the_interval_are_named(tmp_path, factor):
+    """Times in milliseconds gave a rule about lines of tags, and a slow sender only flags."""
+    capture = capture_of(duration_s=6.0)
+    capture.time_s = capture.time_s * factor
+    capture.save(tmp_path / "p.npz")
+    (tmp_path / "scene.yaml").write_text(json.dumps(scene_of()))
+    done = run_command("read", "p.npz", "--scene", "scene.yaml", "-o", "a.csv", cwd=tmp_path)
+    assert "p.npz: packets come every" in done.stderr.splitlines()[0]
+    assert "but packets.interval_s is 0.001" in done.stderr
+    assert done.returncode == (2 if factor > 10 else 0)
+
+
+def test_plan_says_that_a_wifi_card_has_no_such_snr():
+    """The default of 10 dB is that of samples; a plan would promise a twentieth of the error."""
+    done = run_command("plan", "wifi_packets", "--json")
+    assert not any("simulation.snr_db" in text for text in json.loads(done.stdout)["warnings"])
+    from gnuradio.wiforce.planning.advice import warnings as warnings_of
+
+    stated = scene_of() | {"simulation": {"snr_db": 10}}
+    assert any(text.startswith("simulation.snr_db: 10") for text in warnings_of(plan(stated)))
+
+
 def test_simulated_scene_is_read_by_the_command(tmp_path):
     done = run_command("simulate", "wifi_packets", "a", cwd=tmp_path)
     assert done.returncode == 0 and (tmp_path / "a.truth.csv").exists()
     done = run_command("read", "a.npz", "-o", "a.csv", cwd=tmp_path)
-    assert done.returncode == 0 and "repeated packets were dropped" in done.stderr
+    assert done.returncode == 0 and "repeated packets" in done.stderr
     rows = (tmp_path / "a.csv").read_text().splitlines()
     truth = (tmp_path / "a.truth.csv").read_text().splitlines()
     assert [r.split(",")[:2] for r in rows] == [t.split(",")[:2] for t in truth]

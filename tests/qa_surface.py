@@ -174,7 +174,8 @@ BAD = {
         "spreading": {"share": 0.5, "width_mm": 9, "location_offsets_mm": [0.1, 0, 0]}},
     "surface.spreading.location_offsets_mm": {
         "spreading": {"share": 0.5, "width_mm": 9, "location_offsets_mm": [0.1, 0, 0, 101]}},
-    "surface.spreading_file: nowhere.yaml: ": {"spreading_file": "nowhere.yaml"},
+    "surface.spreading_file: nowhere.yaml: cannot be read (No such file or directory); leave": {
+        "spreading_file": "nowhere.yaml"},
     "surface.spreading_file: must be left out": {
         "spreading": {"share": 0.5, "width_mm": 9}, "spreading_file": "x.yaml"},
 }  # fmt: skip
@@ -195,7 +196,8 @@ BAD_TAPS = {
     "row 2: y_mm: must be a number": TAPS + "1,2,5,40,\n",
     "row 2: force_n must be above 0": TAPS + "1,2,0,40,0\n",
     "row 2: end_s must be later than start_s": TAPS + "2,1,5,40,0\n",
-    "must press strips 6 times or more": TAPS + "0.6,0.7,5,40,0\n",
+    "must press strips 6 times or more": TAPS + "0.54,0.58,5,40,0\n",
+    "no clear reading of a strip lies between start_s and": TAPS + "9000,9001,5,40,0\n",
     "has no rows": TAPS,
 }  # fmt: skip
 

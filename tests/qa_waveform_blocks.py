@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 from gnuradio import blocks, gr, wiforce
+from gnuradio.wiforce.estimation.frame import MARGIN
 
 GROUPS, SNAPSHOTS = 3, 40
 
@@ -84,6 +85,35 @@ def test_ratio_of_two_antennas_takes_the_symbol(waveform):
     flowgraph.run()
     channel = np.fft.fft(sink.data()) * waveform.equalizer()
     np.testing.assert_allclose(channel[waveform.bins], 1.5j, atol=1e-5)
+
+
+def test_blocks_take_the_sounding_of_a_scene_with_a_symbol_beside_it(tmp_path):
+    """Symbol, repetitions and frame length had to be stated again in every block."""
+    n = np.arange(48)
+    np.save(tmp_path / "own.npy", np.exp(1j * np.pi * n**2 / 48))
+    path = tmp_path / "scene.yaml"
+    path.write_text(
+        "sounding: {waveform: own.npy, repetitions: 3, frame_length: 157}\n"
+        "radio: {sample_rate_hz: 1.0e+6}\n"
+        "sensors: [{name: arm, model: line-900mhz, clock_hz: 400}]\n"
+    )
+    scene = wiforce.load_scene(path)
+    frame = scene.waveform().frame()
+    assert len(frame) == 157
+    for given in (scene, str(path)):
+        tag = wiforce.backscatter_tag(
+            waveform=given, sample_rate=1e6, clock_hz=400, snr_db=60, static_clutter_db=60
+        )
+        alignment = wiforce.frame_alignment(given, search_frames=16)
+        skip, head = blocks.skiphead(8, 100), blocks.head(8, 40 * 157)
+        sounder = wiforce.sounding_source(given, amplitude=0.5)
+        flowgraph, sink = gr.top_block(), blocks.vector_sink_c()
+        flowgraph.connect(sounder, skip, head, tag, alignment, sink)
+        flowgraph.run()
+        # The block leaves MARGIN samples before the strongest path, for a weaker and earlier one.
+        assert alignment.offset == 57 - MARGIN
+        np.testing.assert_allclose(sink.data()[MARGIN : MARGIN + 157], 0.5 * frame, atol=5e-3)
+    assert wiforce.antenna_ratio(scene).input_signature().sizeof_stream_item(0) == 8 * 48
 
 
 @pytest.mark.parametrize(

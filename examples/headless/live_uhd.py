@@ -21,12 +21,8 @@ class Usrp:
     """Both directions of a USRP, configured by a scene: from `sounder` to the air to `frames`."""
 
     def __init__(self, device, scene):
-        sounding = {
-            "waveform": scene.sounding.waveform,
-            "frame_length": scene.sounding.frame_length,
-            "sample_rate": scene.radio.sample_rate_hz,
-            "item_type": "sc16",
-        }
+        # The section `sounding` of a scene states all that is sent, with the symbol of a file.
+        sounding = {"waveform": scene, "item_type": "sc16"}
         self.sounder = wiforce.sounding_source(amplitude=0.5, **sounding)
         self.transmitter = prepared(uhd.usrp_sink, device, scene, "TX/RX")
         self.receiver = prepared(uhd.usrp_source, device, scene, "RX2")

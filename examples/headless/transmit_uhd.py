@@ -17,9 +17,7 @@ def main(device, scene):
     scene = wiforce.load_scene(scene)
     flowgraph = gr.top_block("transmit_uhd", catch_exceptions=False)
     sounder = wiforce.sounding_source(
-        waveform=scene.sounding.waveform,
-        frame_length=scene.sounding.frame_length,
-        sample_rate=scene.radio.sample_rate_hz,
+        waveform=scene,
         amplitude=0.5,
         item_type="sc16",
     )

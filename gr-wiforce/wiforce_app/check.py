@@ -82,6 +82,8 @@ def check(capture, scene_path, args, datatype, as_json, **radio):
         _measure(findings, scene, session, samples)
     findings.advice = advice_on(findings, scene)
     findings.notes = [note for note in [licence_note(scene)] if note]
+    if radio["driver"] == "soapy" and findings.delay_us is not None:
+        findings.notes.append("the delay differs from start to start with this driver")
     if as_json:
         report = {**asdict(findings), "room": finding_rows(findings.room)}
         click.echo(json.dumps(report, indent=2))
@@ -216,7 +218,7 @@ def _text(findings):
         lines += [
             f"peak       {levels['peak_dbfs']:.1f} dBFS, {100 * levels['clipped']:.3g} % clipped",
             f"preamble   {levels['preamble_dbfs']:.1f} dBFS",
-            f"noise      {_or_unknown(levels['noise_dbfs'])} dBFS",
+            f"noise      {_or_unknown(levels['noise_dbfs'])}",
             f"DC offset  {levels['dc_dbfs']:.1f} dBFS",
             f"delay      {findings.delay_us:.2f} us from transmit to receive",
         ]
@@ -228,4 +230,4 @@ def _text(findings):
 
 
 def _or_unknown(value):
-    return "unknown" if value is None else f"{value:.1f}"
+    return "unknown" if value is None else f"{value:.1f} dBFS"

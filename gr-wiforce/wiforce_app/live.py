@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``gr-wiforce live``: transmit, receive and read with a UHD device."""
+"""``gr-wiforce live``: transmit, receive and read with a radio."""
 
 import signal
 import sys
@@ -143,9 +143,9 @@ def live(
     log_format,
     **radio,
 ):
-    """Transmit, receive and read with a UHD device, until interrupted.
+    """Transmit, receive and read with a USRP, or with another radio by --driver soapy.
 
-    SIGUSR1 measures the untouched reference again (tare).
+    It runs until interrupted. SIGUSR1 measures the untouched reference again (tare).
     """
     log.set_up(log_level, log_format)
     scene = load_scene(scene_path)
@@ -231,6 +231,9 @@ def _warn_of_strangers(zmq_endpoint):
 
 def radio_request(args, scene, tx_gain, rx_gain, **settings):
     """The radio that a command's options ask for."""
+    if scene.packets:
+        rule = "must be a scene of samples; one with packets is for `read` of channel snapshots"
+        raise InputError("--scene", rule)
     _check_transmitter(scene, settings)
     return RadioRequest.of_scene(
         scene,

@@ -62,8 +62,9 @@ def _report(paths, scene, duration_s, groups):
     for warning in simulation_warnings(scene):
         click.echo(f"gr-wiforce: warning: {warning}", err=True)
     settings = scene.simulation
+    presses = len(settings.presses) + len(settings.surface_presses)
     click.echo(
         f"gr-wiforce: {duration_s:.3g} s, phase groups: {groups}, "
-        f"presses: {len(settings.presses)}, moves: {len(settings.moves)}, seed: {settings.seed}",
+        f"presses: {presses}, moves: {len(settings.moves)}, seed: {settings.seed}",
         err=True,
     )

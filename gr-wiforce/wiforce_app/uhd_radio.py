@@ -120,6 +120,8 @@ def _block(kind, option, args, channels=1):
         block = kind(args, stream)
     except (RuntimeError, ValueError, IndexError, KeyError) as error:
         reason = "no device found" if "No devices found" in str(error) else last_line(error)
+        if "driver=" in args:
+            reason = "no device found; driver= names a SoapySDR module, with --driver soapy"
         raise DeviceAbsent(option, absent_rule(reason), args) from error
     block.set_log_level("off")  # the reader reports gaps
     return block

@@ -24,6 +24,9 @@ from .receiver import Receiver
 
 # Groups that are passed to the receiver at once.
 _BATCH = 16
+# A mean interval that differs from the scene's by this factor is a mistake: losses of the packets
+# that the scene expects change it by less.
+_OTHER_INTERVAL = 2.0
 
 
 class SnapshotReader:
@@ -88,7 +91,7 @@ class SnapshotReader:
         # Threads are slower than one core for matrices as small as these.
         with self._blas.limit(limits=1, user_api="blas"):
             channel = _without_oscillator(recording, untouched, free)
-            self.plan = fitted_plan(plan, recording.subcarrier_hz, time_s, channel)
+            self.plan = self._fitted(plan, time_s, channel)
             if free:
                 ratios = tag_ratios(self.plan, time_s, channel, recording.antennas)
                 self.plan = replace(self.plan, tag_ratios=ratios)
@@ -98,13 +101,35 @@ class SnapshotReader:
     @property
     def notes(self) -> list[str]:
         """What was left out of the file, a sentence each."""
-        recording, found = self._recording, []
+        recording, found = self._recording, [*self._interval_notes(self.plan)]
         if recording.repeated:
-            found.append(f"{recording.repeated} repeated packets were dropped")
+            found.append(f"dropped {_count(recording.repeated, 'repeated packet')}")
         if recording.unusable:
-            rule = "packets without finite values were dropped"
-            found.append(f"{recording.unusable} {rule}")
+            count = _count(recording.unusable, "packet")
+            found.append(f"dropped {count} without finite values")
         return found
+
+    def _fitted(self, plan: Plan, time_s: Array, channel: Array) -> Plan:
+        try:
+            return fitted_plan(plan, self._recording.subcarrier_hz, time_s, channel)
+        except InputError as error:
+            # Times in another unit leave groups nearly empty, which the rule of the plan hides.
+            for note in self._interval_notes(plan):
+                raise InputError(self._recording.path, note) from error
+            raise
+
+    def _interval_notes(self, plan: Plan) -> Iterator[str]:
+        packets, recording = plan.require_scene().packets, self._recording
+        if packets is None:
+            return
+        mean_s = recording.span_s / (len(recording.time_s) - 1)
+        if max(mean_s / packets.interval_s, packets.interval_s / mean_s) > _OTHER_INTERVAL:
+            count = plan.group_period_s / mean_s
+            yield (
+                f"packets come every {mean_s:.3g} s on average, but packets.interval_s is "
+                f"{packets.interval_s:g}: a phase group holds {count:.3g} packets; correct the "
+                "scene, or the times, which are in seconds"
+            )
 
     def samples_missing(self) -> dict[Path, int]:
         """Samples that files lacked while they were read: none, as for other recordings."""
@@ -130,6 +155,10 @@ class SnapshotReader:
             if len(groups):
                 yield self.receiver.process(groups)
         yield self.receiver.finish(self.groups)
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'s' * (number != 1)}"
 
 
 def _check(recording: ChannelSnapshots, plan: Plan) -> None:

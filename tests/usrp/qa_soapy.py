@@ -172,4 +172,5 @@ def test_soapy_check_measures_levels_and_clock(slow_scene, slow_device, long_run
     (arm,) = found["sensors"]
     assert arm["clock_offset_ppm"] == pytest.approx(40, abs=4)
     assert found["advice"] == [] and found["room"] == []
+    assert any("delay differs from start to start" in note for note in found["notes"])
     assert "N210" in found["hardware"]

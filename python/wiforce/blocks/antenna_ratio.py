@@ -8,6 +8,7 @@ from gnuradio import gr
 from .. import names
 from ..estimation.antennas import folded_ratio, ratio_noise
 from ..estimation.groups import Array
+from ..scene import Scene
 from ..signal.waveform import Waveform
 from .frame_settings import frames_of
 from .noise_tags import NoiseTags, noise_value
@@ -28,9 +29,9 @@ class antenna_ratio(gr.sync_block):
 
     Parameters
     ----------
-    waveform : str or Waveform
-        A shipped waveform's name, or the ``.npy`` file of a symbol. A Waveform states its own
-        frame length and rate.
+    waveform : str, Waveform or Scene
+        A shipped waveform's name, or the ``.npy`` file of a symbol. A Waveform or a scene (its
+        ``.yaml`` file, or the ID of a Scene block) states its own frame length, rate and symbol.
     frame_length : int
         Samples per frame.
     sample_rate : float
@@ -50,7 +51,7 @@ class antenna_ratio(gr.sync_block):
 
     def __init__(
         self,
-        waveform: str | Waveform = "repeated",
+        waveform: str | Waveform | Scene = "repeated",
         frame_length: int = 720,
         sample_rate: float = 12.5e6,
         symbol_length: int = 0,

@@ -10,8 +10,9 @@ from gnuradio import gr
 
 from ..errors import InputError
 from ..estimation.groups import Array
-from ..scene import load_scene
+from ..scene import Scene, load_scene
 from ..simulation.channel import AirChannel
+from .frame_settings import scene_meant
 from .output_buffer import enlarge_output_buffer
 
 # The tag is pressed by calls, and rounding is the receiver's part.
@@ -48,7 +49,7 @@ class backscatter_tag(gr.sync_block):
         G_off / rho of the open switches, below 1 in magnitude.
     center_frequency, sample_rate : float
         In Hz and samples per second.
-    waveform : str
+    waveform : str or Scene
         As of ``sounding_source``: what ``snr_db`` counts for.
     frame_length : int
         Samples per frame.
@@ -86,7 +87,7 @@ class backscatter_tag(gr.sync_block):
         off_reflection: complex = 0j,
         center_frequency: float = 900e6,
         sample_rate: float = 12.5e6,
-        waveform: str = "repeated",
+        waveform: str | Scene = "repeated",
         frame_length: int = 720,
         seed: int = 1,
         effects: dict[str, Any] | None = None,
@@ -111,16 +112,18 @@ class backscatter_tag(gr.sync_block):
         if twice:
             rule = f"must not hold what the block itself sets ({', '.join(twice)})"
             raise InputError("effects", rule)
+        meant = scene_meant(waveform)
+        sounding = {
+            "waveform": waveform,
+            "frame_length": int(frame_length),
+            "symbol_length": symbol_length or None,
+            "repetitions": repetitions or None,
+            "averaged_repetitions": averaged_repetitions or None,
+        }
         scene = load_scene(
             {
                 "radio": {"center_frequency_hz": center_frequency, "sample_rate_hz": sample_rate},
-                "sounding": {
-                    "waveform": waveform,
-                    "frame_length": int(frame_length),
-                    "symbol_length": symbol_length or None,
-                    "repetitions": repetitions or None,
-                    "averaged_repetitions": averaged_repetitions or None,
-                },
+                "sounding": meant.as_dict()["sounding"] if meant else sounding,
                 "sensors": [
                     {
                         "name": "tag",

@@ -6,6 +6,7 @@ from gnuradio import gr
 from ..errors import InputError
 from ..estimation.groups import Array
 from ..io.samples import item_type_named
+from ..scene import Scene
 from ..signal.waveform import Waveform
 from .frame_search import FrameSearch, Tag
 from .frame_settings import frames_of
@@ -23,9 +24,9 @@ class frame_alignment(gr.basic_block):
 
     Parameters
     ----------
-    waveform : str or Waveform
-        A shipped waveform's name, or the ``.npy`` file of a symbol. A Waveform states its own
-        frame length and rate.
+    waveform : str, Waveform or Scene
+        A shipped waveform's name, or the ``.npy`` file of a symbol. A Waveform or a scene (its
+        ``.yaml`` file, or the ID of a Scene block) states its own frame length, rate and symbol.
     frame_length : int
         Samples per frame.
     sample_rate : float
@@ -60,7 +61,7 @@ class frame_alignment(gr.basic_block):
 
     def __init__(
         self,
-        waveform: str | Waveform = "repeated",
+        waveform: str | Waveform | Scene = "repeated",
         frame_length: int = 720,
         sample_rate: float = 12.5e6,
         item_type: str = "fc32",

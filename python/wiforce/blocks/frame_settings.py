@@ -12,8 +12,38 @@ from ..signal.waveform import WAVEFORMS, Waveform, sounding_waveform
 LONGEST_PREAMBLE = 5 * LONGEST_SYMBOL
 
 
+def scene_meant(waveform: str | Waveform | Scene) -> Scene | None:
+    """The scene that is given in place of a waveform, so that its section `sounding` counts.
+
+    Parameters
+    ----------
+    waveform : str, Waveform or Scene
+        A scene, or its ``.yaml`` file: in Companion the ID of a Scene block is both.
+
+    Returns
+    -------
+    Scene or None
+        None for a waveform, by its name or file.
+
+    Raises
+    ------
+    InputError
+        When the scene cannot be loaded.
+
+    Examples
+    --------
+    >>> scene_meant("chirp") is None, scene_meant(load_scene("demo")).sounding.frame_length
+    (True, 720)
+    """
+    if isinstance(waveform, Scene):
+        return waveform
+    if str(waveform).lower().endswith((".yaml", ".yml")):
+        return load_scene(str(waveform))
+    return None
+
+
 def frames_of(
-    waveform: str | Waveform,
+    waveform: str | Waveform | Scene,
     frame_length: int,
     sample_rate: float,
     symbol_length: int = 0,
@@ -24,8 +54,8 @@ def frames_of(
 
     Parameters
     ----------
-    waveform : str or Waveform
-        Name or file; a Waveform is taken as it is.
+    waveform : str, Waveform or Scene
+        Name or file; a Waveform or a scene states everything itself.
     frame_length : int
         Samples per frame.
     sample_rate : float
@@ -49,6 +79,9 @@ def frames_of(
     """
     if isinstance(waveform, Waveform):
         return waveform
+    scene = scene_meant(waveform)
+    if scene is not None:
+        return scene.waveform()
     stated = {
         "symbol_length": symbol_length,
         "repetitions": repetitions,

@@ -137,7 +137,7 @@ def is_waveform(
     Parameters
     ----------
     waveform : object
-        A shipped waveform's name, or the ``.npy`` file of a symbol.
+        A shipped waveform's name, the ``.npy`` file of a symbol, or a scene.
     frame_length : int
         Samples per frame.
     symbol_length, repetitions, averaged_repetitions : int

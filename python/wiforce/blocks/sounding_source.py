@@ -9,6 +9,7 @@ from gnuradio import blocks, gr
 from ..errors import InputError
 from ..estimation.groups import Array
 from ..io.samples import item_type_named
+from ..scene import Scene
 from ..signal.waveform import Waveform
 from .frame_settings import frames_of
 
@@ -41,9 +42,9 @@ class sounding_source(gr.hier_block2):
 
     Parameters
     ----------
-    waveform : str or Waveform
-        A shipped waveform's name, or the ``.npy`` file of a symbol. A Waveform states its own
-        frame length and rate.
+    waveform : str, Waveform or Scene
+        A shipped waveform's name, or the ``.npy`` file of a symbol. A Waveform or a scene (its
+        ``.yaml`` file, or the ID of a Scene block) states its own frame length, rate and symbol.
     frame_length : int
         Samples per frame, at least those of the preamble.
     sample_rate : float
@@ -68,7 +69,7 @@ class sounding_source(gr.hier_block2):
 
     def __init__(
         self,
-        waveform: str | Waveform = "repeated",
+        waveform: str | Waveform | Scene = "repeated",
         frame_length: int = 720,
         sample_rate: float = 12.5e6,
         amplitude: float = 0.5,

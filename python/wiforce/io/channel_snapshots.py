@@ -111,7 +111,7 @@ def open_snapshots(path: str | Path) -> ChannelSnapshots:
     arrays = _arrays(path)
     missing = [name for name in _KEYS if name not in arrays]
     if missing:
-        rule = f"must hold the arrays {', '.join(_KEYS)}; {' and '.join(missing)} is missing"
+        rule = f"must hold the arrays {', '.join(_KEYS)}; missing: {', '.join(missing)}"
         raise InputError(path, rule)
     return checked_snapshots(
         path,
@@ -256,7 +256,8 @@ def _violations(
     if gaps.size:
         row = int(gaps[0]) + 1
         rule = (
-            f"time_s[{row}]: must not lie more than {_LONGEST_GAP_S:g} s after the packet before it"
+            f"time_s[{row}]: must lie at most {_LONGEST_GAP_S:g} s after the packet before it; "
+            "times are in seconds"
         )
         yield rule, float(time_s[row])
     wide = np.flatnonzero(~(np.abs(subcarrier_hz.astype(float)) <= _WIDEST_HZ))

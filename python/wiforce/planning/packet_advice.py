@@ -25,6 +25,9 @@ _LOWEST_HZ, _HIGHEST_HZ, _STEP_HZ = 50.0, 200.0, 1.0
 _ABOUT_EQUAL = 0.95
 # Distance of strong lines from those of lamps, in bins of a group, up to which they interfere.
 _NEAR_BINS = 2.0
+# SNR of a tag's first line that no card reaches: its channel estimates have at most 50 dB, and the
+# tag is 50 dB or more below the direct path (docs/wifi.md).
+_HIGHEST_SNR_DB = 0.0
 
 
 @dataclass(frozen=True)
@@ -159,6 +162,13 @@ def packet_warnings(plan: Plan) -> Iterator[str]:
                 "disturbed"
             )
     yield from _alias_warnings(plan)
+    snr_db = scene.simulation.snr_db
+    if scene.environment.reader_clock == "free" and snr_db > _HIGHEST_SNR_DB:
+        yield (
+            f"simulation.snr_db: {snr_db:g} dB is more than channel estimates of a Wi-Fi card "
+            "allow, so the errors above are too small; a tag 60 dB below the direct path has -20 "
+            "to -10 dB"
+        )
 
 
 def _alias_warnings(plan: Plan) -> Iterator[str]:

@@ -16,8 +16,9 @@ from .load import load_capture_scene, load_scene
 from .schema import Scene
 
 # Who reads a capture may well simulate something else. The sensor files have another location
-# after a capture was moved, and another calibration of a sensor is no contradiction.
-_NOT_COMPARED = ("simulation", "model")
+# after a capture was moved, and another calibration of a sensor or a skin is no contradiction.
+_NOT_COMPARED = ("simulation", "model", "spreading", "spreading_file")
+_WAVEFORM, _SYMBOL = "sounding.waveform", "sounding.symbol"
 
 
 def scene_of(
@@ -69,9 +70,14 @@ def _differences(capture: Capture | ChannelSnapshots, given: Scene) -> Iterator[
         return
     own, other = _by_key(stored), _by_key(given)
     for key in dict.fromkeys([*own, *other]):
-        if own.get(key) != other.get(key):
+        if own.get(key) == other.get(key):
+            continue
+        if key != _SYMBOL:
             before, now = (_text(values.get(key)) for values in (own, other))
             yield f"{key} is {before} in the capture's own scene, {now} in the scene given"
+        elif own.get(_WAVEFORM) == other.get(_WAVEFORM):
+            # Otherwise the names say it already; the samples as text tell a reader nothing.
+            yield f"{key}: {own[_WAVEFORM]} holds another symbol than in the capture's own scene"
 
 
 def _by_key(scene: Scene) -> dict[str, Any]:

@@ -208,10 +208,14 @@ def surface_violations(scene: "Scene") -> Iterator[tuple[str, str, Any] | tuple[
             yield f"surface.strips[{j}].y_mm", rule, second.y_mm
     if surface.spreading is not None and surface.spreading_file is not None:
         yield "surface.spreading_file", "must be left out where surface.spreading is given"
+    folder = scene.path.parent if scene.path else Path()
     try:
-        law = surface.law(scene.path.parent if scene.path else Path()) if surface.known else None
+        law = surface.law(folder) if surface.known else None
     except InputError as error:
-        yield "surface.spreading_file", str(error)
+        rule = str(error)
+        if not (folder / str(surface.spreading_file)).exists():
+            rule += "; leave the key out until `calibrate --surface` has written the file"
+        yield "surface.spreading_file", rule
         return
     for of_strips in (law.strip_shares, law.location_offsets_mm) if law is not None else ():
         if of_strips and len(of_strips) != len(surface.strips):

@@ -231,7 +231,7 @@ def checked_symbol(values: np.ndarray, where: object) -> np.ndarray:
     finite = np.isfinite(values)
     if not finite.all():
         first = int(np.argmin(finite))
-        raise InputError(where, f"must hold finite samples, sample {first} is", values[first])
+        raise InputError(where, f"must hold finite samples, sample {first} is not", values[first])
     symbol = values.astype(complex)
     peak = max(np.abs(symbol.real).max(), np.abs(symbol.imag).max())
     if not peak > 0:

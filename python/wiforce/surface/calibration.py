@@ -136,6 +136,12 @@ def fit_spreading(skin: Skin, taps: SurfaceTaps, law: str = "strips") -> Spreadi
     noise = taps.strip_force_std_n / taps.force_n[:, None]
     shown = np.isfinite(share) & np.isfinite(noise)
     distance, count = taps.y_mm[:, None] - skin.y_mm, int(shown.sum())
+    if not count and not taps.untouched.any():
+        rule = (
+            "no clear reading of a strip lies between start_s and end_s of a press: check these "
+            "times, and that the readings are those of this recording"
+        )
+        raise InputError("taps", rule)
     if count < _LEAST_SHARES or len(np.unique(np.abs(distance[shown]).round(1))) < 3:
         rule = (
             f"must press strips {_LEAST_SHARES} times or more, at three distances across or more: "
