@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 from command_runs import run_command
-from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.errors import InputError, gnuradio_rule
 from gnuradio.wiforce.sensor.tables import read_touchstone_index
 from wiforce_app.workers import _connect
 
@@ -85,3 +85,21 @@ def test_missing_package_of_touchstone_files_is_named(tmp_path, monkeypatch):
     (tmp_path / "index.csv").write_text("file,force_n,location_mm\npress.s2p,2,40\n")
     with pytest.raises(InputError, match='row 2: needs scikit-rf>=1.0: pip install "scikit-rf'):
         read_touchstone_index(tmp_path / "index.csv", 900e6)
+
+
+@pytest.mark.parametrize(
+    ("statement", "needed"),
+    [
+        ("from gnuradio.wiforce.sensor.tables import absent", False),
+        ("import gnuradio.wiforce.sensor.absent", False),
+        ("import gnuradio.wiforce.absent", False),
+        ("from gnuradio import absent", True),
+        ("import gnuradio.absent", True),
+        ("import pmt.absent", True),
+    ],
+)
+def test_import_error_within_the_package_is_not_reported_as_missing_gnuradio(statement, needed):
+    """A mistake in our code would send users to install what they have."""
+    with pytest.raises(ImportError) as caught:
+        exec(statement, {})
+    assert (gnuradio_rule(caught.value) is not None) == needed

@@ -203,7 +203,8 @@ def test_a_bad_surface_is_refused_in_one_line(message, tmp_path):
 TAPS = "start_s,end_s,force_n,x_mm,y_mm\n"
 BAD_TAPS = {
     "must have the columns start_s, end_s, force_n, x_mm, y_mm": "start_s,end_s,force_n\n1,2,3\n",
-    "row 2: force_n must be a number": TAPS + "1,2,nan,40,0\n",
+    "row 2: force_n: must be finite": TAPS + "1,2,nan,40,0\n",
+    "row 2: y_mm: must be a number": TAPS + "1,2,5,40,\n",
     "row 2: force_n must be above 0": TAPS + "1,2,0,40,0\n",
     "row 2: end_s must be later than start_s": TAPS + "2,1,5,40,0\n",
     "must press strips 6 times or more": TAPS + "0.54,0.58,5,40,0\n",

@@ -8,8 +8,9 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 _DISK_ERRORS = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO)
+_OWN = "gnuradio.wiforce"
 # Compiled modules that only a build with GNU Radio has.
-_MODULES_WITH_GNURADIO = ("wiforce_python", "wiforce_bench")
+_MODULES_WITH_GNURADIO = (f"{_OWN}.wiforce_python", f"{_OWN}.wiforce_bench")
 
 
 class InputError(ValueError):
@@ -162,7 +163,7 @@ def gnuradio_rule(error: ImportError) -> str | None:
     Returns
     -------
     str or None
-        None when something else is missing.
+        None when something else is missing, such as a name in our own package.
 
     Examples
     --------
@@ -175,9 +176,8 @@ def gnuradio_rule(error: ImportError) -> str | None:
     absent = re.match(r"cannot import name '(\w+)' from 'gnuradio'", str(error))
     if absent:
         module = f"gnuradio.{absent[1]}"
-    package, _, name = module.rpartition(".")
-    if package == "gnuradio.wiforce":
-        if name not in _MODULES_WITH_GNURADIO:
+    if module == _OWN or module.startswith(f"{_OWN}."):
+        if module not in _MODULES_WITH_GNURADIO:
             return None
     elif module.partition(".")[0] not in ("gnuradio", "pmt"):
         return None

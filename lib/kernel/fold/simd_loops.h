@@ -133,19 +133,11 @@ void fold(const typename Samples::component* in,
 }
 
 template <class Samples, int WIDTH>
-void fold_width(const typename Samples::component* in,
-                std::size_t stride,
-                std::size_t frames,
-                int repetitions,
-                int width,
-                float scale,
-                float* folded,
-                float* noise)
+auto fold_of_width(int repetitions)
 {
-    const auto run = repetitions == 4   ? fold<Samples, 4, WIDTH>
-                     : repetitions == 2 ? fold<Samples, 2, WIDTH>
-                                        : fold<Samples, 0, WIDTH>;
-    run(in, stride, frames, repetitions, width, scale, folded, noise);
+    return repetitions == 4   ? fold<Samples, 4, WIDTH>
+           : repetitions == 2 ? fold<Samples, 2, WIDTH>
+                              : fold<Samples, 0, WIDTH>;
 }
 
 template <class Samples>
@@ -158,8 +150,9 @@ void fold_any(const typename Samples::component* in,
               float* folded,
               float* noise)
 {
-    const auto run = width == DEFAULT_WIDTH ? fold_width<Samples, DEFAULT_WIDTH>
-                                            : fold_width<Samples, 0>;
+    const auto run = width == DEFAULT_WIDTH
+                         ? fold_of_width<Samples, DEFAULT_WIDTH>(repetitions)
+                         : fold_of_width<Samples, 0>(repetitions);
     run(in, stride, frames, repetitions, width, scale, folded, noise);
 }
 

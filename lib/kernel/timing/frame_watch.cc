@@ -21,19 +21,28 @@ constexpr float SAME = 0.8f;
 // at each of its repetitions, and a chirp at some samples beside each.
 constexpr std::size_t COMPARED = 256;
 
+// <a, b>, summed over pieces.
+struct product {
+    float real = 0;
+    float imag = 0;
+
+    void add(const fc32* a, const fc32* b, std::size_t count)
+    {
+        for (std::size_t i = 0; i < count; i++) {
+            real += a[i].real() * b[i].real() + a[i].imag() * b[i].imag();
+            imag += a[i].imag() * b[i].real() - a[i].real() * b[i].imag();
+        }
+    }
+    float power() const { return real * real + imag * imag; }
+};
+
 // |<a, b>|^2 of unit vectors, b delayed by `shift` samples.
 float match(const std::vector<fc32>& a, const std::vector<fc32>& b, std::size_t shift)
 {
-    float real = 0, imag = 0;
-    const auto add = [&](const fc32* x, const fc32* y, std::size_t count) {
-        for (std::size_t i = 0; i < count; i++) {
-            real += x[i].real() * y[i].real() + x[i].imag() * y[i].imag();
-            imag += x[i].imag() * y[i].real() - x[i].real() * y[i].imag();
-        }
-    };
-    add(a.data() + shift, b.data(), a.size() - shift);
-    add(a.data(), b.data() + a.size() - shift, shift);
-    return real * real + imag * imag;
+    product sum;
+    sum.add(a.data() + shift, b.data(), a.size() - shift);
+    sum.add(a.data(), b.data() + a.size() - shift, shift);
+    return sum.power();
 }
 
 } // namespace
@@ -166,11 +175,11 @@ std::vector<std::uint64_t> frame_watch::likely_shifts(const profile& now) const
     }
     profile twice(now);
     twice.insert(twice.end(), now.begin(), now.end());
-    const profile wanted(d_reference.begin() + first, d_reference.begin() + first + part);
     std::vector<float> found(d_length);
     for (const std::uint64_t shift : shifts) {
-        const auto at = twice.begin() + first + shift;
-        found[shift] = match(profile(at, at + part), wanted, 0);
+        product sum;
+        sum.add(&twice[first + shift], &d_reference[first], part);
+        found[shift] = sum.power();
     }
     std::partial_sort(shifts.begin(),
                       shifts.begin() + COMPARED,

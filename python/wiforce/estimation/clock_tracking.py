@@ -198,11 +198,12 @@ class ClockTracking:
         return replace(clocks, path=model.predict(first), received=np.array([seen], bool))
 
     def _follow(self, groups: GroupTones) -> TrackedClocks:
-        locked, trackers = self._model.locked, self._model.trackers
-        point = self._point_for(groups, trackers)
+        model, trackers = self._model, self._model.trackers
+        locked, point = model.locked, self._point_for(groups, trackers)
         served = int(groups.group.searchsorted(point.stop))
         groups = groups[: min(served, self._reach)]
         assumed = predict_clocks(point.trackers, groups.center_s)
+        groups = model.without_spread_lines(groups, assumed)
         expansion, terms, freedom = self._expand(groups, assumed)
         measured = _Measurement(
             assumed.phase,

@@ -39,6 +39,8 @@ class GroupWeights:
     ----------
     whitener : ndarray of complex, shape (M, M)
         Makes the tones' noise white, with the variance of H.
+    mixer : ndarray of complex, shape (n, M)
+        From snapshots to whitened tones, by snapshot.
 
     Examples
     --------
@@ -66,8 +68,9 @@ class GroupWeights:
         self.loss = loss
         mixer = self.whitener @ (line_gain * weights.weights)
         self._switching = switching_mixer(mixer, times_s)
+        self.mixer = mixer.T
         # Waveforms are real: two real products are half of a complex one.
-        self._mixer = np.vstack([mixer.real, mixer.imag]).T
+        self._parts = np.vstack([mixer.real, mixer.imag]).T
 
     def switched(self, clocks: ArrayLike, pulses: ArrayLike) -> Array:
         """Whitened tones of the tags' switching waveforms, and their derivatives.
@@ -109,7 +112,7 @@ class GroupWeights:
         *groups, snapshots, columns = waveforms.shape
         # Contiguous in the order in which the switching waveforms are made.
         rows = waveforms.swapaxes(-1, -2).reshape(-1, snapshots)
-        mixed = (rows @ self._mixer).reshape(*groups, columns, 2, -1)
+        mixed = (rows @ self._parts).reshape(*groups, columns, 2, -1)
         return (mixed[..., 0, :] + 1j * mixed[..., 1, :]).swapaxes(-1, -2)
 
 

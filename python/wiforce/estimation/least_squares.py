@@ -19,6 +19,7 @@ from .clock_tracker import ClockPath, ClockTracker, predict_clocks
 from .group_tones import GroupTones, GroupWeights, power_of
 from .groups import Array, Groups
 from .joint_clock import PhaseExpansion
+from .spread_lines import SpreadLines
 from .tracked_tag import TrackedTag
 from .wander import without_wander
 
@@ -92,6 +93,8 @@ class ToneModel:
         Given when the tones are derotated (``ToneTable.derotation``).
     symbol_length : int
         Samples of the symbol that they are derotated within.
+    spread : SpreadLines, optional
+        Given when tags switch within a symbol, so that this is removed.
 
     Examples
     --------
@@ -111,8 +114,10 @@ class ToneModel:
         tags: Sequence[TrackedTag],
         sample_rate_hz: float | None,
         symbol_length: int = 64,
+        spread: SpreadLines | None = None,
     ) -> None:
         self.table = table
+        self._spread = spread
         self.tags = tags
         self.group_period_s = table.group_length * table.snapshot_period_s
         self._line_gain = np.ones((len(table.tones), 1))
@@ -221,6 +226,24 @@ class ToneModel:
         parts = [weights.switched(switching[rows], pulses) for weights, rows in groups.by_weights()]
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
+    def without_spread_lines(self, groups: GroupTones, clocks: ClockPath) -> GroupTones:
+        """Groups without what the locked tags spread over the subcarriers at some clocks.
+
+        Parameters
+        ----------
+        groups : GroupTones
+        clocks : ClockPath
+            Of the locked tags in these groups.
+
+        Returns
+        -------
+        GroupTones
+            The same where symbols are short.
+        """
+        if self._spread is None or not self.locked:
+            return groups
+        return self._spread.remove(groups, self.fit(groups, clocks), self.locked, clocks)
+
     def solve(self, groups: GroupTones, clocks: ClockPath) -> tuple[Array, Array, GroupFit]:
         """Solve groups for all ends.
 
@@ -239,6 +262,7 @@ class ToneModel:
         fit : GroupFit
             What these were computed from.
         """
+        groups = self.without_spread_lines(groups, clocks)
         fit = self.fit(groups, clocks)
         count, subcarriers = 2 * len(self.tags), groups.tones.shape[2]
         if len(fit.rows) == count:

@@ -20,9 +20,6 @@ from .groups import Array
 _DELAYS_S = np.linspace(-0.15e-6, 0.25e-6, 81)
 # Delay profiles whose singular value is smaller than this share of the largest are left out.
 _LEAST_SINGULAR = 0.05
-# Share of lines spread by one subcarrier that has these delays: 0.64 to 1 for chirps, below 0.03
-# for Zadoff-Chu sequences of large roots and random symbols.
-_SPREAD_SHARE = 0.5
 # An image whose profile is this similar to the channel itself (squared correlation) is not
 # separable from it.
 _SIMILAR = 0.25
@@ -102,21 +99,9 @@ class ProfileCheck:
         profiles, singular, _ = np.linalg.svd(delays, full_matrices=False)
         self._delays = profiles[:, singular > _LEAST_SINGULAR * singular[0]]
         self._subcarriers = waveform.subcarriers
-        self._blind = waveform.resolves_spread_lines and self._holds_spread_lines()
         self._of_reference: _ReferenceProfiles | None = None
         self._ends = ends
         self.reset()
-
-    def _holds_spread_lines(self) -> bool:
-        """Whether what tags spread within a long symbol has the delays of echoes, as of chirps.
-
-        It changes with the phases of the ends, and would be taken for something on the air.
-        """
-        shifted = np.roll(self._waveform.equalizer(), 1)[self._waveform.bins]
-        profile = self._waveform.equalizer()[self._waveform.bins] * shifted.conj()
-        profile /= np.maximum(np.abs(profile), 1e-300)
-        across = self._delays.conj().T @ profile
-        return bool(np.sum(np.abs(across) ** 2) > _SPREAD_SHARE * len(profile))
 
     def reset(self) -> None:
         """Forget the groups so far, for a new reference."""
@@ -182,8 +167,6 @@ class ProfileCheck:
             ratio = np.where(np.isfinite(ratio), ratio, 0) + second
             residual = ends - ratio[:, :, None] * reference
             cost = np.where(level != 0, power / own_power, 1.0)
-            if self._blind:
-                return ends, cost
             if raised is not None:
                 residual = residual / np.sqrt(raised)[:, None]
                 noise = noise / raised

@@ -17,14 +17,15 @@ import numpy as np
 from ..signal.switching import harmonics
 from ..signal.waveform import Waveform
 from ..signal.weights import ToneTable
+from .clean_noise import CleanNoise, gain_of_least_error
 from .clock_search import ClockSearch
 from .clock_tracking import ClockTracking, TrackedClocks
 from .coherence import CoherentResidual
 from .group_tones import GroupTones, power_of
 from .groups import Array, Groups
 from .least_squares import ToneModel
-from .long_symbols import LongSymbolNoise
 from .noise import STEP_GROUPS, NoiseEstimate, Verdict
+from .spread_lines import SpreadLines
 from .tracked_tag import TagClock, TrackedTag
 
 # Ratio of a group's residual to the noise above which it raises the stated uncertainty. The ratio
@@ -86,15 +87,15 @@ class EndSeparator:
         tags = [TrackedTag(table, i, clock, averaging_s) for i, clock in every]
         self._tags = len(clocks)
         rate_hz = waveform.sample_rate_hz if derotated and waveform.is_derotated else None
-        self._model = ToneModel(table, tags, rate_hz, waveform.symbol_length)
         # Of channels that another device measured, only the residual tells the noise.
         is_long = derotated and not waveform.is_derotated
-        profile = waveform.noise_profile if is_long else None
-        self._noise = NoiseEstimate(self._model.group_period_s, profile)
+        has_spread = is_long and waveform.has_spread_lines
+        spread = SpreadLines(waveform) if has_spread else None
+        self._model = ToneModel(table, tags, rate_hz, waveform.symbol_length, spread)
+        profile, period_s = waveform.noise_profile, self._model.group_period_s
+        self._noise = NoiseEstimate(period_s, profile if is_long else None)
+        self._clean_noise = CleanNoise(period_s) if has_spread else None
         self._coherence = CoherentResidual(2 * len(tags))
-        self._long: LongSymbolNoise | None = None
-        if is_long and waveform.resolves_spread_lines:
-            self._long = LongSymbolNoise(waveform, 2 * len(tags))
         self._search = ClockSearch(self._model, self._noise, averaging_s)
         self._tracking = ClockTracking(self._model, self._noise, self._search)
         # The SNR is defined by line 1 of end 1.
@@ -171,13 +172,13 @@ class EndSeparator:
         groups = groups[: len(clocks)]
         ends, gain, fit = self._model.solve(groups, clocks.path)
         noise = clocks.noise
+        if self._clean_noise is not None:
+            noise = self._clean_noise.follow(groups, fit)
         factors, disturbed = self._coherence.update(fit, noise.inverse)
         significant = np.where(noise.ratio > _SIGNIFICANT_RESIDUAL, noise.ratio, 1.0)
         own = fit.gain * np.maximum(factors, significant[:, None])
-        if self._long is not None:
-            # What is spread over the subcarriers looks coherent, but does not change an end.
-            noisy, unsteady = self._long.update(fit, noise.inverse, significant[:, None])
-            own, disturbed = np.minimum(own, noisy), disturbed & unsteady
+        if self._clean_noise is not None:
+            own += gain_of_least_error(fit, noise.inverse)
         stated, disturbed_tags = gain.copy(), np.zeros((len(groups), len(self._model.tags)), bool)
         stated[:, fit.rows] = np.where(np.isfinite(gain[:, fit.rows]), own, np.inf)
         disturbed_tags[:, fit.rows[::2] // 2] = disturbed[:, ::2] | disturbed[:, 1::2]
@@ -192,7 +193,7 @@ class EndSeparator:
         }
         if update:
             self._latest.extend((groups, row) for row in np.flatnonzero(groups.missing == 0))
-        if noise.verdict is Verdict.MODEL_LOST:
+        if clocks.noise.verdict is Verdict.MODEL_LOST:
             self._search_again()
             arrays["noise"][-1] = self._noise.variance * noise.raised[-1]
         return arrays
@@ -222,8 +223,8 @@ class EndSeparator:
         self._search.run(GroupTones.concatenate(latest))
         self._tracking.restart()
         self._coherence.reset()
-        if self._long is not None:
-            self._long.reset()
+        if self._clean_noise is not None:
+            self._clean_noise.reset()
         for tag in self._model.tags:
             tag.waiting = [] if tag.tracker else list(latest)
 

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from ..io.csv_cells import cell_number, require_columns
 from ..io.optional import optional_module
 from ..io.textfile import read_bytes, read_csv
 from ..signal.carrier import same_carrier
 
 # A two-port file with 100 000 frequencies.
 _MAX_TOUCHSTONE_BYTES = 8_000_000
-_LARGEST = 1e6  # of any number in a table: MHz, mm, N, degrees
 _VNA_COLUMNS = ("freq_mhz", "location_mm", "port", "force_n", "phase_deg")
 
 
@@ -114,18 +114,18 @@ def read_vna_csv(path: str | Path, frequency_hz: float | None = None) -> Calibra
     """
     header, lines = read_csv(path)
     needed = _VNA_COLUMNS[1:] if frequency_hz is not None else _VNA_COLUMNS
-    _need_columns(path, header, needed)
+    _require_columns(path, header, needed)
     rows = []
     for number, line in lines:
         where = f"{path}: row {number}"
         frequency = frequency_hz
         if "freq_mhz" in header:
-            frequency = 1e6 * _number(line, "freq_mhz", where)
+            frequency = 1e6 * cell_number(line, "freq_mhz", where)
         location, force = _place_and_force(line, where)
-        port = _number(line, "port", where)
+        port = cell_number(line, "port", where)
         if port not in (1, 2):
             raise InputError(f"{where}: port", "must be 1 or 2", line["port"])
-        phase = _number(line, "phase_deg", where)
+        phase = cell_number(line, "phase_deg", where)
         rows.append((number, frequency, location, port, force, phase, _press(line)))
     table = CalibrationTable.from_rows(path, rows)
     if frequency_hz is not None:
@@ -168,13 +168,13 @@ def read_tap_csv(path: str | Path, frequency_hz: float) -> CalibrationTable:
     ([1, 2], [-100.0, -110.0])
     """
     header, lines = read_csv(path)
-    _need_columns(path, header, ("phase1_deg", "phase2_deg", "force_n", "location_mm"))
+    _require_columns(path, header, ("phase1_deg", "phase2_deg", "force_n", "location_mm"))
     rows = []
     for number, line in lines:
         where = f"{path}: row {number}"
         location, force = _place_and_force(line, where)
         for port in (1, 2):
-            phase = _number(line, f"phase{port}_deg", where)
+            phase = cell_number(line, f"phase{port}_deg", where)
             rows.append((number, frequency_hz, location, port, force, phase, _press(line)))
     return CalibrationTable.from_rows(path, rows)
 
@@ -213,7 +213,7 @@ def read_touchstone_index(path: str | Path, frequency_hz: float) -> CalibrationT
     [160.0, 140.0]
     """
     header, lines = read_csv(path)
-    _need_columns(path, header, ("file", "force_n", "location_mm"))
+    _require_columns(path, header, ("file", "force_n", "location_mm"))
     rows = []
     for number, line in lines:
         where = f"{path}: row {number}"
@@ -235,10 +235,7 @@ def _touchstone_phases(path: Path, frequency_hz: float, where: str) -> list[floa
     """Phases (deg) of S11 and S22 at the carrier."""
     skrf = optional_module("skrf", where)
     try:
-        text = read_bytes(
-            path,  # A two-port file with 100 000 frequencies.
-            _MAX_TOUCHSTONE_BYTES,
-        )
+        text = read_bytes(path, _MAX_TOUCHSTONE_BYTES)
     except InputError as error:
         raise InputError(f"{where}: file", str(error)) from None
     try:
@@ -342,42 +339,25 @@ def write_vna_csv(table: CalibrationTable, path: str | Path) -> None:
         raise InputError(path, f"cannot be written ({error.strerror})") from error
 
 
-def _need_columns(path: str | Path, header: Sequence[str], needed: Sequence[str]) -> None:
-    missing = [name for name in needed if name not in header]
-    if missing:
-        rule = f"must have the columns {', '.join(needed)} ({_hint(header, needed, missing)})"
-        raise InputError(path, rule, ",".join(header))
+def _require_columns(path: str | Path, header: Sequence[str], needed: Sequence[str]) -> None:
+    require_columns(path, header, needed, _hint(header, needed))
 
 
-def _hint(header: Sequence[str], needed: Sequence[str], missing: Sequence[str]) -> str:
-    """What a table lacks, or what kind it is of instead."""
-    if list(missing) == ["freq_mhz"]:
+def _hint(header: Sequence[str], needed: Sequence[str]) -> str:
+    """What kind a table is of instead; empty where this is not known."""
+    if set(needed) - set(header) == {"freq_mhz"}:
         return "or give --frequency-hz"
     hints = {
         "phase1_deg": "or, for readings over the air, give --kind taps",
         "file": "or, for Touchstone files, give --kind touchstone",
     }
     kinds = (hint for name, hint in hints.items() if name in header and name not in needed)
-    return next(kinds, f"missing: {', '.join(missing)}")
-
-
-def _number(line: Mapping[str, Any], key: str, where: str, empty: float | None = None) -> float:
-    text = (line[key] or "").strip()
-    if not text and empty is not None:
-        return empty
-    try:
-        value = float(text)
-    except ValueError:
-        rule = "must be a number" + (" with a decimal point" if "," in text else "")
-        raise InputError(f"{where}: {key}", rule, text) from None
-    if not abs(value) <= _LARGEST:
-        raise InputError(f"{where}: {key}", f"must be finite and at most {_LARGEST:g}", text)
-    return value
+    return next(kinds, "")
 
 
 def _place_and_force(line: Mapping[str, Any], where: str) -> tuple[float, float]:
-    force = _number(line, "force_n", where, empty=0.0)
-    location = _number(line, "location_mm", where, empty=math.nan)
+    force = cell_number(line, "force_n", where, empty=0.0)
+    location = cell_number(line, "location_mm", where, empty=math.nan)
     if math.isnan(location) and force != 0:
         raise InputError(f"{where}: location_mm", "must be given where force_n is not 0", force)
     return (math.nan, 0.0) if force == 0 else (location, force)

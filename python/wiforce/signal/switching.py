@@ -10,6 +10,8 @@ This is the estimator's model of the tag. The simulator has its own, at the leve
 in either shows in the readings.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -162,6 +164,73 @@ def switch_averages_and_slopes(
     slopes *= -0.5 / np.asarray(half_window)[..., None, None]
     slopes[(averages == 0.0) | (averages == 1.0)] = 0.0
     return averages.swapaxes(-1, -2), slopes.swapaxes(-1, -2)
+
+
+@dataclass(frozen=True)
+class SwitchEdges:
+    """Edges of the switching waveforms inside some windows, E of them.
+
+    Attributes
+    ----------
+    waveform : ndarray of int, shape (E,)
+        0 for s1, 1 for s2.
+    snapshot : ndarray of int, shape (E,)
+        Index of the window.
+    position : ndarray of float, shape (E,)
+        In the window, from -1 at its start to 1 at its end.
+    step : ndarray of float, shape (E,)
+        1 where the switch closes, -1 where it opens.
+
+    Examples
+    --------
+    >>> none = np.zeros(0, int)
+    >>> SwitchEdges(none, none, np.zeros(0), np.zeros(0)).step.shape
+    (0,)
+    """
+
+    waveform: np.ndarray
+    snapshot: np.ndarray
+    position: np.ndarray
+    step: np.ndarray
+
+
+def switch_edges(
+    phase: np.ndarray,
+    half_window: float,
+    clock2_delay: float = 0.0,
+    duty: tuple[float, float] = DUTY,
+) -> SwitchEdges:
+    """Edges that windows of clock phase hold, one of each waveform at most.
+
+    Parameters
+    ----------
+    phase : ndarray, shape (n,)
+        Clock 1's phase in radians at the windows' centres.
+    half_window, clock2_delay, duty
+        As in :func:`switch_averages`.
+
+    Returns
+    -------
+    SwitchEdges
+
+    Examples
+    --------
+    >>> edges = switch_edges(np.array([0.0, np.pi / 4 - 0.05]), 0.1)
+    >>> edges.waveform.tolist(), edges.snapshot.tolist(), edges.step.tolist()
+    ([0], [1], [-1.0])
+    >>> edges.position.round(3).tolist()
+    [0.5]
+    """
+    cycles = _cycles_from_pulse(phase, clock2_delay)
+    half_duty, half = np.array(duty)[:, None] / 2, half_window * np.array([[0.5], [1.0]]) / np.pi
+    found = []
+    for step in (1.0, -1.0):
+        until = -step * half_duty - cycles
+        until -= np.rint(until)
+        waveform, snapshot = np.nonzero(np.abs(until) < half)
+        position = (until / half)[waveform, snapshot]
+        found.append((waveform, snapshot, position, np.full(len(position), step)))
+    return SwitchEdges(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
 
 def duty_slopes(slopes: np.ndarray) -> np.ndarray:

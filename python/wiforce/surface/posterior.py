@@ -24,6 +24,10 @@ _ROUGH_PER_SPACING, _FINE, _DEPTH = 12, 41, 12.0
 # skewed ones are covered.
 _HERMITE, _WIDER = 5, 1.3
 _LOWEST_N = 1e-3
+# Least squares starts from a press anywhere: a normal variable with the variance of one that is
+# uniform, length^2 / 12, over all forces and this length along x, several strips of 80 mm. Its
+# weight against a strip's own 0.5 mm is 1e-4.
+_UNIFORM, _PRIOR_MM = 12, 200.0
 # Readings at a time, which limits memory to 50 MB.
 _AT_ONCE = 16
 
@@ -234,16 +238,17 @@ class SurfacePosterior:
         force = (touched * shares * summary.force_n[:, None]).sum(axis=-1)
         force = np.clip(force / np.maximum(squares, 1e-4), _LOWEST_N, self._top_n)
         middle = 0.5 * (self._x_span[0] + self._x_span[1])
+        prior_force, prior_x = _UNIFORM / self._top_n**2, _UNIFORM / _PRIOR_MM**2
         for _ in range(3):
             inverse = summary.inverse(
                 self._strip_std(force), self._skin.spreading.location_std_mm, touched
             )
             a, b, c = inverse
-            nff = (a * shares**2).sum(axis=-1) + 12 / self._top_n**2
-            nfx, nxx = (b * shares).sum(axis=-1), c.sum(axis=-1) + 12 / 200.0**2
+            nff = (a * shares**2).sum(axis=-1) + prior_force
+            nfx, nxx = (b * shares).sum(axis=-1), c.sum(axis=-1) + prior_x
             m, x = summary.force_n[:, None], summary.x_mm[:, None]
-            rf = (shares * (a * m + b * x)).sum(axis=-1) + 6 / self._top_n
-            rx = (b * m + c * x).sum(axis=-1) + 12 / 200.0**2 * middle
+            rf = (shares * (a * m + b * x)).sum(axis=-1) + prior_force * self._top_n / 2
+            rx = (b * m + c * x).sum(axis=-1) + prior_x * middle
             determinant = nff * nxx - nfx**2
             force = np.clip((nxx * rf - nfx * rx) / determinant, _LOWEST_N, self._top_n)
         along = (nff * rx - nfx * rf) / determinant

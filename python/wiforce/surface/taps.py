@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from ..io.csv_cells import cell_number, require_columns
 from ..io.textfile import read_csv
-from ..io.values import as_number
 from .calibration import SurfaceTaps
 from .skin import Skin
 
 _COLUMNS = ("start_s", "end_s", "force_n", "x_mm", "y_mm")
 _MOST_TAPS = 10_000
-_LARGEST = 1e6
 
 
 @dataclass(frozen=True)
@@ -67,26 +66,18 @@ def read_known_presses(path: str | Path) -> list[KnownPress]:
     12.0
     """
     header, rows = read_csv(path)
-    for name in _COLUMNS:
-        if name not in header:
-            raise InputError(path, f"must have the columns {', '.join(_COLUMNS)}", name)
+    require_columns(path, header, _COLUMNS)
     if len(rows) > _MOST_TAPS:
         raise InputError(path, f"must hold at most {_MOST_TAPS} presses", len(rows))
     found = []
     for line, row in rows:
-        values = {}
-        for name in _COLUMNS:
-            number = as_number(row[name])
-            if number is None or abs(number) > _LARGEST:
-                rule = f"{name} must be a number of at most {_LARGEST:g}"
-                raise InputError(f"{path}: row {line}", rule, row[name])
-            values[name] = number
-        press = KnownPress(**values)
+        where = f"{path}: row {line}"
+        press = KnownPress(**{name: cell_number(row, name, where) for name in _COLUMNS})
         if not 0 <= press.start_s < press.end_s:
             rule = "end_s must be later than start_s, and both not negative"
-            raise InputError(f"{path}: row {line}", rule, row["end_s"])
+            raise InputError(where, rule, row["end_s"])
         if not press.force_n > 0:
-            raise InputError(f"{path}: row {line}", "force_n must be above 0", row["force_n"])
+            raise InputError(where, "force_n must be above 0", row["force_n"])
         found.append(press)
     return found
 
@@ -124,16 +115,12 @@ def taps_of(
     shape = len(presses), len(names)
     touched: list[list[list[tuple[float, ...]]]] = [[[] for _ in names] for _ in presses]
     untouched = np.zeros(shape, int)
-    starts = [press.start_s for press in presses]
-    order = np.argsort(starts)
+    starts_s, ends_s = np.array([(press.start_s, press.end_s) for press in presses]).T
     for row in rows:
         if row["sensor"] not in names or _disturbed(row):
             continue
         strip = names.index(row["sensor"])
-        for i in order:
-            press = presses[i]
-            if not press.start_s <= row["time_s"] <= press.end_s:
-                continue
+        for i in np.flatnonzero((starts_s <= row["time_s"]) & (row["time_s"] <= ends_s)):
             if row["touch"] == 0:
                 untouched[i, strip] += 1
             shown = [row[k] for k in ("force_n", "force_std_n", "location_mm", "location_std_mm")]

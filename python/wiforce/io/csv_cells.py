@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Columns and numbers of CSV tables that people fill in, with errors that say where."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ..errors import InputError
+
+_LARGEST = 1e6  # of any number in a table: MHz, mm, N, degrees, s
+
+
+def require_columns(
+    path: str | Path, header: Sequence[str], needed: Sequence[str], hint: str = ""
+) -> None:
+    """Refuse a table that lacks columns.
+
+    Parameters
+    ----------
+    path : str or Path
+        The table, for the message.
+    header : sequence of str
+        Names of its columns.
+    needed : sequence of str
+    hint : str
+        What to do about it; the missing columns are listed where it is empty.
+
+    Raises
+    ------
+    InputError
+
+    Examples
+    --------
+    >>> require_columns("taps.csv", ["force_n"], ["force_n", "x_mm"])
+    Traceback (most recent call last):
+    gnuradio.wiforce.errors.InputError: taps.csv: must have the columns force_n, x_mm (missing: \
+x_mm), got 'force_n'
+    """
+    missing = [name for name in needed if name not in header]
+    if missing:
+        reason = hint or f"missing: {', '.join(missing)}"
+        rule = f"must have the columns {', '.join(needed)} ({reason})"
+        raise InputError(path, rule, ",".join(header))
+
+
+def cell_number(
+    row: Mapping[str, Any], column: str, where: str, empty: float | None = None
+) -> float:
+    """The number in a cell.
+
+    Parameters
+    ----------
+    row : mapping
+        Cells by column (``textfile.read_csv``).
+    column : str
+    where : str
+        File and row, for the message.
+    empty : float, optional
+        Value of an empty cell, which is refused unless this is given.
+
+    Returns
+    -------
+    float
+        Finite, and at most a million.
+
+    Raises
+    ------
+    InputError
+
+    Examples
+    --------
+    >>> cell_number({"x_mm": " 12.5"}, "x_mm", "taps.csv: row 2")
+    12.5
+    """
+    text = (row[column] or "").strip()
+    if not text and empty is not None:
+        return empty
+    try:
+        value = float(text)
+    except ValueError:
+        rule = "must be a number" + (" with a decimal point" if "," in text else "")
+        raise InputError(f"{where}: {column}", rule, text) from None
+    if not abs(value) <= _LARGEST:
+        raise InputError(f"{where}: {column}", f"must be finite and at most {_LARGEST:g}", text)
+    return value
