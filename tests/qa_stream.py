@@ -275,6 +275,18 @@ def test_stream_touched_groups_are_never_a_new_reference(groups):
     assert not any("reference" in r.flags for r in readings[20:])
 
 
+def test_stream_room_is_not_surveyed_across_lost_groups(groups):
+    """A press that begins while nothing is received would be taken for the untouched sensor."""
+    settings = wiforce.plan(SCENE)
+    # The survey that begins with group 37 would take 19 groups; the press holds until group 58.
+    received = groups["quiet"][:37] + groups["busy"][37:41] + groups["busy"][55:]
+    _, readings, plans = stream(settings, received, again_s=0.1)
+    assert all(plan is settings for plan in plans)
+    assert not any("reference" in r.flags for r in readings[20:])
+    pressed = [r for r in readings if r.group in (55, 56, 57)]
+    assert [r.touch for r in pressed] == [1, 1, 1]
+
+
 def test_stream_quiet_room_is_surveyed_again_without_any_change(groups):
     settings = wiforce.plan(SCENE)
     reader, readings, _ = stream(settings, groups["quiet"], again_s=0.1)

@@ -31,7 +31,7 @@ class SurveyedGroups:
         Index of the first group; that of the first one received when not given.
     untouched_groups : int
         0 where the user takes care that the sensor is not touched. Otherwise so many groups, and
-        three more, must be read as untouched before the survey.
+        three more, must be received without a loss and read as untouched before the survey.
 
     Attributes
     ----------
@@ -65,6 +65,9 @@ class SurveyedGroups:
 
     def add(self, group: SnapshotGroup) -> None:
         """Keep a copy of the next group."""
+        if self._unasked and self.groups and group.index != self.groups[-1].index + 1:
+            # What the groups after a loss hold is known only when they have been read.
+            self.groups = []
         self.groups.append(group.copy())
 
     def check(self, readings: Iterable[Reading]) -> None:
