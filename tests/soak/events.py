@@ -174,7 +174,9 @@ class Events:
         world = self._world
         if world.retuned:
             return self.tare()
-        world.play(self._rng.uniform(PRESS_S + 0.25, RELEASE_S - 0.2), loop := self._pressed())
+        # A touch is known when the next group has been read.
+        seen_s = PRESS_S + max(0.25, 3 * world.group / RATE_HZ)
+        world.play(self._rng.uniform(seen_s, RELEASE_S - 0.2), loop := self._pressed())
         self._answered(world.tare(), "refused", "arm is touched")
         world.play_slot(loop)
         return self._expect_reading()
