@@ -26,7 +26,7 @@ class SurfaceView(SensorView):
     ----------
     name, color : str
     length_mm : float
-        Of the strips, along x.
+        Of the plane along x, which begins at 0.
     force_span_n : float
         Force of the largest dot.
     strips_y_mm : sequence of float
