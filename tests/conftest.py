@@ -45,6 +45,15 @@ def pytest_addoption(parser):
     )
 
 
+@pytest.fixture
+def numbers_without_types():
+    """NumPy 2 shows the types of its numbers, as examples for any version cannot."""
+    import numpy as np
+
+    with np.printoptions(**({} if np.__version__.startswith("1.") else {"legacy": "1.25"})):
+        yield
+
+
 @pytest.fixture(scope="session")
 def long_run(request):
     """Whether tests run in their long form."""

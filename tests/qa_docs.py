@@ -178,7 +178,7 @@ def test_tutorial_scene_is_valid():
     assert list(load_scene(yaml.safe_load(scene)).sensor_names) == ["finger"]
 
 
-def test_walkthrough_examples_give_output_shown(tmp_path, monkeypatch):
+def test_walkthrough_examples_give_output_shown(tmp_path, monkeypatch, numbers_without_types):
     """A reader who learns the stages from the page must see what the page shows."""
     monkeypatch.chdir(tmp_path)
     text = (ROOT / "docs" / "walkthrough.md").read_text(encoding="utf-8")

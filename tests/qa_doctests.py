@@ -61,7 +61,7 @@ def public_objects(module):
 
 
 @pytest.mark.parametrize("name", MODULES)
-def test_examples_executed_give_output_shown(name, tmp_path, monkeypatch):
+def test_examples_executed_give_output_shown(name, tmp_path, monkeypatch, numbers_without_types):
     """Users start from an example: one that fails costs them their first hour."""
     monkeypatch.chdir(tmp_path)
     result = doctest.testmod(loaded(name))

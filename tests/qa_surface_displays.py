@@ -115,7 +115,8 @@ def test_qt_display_draws_a_surface_from_above(qt):
             )
 
         blank = image({"time_s": 1.15, "sensor": "skin", "touch": 0})
-        assert middle(high) < middle(low) - 20
+        # Fonts of other systems leave the plane more or less of the height.
+        assert middle(high) < middle(low) - 8
         for strange in (press(1.3, y_mm=1e9), press(1.4, force_n=None), press(1.5, y_mm=None)):
             image(strange)
     finally:

@@ -188,5 +188,7 @@ def gnuradio_rule(error: ImportError) -> str | None:
 
 
 def _short(value: object, limit: int = 80) -> str:
+    if getattr(value, "shape", None) == () and hasattr(value, "item"):
+        value = value.item()  # NumPy 2 shows the types of its numbers
     text = " ".join(repr(value).split())
     return text if len(text) <= limit else text[: limit - 3] + "..."

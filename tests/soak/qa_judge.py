@@ -49,7 +49,9 @@ def rows_of(lost=()):
         {
             "run": "a",
             "time_s": time_s,
-            "time_utc": pd.to_datetime(time_s + UTC_S, unit="s", utc=True).astype(str),
+            "time_utc": pd.to_datetime(time_s + UTC_S, unit="s", utc=True).strftime(
+                "%Y-%m-%dT%H:%M:%S.%fZ"
+            ),
             "touch": np.where(absent, np.nan, pressed),
             "force_n": np.where(pressed & ~absent, 4.0, np.nan),
             "force_std_n": np.where(pressed & ~absent, 0.05, np.nan),
@@ -81,7 +83,7 @@ def test_readings_without_a_fault_are_no_problem(tmp_path, lost):
         ("location_mm", 41.2, "wrong without a flag"),
         ("touch", 0, "wrong without a flag"),
         ("flags", "gap", "received, but flagged gap"),
-        ("time_utc", "2001-01-01T00:00:00Z", "wrong time_utc"),
+        ("time_utc", "2001-01-01T00:00:00.000000Z", "wrong time_utc"),
     ],
 )
 def test_one_fault_in_a_reading_is_a_problem(tmp_path, column, value, problem):

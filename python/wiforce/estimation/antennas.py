@@ -101,7 +101,7 @@ def folded_ratio(first: Array, second: Array, waveform: Waveform) -> Array:
     True
     """
     bins = waveform.bins
-    channels = [np.fft.fft(folded, axis=1)[:, bins] for folded in (first, second)]
+    channels = [np.fft.fft(folded.astype(complex), axis=1)[:, bins] for folded in (first, second)]
     spectrum = np.zeros((len(first), waveform.symbol_length), complex)
     spectrum[:, bins] = channel_ratio(*channels) / waveform.equalizer()[bins]
     return np.fft.ifft(spectrum, axis=1)

@@ -312,5 +312,6 @@ def likeness_of_mean(samples: Array, waveform: Waveform) -> float:
 def _correlation(samples: Array, symbol: Array) -> Array:
     """Correlation of the samples with a symbol, from each of them on."""
     size = _fast_length(len(samples))
-    spectrum = np.fft.fft(samples, size) * np.fft.fft(symbol, size).conj()
+    # NumPy 2 transforms single precision in single precision.
+    spectrum = np.fft.fft(samples.astype(complex), size) * np.fft.fft(symbol, size).conj()
     return np.fft.ifft(spectrum)[: len(samples) - len(symbol) + 1]

@@ -65,7 +65,8 @@ def without_slip(folded: Array) -> Array:
 
 def _matches(first: Array, second: Array) -> Array:
     """Squared correlation of two frames at every cyclic shift; shape (64,)."""
-    spectrum = np.fft.fft(first).conj() * np.fft.fft(second)
+    # NumPy 2 would transform single precision in single precision, where 1e-300 is 0.
+    spectrum = np.fft.fft(first.astype(complex)).conj() * np.fft.fft(second.astype(complex))
     energy = power_of(first).sum() * power_of(second).sum()
     correlations: Array = power_of(np.fft.ifft(spectrum)) / max(energy, 1e-300)
     return correlations

@@ -361,7 +361,7 @@ def survey_folded(
     True
     """
     bins = waveform.bins
-    channel = np.fft.fft(folded, axis=1)[:, bins] * waveform.equalizer()[bins]
+    channel = np.fft.fft(folded.astype(complex), axis=1)[:, bins] * waveform.equalizer()[bins]
     return survey_channel(channel, waveform, clocks, mains_hz)
 
 

@@ -198,7 +198,9 @@ def _times(path: str | Path, column: pd.Series, name: str) -> np.ndarray:
 
     if column.dtype.kind in "iuf":
         return _numbers(path, column, name) * _scale_of_times(name)
-    dates = pd.to_datetime(column, errors="coerce", utc=True)
+    # Seconds may have decimals in some rows only.
+    mixed = {} if int(pd.__version__.split(".")[0]) < 2 else {"format": "mixed"}
+    dates = pd.to_datetime(column, errors="coerce", utc=True, **mixed)
     if dates.notna().all():
         return ((dates - dates.iloc[0]).dt.total_seconds()).to_numpy()
     return _numbers(path, column, name) * _scale_of_times(name)
