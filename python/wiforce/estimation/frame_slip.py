@@ -65,8 +65,8 @@ def without_slip(folded: Array) -> Array:
 
 def _matches(first: Array, second: Array) -> Array:
     """Squared correlation of two frames at every cyclic shift; shape (64,)."""
-    # NumPy 2 would transform single precision in single precision, where 1e-300 is 0.
+    # In single precision, which NumPy 2 keeps, 1e-300 is 0.
     spectrum = np.fft.fft(first.astype(complex)).conj() * np.fft.fft(second.astype(complex))
-    energy = power_of(first).sum() * power_of(second).sum()
+    energy = float(power_of(first).sum() * power_of(second).sum())
     correlations: Array = power_of(np.fft.ifft(spectrum)) / max(energy, 1e-300)
     return correlations
