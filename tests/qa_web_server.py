@@ -419,7 +419,7 @@ def test_zmq_source_keeps_the_end_of_a_run_after_the_reader_is_silent():
     [
         b"[1]",
         b"{",
-        b"[" * 100_000,
+        pytest.param(b"[" * 100_000, id="nested"),
         b'{"message": "reading"}',
         b'{"message": "heartbeat", "time_s": 1e999}',
     ],
