@@ -102,7 +102,8 @@ class SnapshotReader:
     @property
     def notes(self) -> list[str]:
         """What was left out of the file, a sentence each."""
-        recording, found = self._recording, [*self._interval_notes(self.plan)]
+        recording, interval = self._recording, self._interval_note(self.plan)
+        found = [interval] if interval else []
         if recording.repeated:
             found.append(f"dropped {_count(recording.repeated, 'repeated packet')}")
         if recording.unusable:
@@ -115,22 +116,24 @@ class SnapshotReader:
             return fitted_plan(plan, self._recording.subcarrier_hz, time_s, channel)
         except InputError as error:
             # Times in another unit leave groups nearly empty, which the rule of the plan hides.
-            for note in self._interval_notes(plan):
+            note = self._interval_note(plan)
+            if note:
                 raise InputError(self._recording.path, note) from error
             raise
 
-    def _interval_notes(self, plan: Plan) -> Iterator[str]:
+    def _interval_note(self, plan: Plan) -> str:
+        """What is wrong with the interval of the packets; empty if it is that of the scene."""
         packets, recording = plan.require_scene().packets, self._recording
-        if packets is None:
-            return
+        assert packets is not None  # as _check requires
         mean_s = recording.span_s / (len(recording.time_s) - 1)
-        if max(mean_s / packets.interval_s, packets.interval_s / mean_s) > _OTHER_INTERVAL:
-            count = plan.group_period_s / mean_s
-            yield (
-                f"packets come every {mean_s:.3g} s on average, but packets.interval_s is "
-                f"{packets.interval_s:g}: a phase group holds {count:.3g} packets; correct the "
-                "scene, or the times, which are in seconds"
-            )
+        if max(mean_s / packets.interval_s, packets.interval_s / mean_s) <= _OTHER_INTERVAL:
+            return ""
+        count = plan.group_period_s / mean_s
+        return (
+            f"packets come every {mean_s:.3g} s on average, but packets.interval_s is "
+            f"{packets.interval_s:g}: a phase group holds {count:.3g} packets; correct the "
+            "scene, or the times, which are in seconds"
+        )
 
     def samples_missing(self) -> dict[Path, int]:
         """Samples that files lacked while they were read: none, as for other recordings."""
