@@ -204,6 +204,24 @@ def test_stream_reads_on_while_weights_are_exchanged(groups, monkeypatch):
     assert states == ["acquiring", "reading"] and reader.state == "reading"
 
 
+def test_stream_state_is_that_of_one_receiver(groups):
+    """Weights may be exchanged between any two looks of the thread that asks."""
+
+    class Interrupted(StreamReader):
+        @property
+        def _exchanged(self):
+            self._use(self.plan)
+            return ""
+
+        @_exchanged.setter
+        def _exchanged(self, state):
+            pass
+
+    reader = Interrupted(wiforce.plan(SCENE))
+    reader.process(groups["quiet"][:TARE])
+    assert reader.state == "reading"
+
+
 @pytest.mark.parametrize(
     "error", [InputError("tag", "is one of two", 2), np.linalg.LinAlgError("SVD did not converge")]
 )

@@ -149,8 +149,11 @@ class StreamReader:
     @property
     def state(self) -> str:
         """What the reader is doing: ``acquiring``, ``reference`` or ``reading``."""
-        if self._receiver is not None:
-            return self._exchanged or self._receiver.state
+        # Other threads ask. An exchange is marked before another receiver is in use, and until that
+        # one has read: looked at in this order, none is asked before it has.
+        receiver = self._receiver
+        if receiver is not None:
+            return self._exchanged or receiver.state
         return "reference" if self._kept is not None and self._kept.groups else "acquiring"
 
     def reference_problem(self, sensor: str) -> str:
