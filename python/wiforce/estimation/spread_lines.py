@@ -50,7 +50,7 @@ class SpreadLines:
     >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
     >>> spread = SpreadLines(sounding_waveform("chirp", 512, repetitions=3, averaged_repetitions=2))
     >>> closed_late = (np.arange(128) >= 64) - 0.5
-    >>> lines = spread.of_ends(closed_late[None, None], np.ones((1, 126)))
+    >>> lines = spread.of_ends(closed_late[:, None, None], np.ones((1, 126)))
     >>> float(np.mean(np.abs(lines) ** 2).round(2))  # of the end's power
     0.25
     """
@@ -93,14 +93,13 @@ class SpreadLines:
         """
         white, tones = np.empty_like(groups.white), np.empty_like(groups.tones)
         for row, weights in enumerate(groups.weights):
-            each = [
-                self._mixing(weights, tag, clocks.phase[row, i], tag.rate + clocks.rate[row, i])
-                for i, tag in enumerate(tags)
-            ]
-            mixing, ends = np.concatenate(each, axis=1), fit.ends[row]
-            for _ in range(_ROUNDS):
-                white[row] = groups.white[row] - self.of_ends(mixing, ends)
-                ends = fit.solver[row] @ white[row]
+            mixing = self._mixing(weights, tags, clocks, row)
+            # All rounds but the last only need the part that the ends are solved from.
+            solver, ends = fit.solver[row], fit.ends[row]
+            solved, mixing_of_solved = solver @ groups.white[row], mixing @ solver.T
+            for _ in range(_ROUNDS - 1):
+                ends = solved - self.of_ends(mixing_of_solved, ends)
+            white[row] = groups.white[row] - self.of_ends(mixing, ends)
             tones[row] = weights.colorer @ white[row]
         return replace(groups, tones=tones, white=white)
 
@@ -109,8 +108,8 @@ class SpreadLines:
 
         Parameters
         ----------
-        mixing : ndarray of complex, shape (M, E, N)
-            M_i[n] less its mean over the symbol.
+        mixing : ndarray of complex, shape (N, E, M)
+            M_i[n] less its mean over the symbol, for ends i.
         ends : ndarray of complex, shape (E, K)
             V.
 
@@ -124,25 +123,32 @@ class SpreadLines:
             ends[:, self._above] - ends[:, self._below]
         )
         received = np.fft.ifft(channel * self._spectrum, axis=1)
-        spread = np.fft.fft(np.einsum("men,en->mn", mixing, received), axis=1)
+        spread = np.fft.fft((received.T[:, None] @ mixing)[:, 0].T, axis=1)
         found: Array = spread[:, self._bins] * self._factors
         return found
 
-    def _mixing(self, weights: GroupWeights, tag: TrackedTag, phase: float, rate: float) -> Array:
-        """M_i[n] less its mean over the symbol, of both ends of a tag; shape (M, 2, N)."""
-        half_window = rate * tag.averaging_s / 2
-        edges = switch_edges(
-            phase + rate * weights.times_s, half_window, tag.clock2_delay, tag.duty
-        )
-        # Samples from the start of the repetition that holds the edge.
-        sample = (edges.position + 1) / 2 * self._repetitions * self._length % self._length
-        whole = sample.astype(int)
-        steps = np.zeros((2, self._length + 1, len(weights.whitener)), complex)
-        rows = weights.mixer[edges.snapshot] * (edges.step / self._repetitions)[:, None]
-        # An edge within a sample leaves the mean over it.
-        late = (sample - whole)[:, None]
-        np.add.at(steps, (edges.waveform, whole), rows * (1 - late))
-        np.add.at(steps, (edges.waveform, whole + 1), rows * late)
-        mixing = np.cumsum(steps[:, :-1], axis=1)
-        mixing -= mixing.mean(axis=1, keepdims=True)
-        return mixing.transpose(2, 0, 1)
+    def _mixing(
+        self, weights: GroupWeights, tags: Sequence[TrackedTag], clocks: ClockPath, row: int
+    ) -> Array:
+        """M_i[n] less its mean over the symbol, of both ends of all tags; shape (N, E, M)."""
+        mixing = np.zeros((self._length, 2 * len(tags), len(weights.whitener)), complex)
+        for i, tag in enumerate(tags):
+            phase, rate = clocks.phase[row, i], tag.rate + clocks.rate[row, i]
+            edges = switch_edges(
+                phase + rate * weights.times_s,
+                rate * tag.averaging_s / 2,
+                tag.clock2_delay,
+                tag.duty,
+            )
+            # Samples from the start of the repetition that holds the edge.
+            sample = (edges.position + 1) / 2 * self._repetitions * self._length % self._length
+            first, end = sample.astype(int), 2 * i + edges.waveform
+            steps = weights.mixer[edges.snapshot] * (edges.step / self._repetitions)[:, None]
+            # An edge within a sample leaves the mean over it; behind the last one nothing follows.
+            late = (sample - first)[:, None]
+            np.add.at(mixing, (first, end), steps * (1 - late))
+            follows = first + 1 < self._length
+            np.add.at(mixing, (first[follows] + 1, end[follows]), (steps * late)[follows])
+        np.cumsum(mixing, axis=0, out=mixing)
+        mixing -= mixing.mean(axis=0)
+        return mixing
