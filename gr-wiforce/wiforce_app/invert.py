@@ -6,6 +6,7 @@ import math
 import click
 import numpy as np
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.csv_cells import cell_number
 from gnuradio.wiforce.io.readings import ESTIMATES, WEAK_FORCE_N, WEAK_PHASE_DEG, Reading
 from gnuradio.wiforce.io.textfile import read_csv
 from gnuradio.wiforce.io.writers import open_writer
@@ -79,19 +80,11 @@ def _read(path):
 def _numbers(path, number, row):
     group = (row.get("group") or "").strip()
     parsed = {"sensor": row.get("sensor") or "", "group": int(group) if group.isdigit() else None}
-    for column in (*_NEEDED, "time_s", "location_mm", "location_std_mm"):
-        cell = (row.get(column) or "").strip()
-        if not cell and column not in _NEEDED:
-            parsed[column] = math.nan
-            continue
-        try:
-            parsed[column] = float(cell)
-        except ValueError:
-            parsed[column] = math.nan
-        if not abs(parsed[column]) <= _LARGEST:
-            large = math.isfinite(parsed[column])
-            rule = f"must be at most {_LARGEST:g} in size" if large else "must be a finite number"
-            raise InputError(f"{path}: row {number}: {column}", rule, cell)
+    where = f"{path}: row {number}"
+    for column in _NEEDED:
+        parsed[column] = cell_number(row, column, where, largest=_LARGEST)
+    for column in ("time_s", "location_mm", "location_std_mm"):
+        parsed[column] = cell_number(row, column, where, empty=math.nan, largest=_LARGEST)
     if parsed["location_std_mm"] > 0:
         parsed["location_mm"] = math.nan
     return parsed

@@ -44,7 +44,11 @@ x_mm), got 'force_n'
 
 
 def cell_number(
-    row: Mapping[str, Any], column: str, where: str, empty: float | None = None
+    row: Mapping[str, Any],
+    column: str,
+    where: str,
+    empty: float | None = None,
+    largest: float = _LARGEST,
 ) -> float:
     """The number in a cell.
 
@@ -57,11 +61,12 @@ def cell_number(
         File and row, for the message.
     empty : float, optional
         Value of an empty cell, which is refused unless this is given.
+    largest : float
+        Largest magnitude; a million by default.
 
     Returns
     -------
     float
-        Finite, and at most a million.
 
     Raises
     ------
@@ -72,7 +77,7 @@ def cell_number(
     >>> cell_number({"x_mm": " 12.5"}, "x_mm", "taps.csv: row 2")
     12.5
     """
-    text = (row[column] or "").strip()
+    text = (row.get(column) or "").strip()
     if not text and empty is not None:
         return empty
     try:
@@ -80,6 +85,6 @@ def cell_number(
     except ValueError:
         rule = "must be a number" + (" with a decimal point" if "," in text else "")
         raise InputError(f"{where}: {column}", rule, text) from None
-    if not abs(value) <= _LARGEST:
-        raise InputError(f"{where}: {column}", f"must be finite and at most {_LARGEST:g}", text)
+    if not abs(value) <= largest:
+        raise InputError(f"{where}: {column}", f"must be finite and at most {largest:g}", text)
     return value
