@@ -204,6 +204,33 @@ def test_stream_reads_on_while_weights_are_exchanged(groups, monkeypatch):
     assert states == ["acquiring", "reading"] and reader.state == "reading"
 
 
+def test_stream_long_groups_are_read_on_while_weights_are_exchanged(groups):
+    """A tare may be shorter than what the clocks are acquired in."""
+    tare = 8
+    received = [
+        SnapshotGroup(
+            index,
+            np.concatenate([group.folded for group in joined]),
+            np.concatenate([group.noise for group in joined]),
+            np.concatenate([group.present for group in joined]),
+        )
+        for index in range(24)
+        for joined in [groups["quiet" if index < tare else "busy"][index * 3 :][:3]]
+        if len(joined) == 3
+    ]
+    settings = wiforce.plan(SCENE | {"phase_group": {"snapshots": 960}, "reference_s": 0.3})
+    reader, readings, states, delays = StreamReader(settings), [], [], []
+    for group in received:
+        if group.index == tare:
+            reader.tares.request()
+        readings += reader.process([group])
+        states.append(reader.state)
+        delays.append(group.index + 1 - len(readings))
+    assert reader.plan is not settings and reader.tares.state.state == "complete"
+    assert states[tare:] == ["reference"] * 2 + ["reading"] * (len(states) - tare - 2)
+    assert max(delays[tare:]) == 1
+
+
 def test_stream_state_is_that_of_one_receiver(groups):
     """Weights may be exchanged between any two looks of the thread that asks."""
 

@@ -182,6 +182,11 @@ class Receiver:
         """
         return self.tares.request(force)
 
+    @property
+    def acquisition_groups(self) -> int:
+        """Number of groups in which the clocks are acquired, before the first reading."""
+        return self.separation.acquisition_groups
+
     def begin_reference_at(self, group: int) -> None:
         """Measure the untouched reference from a group on; before the first batch.
 

@@ -133,7 +133,8 @@ class StreamReader:
             if self._receiver is not None:
                 waiting.append(group)
             if self._kept is None and self._due is not None and group.index >= self._due:
-                self._kept = self._survey_from(untouched_groups=self.plan.reference_groups)
+                untouched = max(self.plan.reference_groups, self._acquisition_groups)
+                self._kept = self._survey_from(untouched_groups=untouched)
             if self._kept is None:
                 continue
             self._kept.add(group)
@@ -143,7 +144,9 @@ class StreamReader:
             if self._in_tare and self.tares.state.state == "failed":
                 self._kept, self._in_tare = None, False
             elif self._kept.complete and not self.tares.measuring:
-                readings += self._adapt(self._kept)
+                self._kept.end_survey()
+                if len(self._kept.groups) >= self._acquisition_groups:
+                    readings += self._adapt(self._kept)
         return readings + self._read(waiting)
 
     @property
@@ -191,6 +194,11 @@ class StreamReader:
         if self._receiver is None and self._kept is not None and self._kept.groups:
             readings = self._adapt(self._kept)
         return readings + self._receiver.finish() if self._receiver is not None else []
+
+    @property
+    def _acquisition_groups(self) -> int:
+        """Groups that another receiver needs before it reads on; 0 for the first one."""
+        return 0 if self._receiver is None else self._receiver.acquisition_groups
 
     def _survey_from(self, first: int | None = None, untouched_groups: int = 0) -> SurveyedGroups:
         return SurveyedGroups(self._surveyed, self.plan.group_length, first, untouched_groups)

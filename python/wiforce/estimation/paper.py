@@ -41,6 +41,11 @@ class LineSeparator:
     squared : bool
         Give the product P(+m) P(-m), the square of each end's channel, instead of P(+m).
 
+    Attributes
+    ----------
+    acquisition_groups : int
+        0: no clock is acquired.
+
     Raises
     ------
     InputError
@@ -61,6 +66,8 @@ class LineSeparator:
     >>> separator.process(Groups([0], np.ones((1, len(plan.table.tones), 62)))).ends.shape
     (1, 2, 62)
     """
+
+    acquisition_groups = 0
 
     def __init__(
         self,

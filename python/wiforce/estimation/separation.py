@@ -105,6 +105,11 @@ class EndSeparator:
         self._latest: deque[tuple[GroupTones, int]] = deque(maxlen=STEP_GROUPS)
         self._started = False
 
+    @property
+    def acquisition_groups(self) -> int:
+        """Number of groups that are held back until the clocks are acquired."""
+        return self._search.groups
+
     def process(self, groups: Groups) -> Groups:
         """Take a batch; give the groups that are ready.
 

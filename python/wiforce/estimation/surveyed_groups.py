@@ -62,6 +62,7 @@ class SurveyedGroups:
         if self._unasked:
             needed = max(needed, untouched_groups) + _MORE_GROUPS
         self._needed = needed
+        self._last: int | None = None  # index of the last group that is surveyed
 
     def add(self, group: SnapshotGroup) -> None:
         """Keep a copy of the next group."""
@@ -84,6 +85,17 @@ class SurveyedGroups:
         """Index of the group with which the survey begins."""
         return self.groups[0].index if self._first is None else self._first
 
+    def end_survey(self) -> None:
+        """Survey the groups kept so far; those that follow are only kept."""
+        if self._last is None:
+            self._last = self.groups[-1].index
+
+    @property
+    def _to_survey(self) -> list[SnapshotGroup]:
+        if self._last is None:
+            return self.groups
+        return [group for group in self.groups if group.index <= self._last]
+
     @property
     def complete(self) -> bool:
         """Whether the groups hold all snapshots of the survey, or the time for it is over."""
@@ -91,11 +103,11 @@ class SurveyedGroups:
 
     @property
     def snapshots(self) -> Array:
-        """Indices of the snapshots that were received, 0 for the start of the first group."""
+        """Indices of the surveyed snapshots, 0 for the start of the first group."""
         begin = self.first * self._length
-        return np.concatenate([group.snapshots for group in self.groups]) - begin
+        return np.concatenate([group.snapshots for group in self._to_survey]) - begin
 
     @property
     def folded(self) -> Array:
         """Folded frames of these snapshots, shape (n, 64)."""
-        return np.concatenate([group.folded[group.present] for group in self.groups])
+        return np.concatenate([group.folded[group.present] for group in self._to_survey])
