@@ -2,8 +2,8 @@
 #pragma once
 
 // Before a function: it is built for several instruction sets, of which the processor's
-// is chosen when the library is loaded. Sanitizers cannot be asked that early, and Clang 14
-// gives the function another name than the one that other source files call.
+// is chosen when the library is loaded. Sanitizers cannot be asked that early, and Clang
+// 14 gives the function another name than the one that other source files call.
 #if defined(WIFORCE_X86) && defined(__gnu_linux__) && !defined(__clang__) &&             \
     !defined(__SANITIZE_THREAD__) && !defined(__SANITIZE_ADDRESS__)
 #define WIFORCE_CLONES __attribute__((target_clones("avx512f", "avx2", "default")))
