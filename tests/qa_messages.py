@@ -44,8 +44,8 @@ CALIBRATE = ["calibrate", "file.csv", "-o", "s.yaml"]
         (
             "phase1_deg,phase2_deg,force_n,location_mm\n1,2,3,4\n",
             [*CALIBRATE, "--kind", "taps"],
-            "--frequency-hz: is missing: file.csv holds taps, which were read at one carrier; name "
-            "it, as --frequency-hz 915e6\n",
+            "--frequency-hz: is missing: taps (file.csv) were read at one carrier; name it, as "
+            "--frequency-hz 915e6\n",
         ),
         (
             "file,force_n,location_mm\nx.s2p,3,4\n",

@@ -142,7 +142,7 @@ def test_watch_port_in_use_is_refused_in_one_line(tmp_path):
     [
         (["readings.txt"], "must be a file .csv or .jsonl, or a ZMQ endpoint"),
         (["r.csv", "--control", "5556"], "--control: needs a ZMQ endpoint as SOURCE"),
-        (["tcp://nowhere"], "SOURCE: must be a port or tcp://ADDRESS:PORT"),
+        (["tcp://nowhere"], "SOURCE: must be a port from 1 to 65535, or tcp://ADDRESS:PORT"),
     ],
 )
 def test_watch_bad_source_is_refused_in_one_line(arguments, words, tmp_path):

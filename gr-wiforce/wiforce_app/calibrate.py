@@ -16,7 +16,7 @@ _REPORTED_FORCES_N = (2.0, 4.0, 6.0, 8.0)
 _FORMS = ("auto", "auto-beyond", "cubic", "power", "spline")
 # What --frequency-hz says of a table that does not say it itself.
 _CARRIER_OF = {
-    "taps": "{} holds taps, which were read at one carrier; name it, as --frequency-hz 915e6",
+    "taps": "taps ({}) were read at one carrier; name it, as --frequency-hz 915e6",
     "touchstone": "{} lists Touchstone files, which hold many carriers; name the one to calibrate "
     "at, as --frequency-hz 915e6",
 }
@@ -128,7 +128,7 @@ def calibrate(
     if surface is None and (readings, law) != (None, None):
         raise InputError("--readings" if readings else "--law", "is for --surface only")
     if Path(output).suffix.lower() not in (".yaml", ".yml"):
-        raise InputError(output, "sensor file must end in .yaml")
+        raise InputError(output, "sensor file must end in .yaml or .yml")
     if surface is not None:
         from .calibrate_surface import calibrate_surface
 

@@ -16,7 +16,13 @@ from .log import log
 from .progress import progress
 from .provenance import provenance
 
-_SUFFIXES = {"mcap": ".mcap", "parquet": ".parquet", "csv": ".csv", "json": ".jsonl"}
+_SUFFIXES = {
+    "mcap": ".mcap",
+    "parquet": ".parquet",
+    "csv": ".csv",
+    "jsonl": ".jsonl",
+    "json": ".jsonl",
+}
 
 
 @click.command()

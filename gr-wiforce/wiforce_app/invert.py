@@ -23,7 +23,12 @@ _LARGEST = 1e12  # of any number: phases of more have no digits left for degrees
 @click.command()
 @click.argument("phases", type=click.Path())
 @click.option("--sensor", "model", required=True, help="Shipped sensor or SENSOR.yaml.")
-@click.option("-o", "--output", type=click.Path(), help="OUT.csv or OUT.jsonl; CSV on stdout.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(),
+    help="OUT.csv, OUT.jsonl or OUT.parquet. Default: CSV on standard output.",
+)
 @click.option(
     "--frequency-hz", type=CARRIER_HZ, help="Carrier, where it is not the sensor's only one."
 )

@@ -232,7 +232,9 @@ def _warn_of_strangers(zmq_endpoint):
 def radio_request(args, scene, tx_gain, rx_gain, **settings):
     """The radio that a command's options ask for."""
     if scene.packets:
-        rule = "must be a scene of samples; one with packets is for `read` of channel snapshots"
+        rule = (
+            "must have no packets: a radio gives samples, and only `read` takes packets from files"
+        )
         raise InputError("--scene", rule)
     _check_transmitter(scene, settings)
     return RadioRequest.of_scene(

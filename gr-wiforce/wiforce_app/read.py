@@ -3,7 +3,7 @@
 
 import click
 
-from .captures.search import is_one
+from .captures.search import is_one, refuse_scenes
 from .options import (
     IntegerRange,
     capture_scene,
@@ -78,6 +78,7 @@ def read(
         from gnuradio.wiforce.io.csi_tools import check_tool
 
         check_tool(settings["csi_tool"])
+    refuse_scenes(captures)
     if is_one(captures):
         one = {"--format": form, "--again": again, "--jobs": jobs, "--scheduler": scheduler}
         refuse(one, "needs several captures or a folder")

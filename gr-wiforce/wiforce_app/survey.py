@@ -15,6 +15,7 @@ from gnuradio.wiforce.recording import RecordingReader
 from gnuradio.wiforce.scene import scene_of
 
 from .captures.recordings import warn
+from .captures.search import refuse_scenes
 from .options import capture_scene, sample_type
 from .room_report import (
     changes_of,
@@ -42,6 +43,7 @@ def survey(capture, scene_path, datatype, as_json, plot_path):
 
     The spectrum is that of the untouched reference at the start of the CAPTURE.
     """
+    refuse_scenes([capture])
     recording = open_capture(capture, datatype)
     scene, differences = scene_of(recording, scene_path)
     if plot_path is not None:

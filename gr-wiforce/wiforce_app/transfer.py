@@ -24,7 +24,7 @@ def transfer(sensor, frequency_hz, output, name):
     from gnuradio.wiforce.sensor import load_sensor, write_sensor
 
     if Path(output).suffix.lower() not in (".yaml", ".yml"):
-        raise InputError(output, "sensor file must end in .yaml")
+        raise InputError(output, "sensor file must end in .yaml or .yml")
     check_output(output, [sensor])
     moved = load_sensor(sensor).transferred(frequency_hz, name or Path(output).stem)
     write_sensor(moved, output)

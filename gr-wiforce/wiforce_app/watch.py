@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """``gr-wiforce watch``: readings of a file or of a live reader, in a browser."""
 
+from pathlib import Path
+
 import click
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.zmq_keys import ClientKeys
@@ -41,6 +43,7 @@ def watch(source, web, web_token, control, zmq_keys, history, length):
     `live --zmq`: PORT or tcp://ADDRESS:PORT.
     """
     from .web.address import PageAddress
+    from .web.file_source import FileSource
 
     address = PageAddress.of(web, web_token)
     opened = _open_source(source, control, zmq_keys)
@@ -48,6 +51,8 @@ def watch(source, web, web_token, control, zmq_keys, history, length):
         from .web.server import PageServer, serve_until_signal
 
         log.info(address.notice)
+        if isinstance(opened, FileSource) and not Path(source).exists():
+            log.info(f"waiting for {source}, which does not exist yet")
         serve_until_signal(lambda: PageServer(opened, address, listening, history, length))
     return 0
 

@@ -230,7 +230,8 @@ class RecordingReader:
         if groups < needed:
             rule = (
                 f"must hold {needed} phase groups or more ({needed * self.plan.group_period_s:.3g} "
-                "s) from its first frame on: the untouched reference, and one to read"
+                "s) from its first frame on: the untouched reference, and one to read; `check` "
+                "says whether the file is complete"
             )
             raise InputError(self._recording.path, rule, max(0, groups))
 

@@ -110,7 +110,8 @@ def warn_of_end(capture, reader):
     counts = reader.counts
     if counts.groups and not counts.clear:
         rule = (
-            "every reading is flagged; check the datatype, clock_hz and frame_length of the scene"
+            "every reading is flagged; check the datatype, and clock_hz, frame_length and "
+            "sample_rate_hz of the scene"
         )
         if isinstance(reader, SnapshotReader):
             rule = "every reading is flagged; check clock_hz and packets of the scene"

@@ -13,6 +13,7 @@ from gnuradio.wiforce.io.capture_files import (
     is_snapshots,
     second_antenna,
 )
+from gnuradio.wiforce.scene import shipped_scenes
 
 _META = ".sigmf-meta"
 
@@ -64,6 +65,25 @@ def find_captures(given, datatype=None):
                 rule = f"has the same name as {other.path}; give the folder that contains both"
                 raise InputError(capture.path, rule)
     return list(found.values())
+
+
+def refuse_scenes(given):
+    """Refuse the name of a shipped scene where a capture is meant.
+
+    Parameters
+    ----------
+    given : sequence of str
+        As for :func:`find_captures`.
+
+    Raises
+    ------
+    InputError
+    """
+    for name in given:
+        if os.path.exists(name) or os.path.exists(name + _META):
+            continue
+        if name in shipped_scenes():
+            raise InputError(name, "is a scene and not a capture; give it by --scene")
 
 
 def is_one(given):

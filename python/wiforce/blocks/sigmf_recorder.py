@@ -171,5 +171,7 @@ def _write(file: FileIO, data: memoryview) -> None:
 def _check_new(*paths: Path) -> None:
     for path in paths:
         if path.exists():
-            raise InputError(path, "exists already")
+            raise InputError(
+                path, "exists already, and a recording replaces nothing; choose another name"
+            )
         check_output(path)

@@ -223,6 +223,9 @@ def open_capture(path: str | Path, datatype: str | None = None) -> Capture:
     snapshots = path.with_name(f"{path.name}.npz")
     if not meta.exists() and not data.exists() and snapshots.is_file():
         raise InputError(path, f"no such capture; channel snapshots are in {snapshots.name}")
+    if data.is_file() and not meta.exists():
+        rule = "no such file; for samples without metadata, give --datatype and --scene"
+        raise InputError(meta, rule)
     for file in (meta, data):
         _check_file(file)
     return _open_sigmf(meta, data)

@@ -192,6 +192,8 @@ def _reject_unknown_keys(cls: type, values: dict[Any, Any], where: KeyPath) -> N
 
             near = difflib.get_close_matches(str(name), known, n=1)
             hint = f", did you mean '{near[0]}'?" if near else ""
+            if isinstance(name, int):  # of {force_n: 4,5}
+                hint = "; between braces a comma separates keys, so write 4.5 and not 4,5"
             rule = f"is not a known key{hint} (known: {', '.join(known)})"
             raise where.key(str(name)[:60]).error(rule)
 

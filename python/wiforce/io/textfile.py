@@ -92,7 +92,9 @@ def read_csv(path: str | Path) -> tuple[tuple[str, ...], list[tuple[int, dict[st
                 raise InputError(f"{path}: row {reader.line_num}", rule, len(header) + len(surplus))
             if any(row.values()):
                 rows.append((reader.line_num, row))
-    except (UnicodeDecodeError, csv.Error) as error:
+    except UnicodeDecodeError as error:
+        raise InputError(path, "must be text in UTF-8; save it as CSV in UTF-8") from error
+    except csv.Error as error:
         raise InputError(path, f"is not a CSV file ({error})") from error
     if not rows:
         raise InputError(path, "has no rows")

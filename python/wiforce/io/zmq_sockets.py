@@ -47,7 +47,7 @@ def endpoint_of(text: str, option: str) -> str:
     if address in ("", "tcp://localhost"):
         address = "tcp://127.0.0.1"
     if not address.startswith("tcp://") or address == "tcp://" or not _is_port(port):
-        raise InputError(option, "must be a port or tcp://ADDRESS:PORT", text)
+        raise InputError(option, "must be a port from 1 to 65535, or tcp://ADDRESS:PORT", text)
     return f"{address}:{port}"
 
 

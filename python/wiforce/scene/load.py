@@ -95,6 +95,8 @@ def load_capture_scene(capture: Capture | ChannelSnapshots) -> Scene:
     """
     if capture.scene is None:
         rule = "holds no scene; name one with --scene"
+        if capture.path.suffix == ".sigmf-data":
+            rule += ", or leave out --datatype to use that of its metadata"
         raise InputError(capture.path, rule)
     name = "scene" if isinstance(capture, ChannelSnapshots) else "wiforce:scene"
     where = KeyPath(f"{capture.path}: {name}")

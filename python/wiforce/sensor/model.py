@@ -16,6 +16,7 @@ from .transfer import transfer_assumption
 if TYPE_CHECKING:
     from .inversion import Inversion
 
+_LEAST_CARRIER_HZ = 1e6  # anything lower was meant in another unit
 # A carrier given within this fraction of a calibrated one is taken for it: 0.1 % changes 2 beta L
 # of an 80 mm line by 0.2 deg at 900 MHz.
 CARRIER_TOLERANCE = 1e-3
@@ -91,7 +92,8 @@ class SensorModel:
     def carrier_error(self, frequency_hz: float, within: float = MAX_TRANSFER) -> InputError:
         """The error to raise for a carrier that is too far from those the model holds."""
         rule = f"carrier must be within {100 * within:g} % of {self._held()}"
-        return InputError(self.name, f"{rule}, got {frequency_hz / 1e6:g} MHz")
+        hint = "; give Hz, as 915e6" if frequency_hz < _LEAST_CARRIER_HZ else ""
+        return InputError(self.name, f"{rule}, got {frequency_hz / 1e6:g} MHz{hint}")
 
     def at_carrier(self, frequency_hz: float) -> "SensorModel":
         """The model for use at one carrier.

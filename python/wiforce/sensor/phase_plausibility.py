@@ -34,7 +34,7 @@ def phase_suspicions(
     Returns
     -------
     list of str
-        A sentence each. A mistake is named if most readings are inconsistent with the model, and
+        A sentence each, if most readings are inconsistent with the model. A mistake is named if
         nearly all would be consistent without it.
 
     Examples
@@ -67,6 +67,8 @@ def phase_suspicions(
     ):
         if share(changed) <= _FEW:
             found.append(f"{text}; now most of them do not")
+    if not found and (~model.is_untouched(phases, std_deg, frequency_hz)).any():
+        found = ["most phases do not fit the sensor: are they of another line or carrier?"]
     return found
 
 

@@ -263,8 +263,11 @@ def _check_settings(
                 f"must be above 0, and 4 times it below half the snapshot rate ({nyquist:.1f} Hz)"
             )
             raise InputError(f"clocks_hz[{tag}]", rule, clock_hz)
-        if clutter_hz + CLUTTER_MARGIN * resolution >= clock_hz:
-            margin = CLUTTER_MARGIN * resolution
+        margin = CLUTTER_MARGIN * resolution
+        if clock_hz <= margin:
+            rule = f"must exceed {margin:.3g} Hz for groups of {group_length} snapshots"
+            raise InputError(f"clocks_hz[{tag}]", rule, clock_hz)
+        if clutter_hz + margin >= clock_hz:
             rule = f"must lie more than {margin:.3g} Hz below every clock (here {clock_hz:g} Hz)"
             raise InputError("clutter_hz", rule, clutter_hz)
     if harmonics < 4:
