@@ -163,6 +163,7 @@ def test_phase_suspicions_name_mistakes_of_a_table_to_invert(tmp_path):
         (-phases, None, "with the opposite sign"),
         (phases[:, ::-1], places, "with the ports swapped"),
         (phases, places / 1000, "in metres"),
+        (2.7 * phases, None, "of another line or carrier"),
     ):
         (found,) = phase_suspicions(line, changed, 1.0, known)
         assert message in found

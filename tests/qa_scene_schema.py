@@ -329,6 +329,12 @@ def test_file_missing_binary_or_huge_is_rejected(tmp_path):
     assert "must not be larger than 2 MB" in rejection(huge)
 
 
+def test_decimal_comma_between_braces_is_explained(tmp_path):
+    path = tmp_path / "scene.yaml"
+    path.write_text("sensors: [{name: arm, model: line-900mhz, clock_hz: 1035,5}]\n")
+    assert "so write 4.5 and not 4,5" in rejection(path)
+
+
 def test_model_beside_scene_file_is_found_by_relative_path(tmp_path):
     from gnuradio.wiforce.sensor import load_sensor, write_sensor
 

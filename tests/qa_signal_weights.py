@@ -176,6 +176,7 @@ def test_derotation_undoes_rotation_within_symbol():
     [
         (([2200.0], 625, T), "clocks_hz[0]: must be above 0, and 4 times it below half the"),
         (([-5.0], 625, T), "clocks_hz[0]"),
+        (([1.035], 625, T), "clocks_hz[0]: must exceed 20.8 Hz for groups of 625 snapshots"),
         (([1000.0], 625, T, 990.0), "clutter_hz: must lie more than 20.8 Hz below every clock"),
         (([1000.0], 625, T, 0.0, 3), "harmonics: must be at least 4, got 3"),
         (([1000.0], 15, T), "group_length: must exceed the 15 lines"),
