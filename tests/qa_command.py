@@ -254,9 +254,11 @@ def test_command_in_a_test_does_what_its_process_does(tmp_path, arguments, statu
 def test_blas_settings_by_processor(tmp_path, flags, kernels):
     cpuinfo = tmp_path / "cpuinfo"
     cpuinfo.write_text(f"processor\t: 0\nflags\t\t: {flags}\n")
-    chosen = blas.settings(cpuinfo)
+    chosen = blas.settings(cpuinfo, tmp_path / "numpy")
     assert chosen["OPENBLAS_NUM_THREADS"] == "1"
     assert chosen.get("OPENBLAS_CORETYPE") == kernels
+    (tmp_path / "numpy.libs").mkdir()  # of a wheel
+    assert blas.settings(cpuinfo, tmp_path / "numpy") == {"OPENBLAS_NUM_THREADS": "1"}
 
 
 def test_command_uses_stated_kernels_of_blas():

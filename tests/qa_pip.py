@@ -123,19 +123,29 @@ def test_read_without_gnuradio_gives_the_readings_of_the_flowgraph(
 def test_features_of_gnuradio_without_it_are_refused_in_one_line(installed, libraries, capture):
     """A traceback that ends in `cannot import name gr` says nothing of what to install."""
     radio = "--scene demo --args addr=127.0.0.9"
-    commands = [f"live {radio}", f"check {radio}", "read press --follow", "bench speed"]
+    commands = [
+        f"live {radio}",
+        f"check {radio}",
+        "read press --follow",
+        "bench speed",
+        "bench live",
+    ]
     code = (
         "import sys; from wiforce_app.main import log, main; log.set_up()\n"
         "print(*[main(words.split()) for words in sys.argv[1:]])\n"
         "from gnuradio import wiforce; wiforce.Receiver('demo')\n"
+        "import inspect; members = dict(inspect.getmembers(wiforce))\n"
+        "assert 'read' in members and 'reader' not in members\n"
         "try: wiforce.reader\nexcept ImportError as error: print(error)"
     )
     done = run_python(code, installed, libraries, arguments=commands, cwd=capture.parent)
     rule = r"needs GNU Radio and gr-wiforce built with it, which pip does not install \(no .+\)"
     statuses, block = done.stdout.splitlines()
-    assert statuses == "2 2 2 2", done.stderr
+    assert statuses == "2 2 2 2 2", done.stderr
     assert re.fullmatch(f"reader {rule}", block)
-    for line, name in zip(done.stderr.splitlines(), "live check read speed".split(), strict=True):
+    for line, name in zip(
+        done.stderr.splitlines(), "live check read speed live".split(), strict=True
+    ):
         assert re.fullmatch(f"gr-wiforce: {name}: {rule}", line)
 
 

@@ -5,6 +5,7 @@ Names are imported when they are first used: only the blocks load GNU Radio's ru
 """
 
 import importlib
+import importlib.util
 from typing import Any
 
 from .errors import gnuradio_rule
@@ -58,10 +59,13 @@ _MODULES = {
     "symbol_length_of": "blocks.frame_settings",
 }
 
-__all__ = list(_MODULES)
+# What folders need besides the packages that are always there.
+_NEEDED_BY = {"blocks": "pmt", "wiforce_python": "pmt", "gui": "PyQt5"}
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__all__":
+        return _usable()
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     try:
@@ -74,4 +78,11 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *_MODULES])
+    return sorted([*globals(), *_usable()])
+
+
+def _usable() -> list[str]:
+    """Names that can be imported, so that `help` and editors can look at all of them."""
+    needed = {name: _NEEDED_BY.get(path.partition(".")[0]) for name, path in _MODULES.items()}
+    absent = {each for each in needed.values() if each and importlib.util.find_spec(each) is None}
+    return [name for name, each in needed.items() if each not in absent]

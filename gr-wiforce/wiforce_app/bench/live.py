@@ -17,6 +17,7 @@ from pathlib import Path
 
 import click
 import numpy as np
+from gnuradio.wiforce.io.optional import check_installed
 
 from ..markdown import markdown_table
 from ..options import IntegerRange
@@ -97,6 +98,9 @@ def live(as_json, presses, latency, msps):
     Three processes on loopback: a software N210, `gr-wiforce live`, and this one, which presses the
     sensor at random times and receives the readings by ZMQ.
     """
+    from gnuradio import gr  # noqa: F401  of the reader, which would say so much later
+
+    check_installed("bench live", ["zmq"])
     rows = []
     rates = msps or list(_SETTINGS)
     with progress("pressing", len(rates) * presses) as step:

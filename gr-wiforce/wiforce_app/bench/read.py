@@ -280,6 +280,9 @@ def _time_stages(recording, settings):
         batches.append(groups)
     samples_s = time.process_time() - start
     receiver = Receiver(settings)
+    if len(batches) == 1:  # of a short recording
+        (whole,) = batches
+        batches = [whole[: len(whole) // 2], whole[len(whole) // 2 :]]
     started = batches.pop(0)  # clocks and reference are found once
     receiver.process(started)
     groups = batches.pop() if len(batches) > 1 else batches[-1]
