@@ -171,6 +171,25 @@ def test_reader_reports_what_becomes_of_a_tare():
     assert message["state"] == "refused" and "first reference" in message["reason"]
 
 
+@pytest.mark.parametrize(
+    "value, forced",
+    [
+        (pmt.PMT_NIL, False),
+        (pmt.from_long(3), False),
+        (pmt.to_pmt({"force": "yes", "request": [1]}), False),
+        (pmt.to_pmt({"force": float("nan")}), False),
+        (pmt.to_pmt({"force": True}), True),
+        (pmt.dict_add(pmt.make_dict(), pmt.intern("force"), pmt.init_f32vector(2, [1, 2])), False),
+    ],
+)
+def test_reader_takes_any_message_as_a_request_and_forces_by_true_only(value, forced):
+    reader, states = wiforce.reader("demo"), []
+    reader.stream.tares.on_state = states.append
+    reader.groups._on_tare(value)
+    assert reader.failure is None
+    assert [(state.state, state.forced) for state in states] == [("refused", forced)]
+
+
 def test_reader_without_signal_reads_nothing(codes):
     readings = read(np.zeros_like(codes))
     assert len(readings) == 25

@@ -80,7 +80,7 @@ class TarePort:
 
     def _on_tare(self, message: Any) -> None:
         try:
-            self._take(pmt.to_python(message) if pmt.is_dict(message) else {})
+            self._take(_request_in(message))
         except Exception as error:
             self.fail(error)
 
@@ -88,8 +88,10 @@ class TarePort:
         if _CANCEL in request:
             self._tares.cancel(str(request[_CANCEL]))
             return
-        done = self._asked.pop(request.get(_REQUEST, -1), None)
-        state = self._tares.request(bool(request.get(names.FORCE, False)))
+        number = request.get(_REQUEST)
+        done = self._asked.pop(number, None) if isinstance(number, int) else None
+        # Only true forces: what else somebody sends may be a mistake.
+        state = self._tares.request(request.get(names.FORCE) is True)
         if done is None:
             return
         if state.state == "measuring":
@@ -103,3 +105,9 @@ class TarePort:
             waiting, self._waiting = self._waiting, []
             for done in waiting:
                 done(state)
+
+
+def _request_in(message: Any) -> dict[str, Any]:
+    """Keys of a message; empty for anything else than a dict, which requests a tare as well."""
+    values = pmt.to_python(message) if pmt.is_dict(message) else None
+    return values if isinstance(values, dict) else {}
