@@ -17,6 +17,9 @@ const pmt::pmt_t rx_rate_key = pmt::mp(names::RX_RATE);
 const pmt::pmt_t rx_freq_key = pmt::mp(names::RX_FREQ);
 const pmt::pmt_t retuned_key = pmt::mp(names::RETUNED);
 
+// A carrier given within this fraction of a sensor model's is taken for it.
+constexpr double CARRIER_TOLERANCE = 1e-3;
+
 } // namespace
 
 input_events::input_events(double sample_rate, gr::logger_ptr logger)
@@ -78,6 +81,9 @@ void input_events::note_setting(const gr::tag_t& tag)
     const bool was_usable = usable();
     if (pmt::eq(tag.key, rx_rate_key)) {
         d_rate_is_right = std::abs(value - d_sample_rate) <= 1e-6 * d_sample_rate;
+    } else if (!d_carrier && d_expected &&
+               !(std::abs(value - *d_expected) <= CARRIER_TOLERANCE * *d_expected)) {
+        d_carrier_is_right = false;
     } else {
         d_carrier = d_carrier.value_or(value);
         d_carrier_is_right = std::abs(value - *d_carrier) <= 1;
@@ -85,9 +91,11 @@ void input_events::note_setting(const gr::tag_t& tag)
     if (usable() == was_usable)
         return;
     if (!usable())
-        d_logger->warn("{} changed to {:g}; samples are discarded until it is set back",
+        d_logger->warn("{} is {:g}, not {:g}; samples are discarded until it is set back",
                        pmt::symbol_to_string(tag.key),
-                       value);
+                       value,
+                       d_rate_is_right ? d_carrier.value_or(d_expected.value_or(0.0))
+                                       : d_sample_rate);
     d_next = event{ tag.offset, 0, usable() };
 }
 

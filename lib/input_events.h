@@ -39,6 +39,9 @@ public:
         d_timeline.expect_loss(lost, frame_length);
     }
 
+    // The carrier that the first rx_freq must be close to.
+    void expect_carrier(double frequency_hz) { d_expected = frequency_hz; }
+
     // Values of rx_time that were malformed or implausible.
     std::uint64_t times_ignored() const { return d_times_ignored; }
 
@@ -54,7 +57,8 @@ private:
     kernel::timeline d_timeline;
     bool d_rate_is_right = true;
     bool d_carrier_is_right = true;
-    std::optional<double> d_carrier; // the first one reported
+    std::optional<double> d_expected; // carrier
+    std::optional<double> d_carrier;  // the first one reported that is close to it
     std::optional<event> d_next;
     kernel::counter d_times_ignored;
 };

@@ -30,6 +30,10 @@ public:
     std::uint64_t snapshots() const override { return d_snapshots; }
     std::uint64_t samples_lost() const override { return d_samples_lost; }
     std::uint64_t gaps() const override { return d_gaps; }
+    void expect_carrier(double frequency_hz) override
+    {
+        d_events.expect_carrier(frequency_hz);
+    }
     std::uint64_t times_ignored() const override { return d_events.times_ignored(); }
     std::uint64_t frames_moved() const override { return d_frames_moved; }
     std::uint64_t samples_moved() const override { return d_samples_moved; }

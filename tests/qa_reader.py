@@ -50,6 +50,17 @@ def test_reader_press_is_read_at_its_force_and_location(codes):
     assert all(r.flags == ("reference",) for r in readings[:8])
 
 
+@pytest.mark.parametrize("carrier_hz, first", [(900.8e6, 0), (2.4e9, 11), (float("nan"), 11)])
+def test_reader_takes_samples_at_the_carrier_of_the_scene_only(codes, carrier_hz, first):
+    """Phases at another carrier look like presses with another force."""
+    tags = [
+        gr.tag_utils.python_to_tag((at, pmt.intern("rx_freq"), pmt.from_double(hertz), pmt.PMT_F))
+        for at, hertz in ((0, carrier_hz), (11 * GROUP + 7, carrier_hz if first == 0 else 900e6))
+    ]
+    readings = read(codes, tags)
+    assert [r.group for r in readings if r.phase1_deg is not None][0] == first
+
+
 @pytest.mark.parametrize("way", ["samples", "folded samples", "recording"])
 def test_reader_clipped_groups_are_flagged_for_every_input(codes, tmp_path, way):
     clipped = codes.copy()

@@ -24,7 +24,8 @@ namespace gr::wiforce {
  * first one. A tag `rx_time` later than the samples before it account for reports lost
  * samples (an overflow): frames that miss averaged samples are dropped, and the next
  * whole frame of the same grid follows. While a tag `rx_rate` differs from \p
- * sample_rate, or `rx_freq` from the first one, samples are discarded.
+ * sample_rate, or `rx_freq` from the first one, samples are discarded; so are all until
+ * the first `rx_freq` that is close to the expected carrier, where one is expected.
  *
  * Frame timing is monitored: when samples were lost or repeated and no tag reports it,
  * the frames are found again as soon as two averages over 16 frames agree on the shift.
@@ -88,6 +89,10 @@ public:
                           std::uint64_t frame_offset = 0,
                           const std::string& item_type = "fc32",
                           int symbol_length = 64);
+
+    //! Expects a carrier in Hz, to 0.1 % as sensor models do; before the flowgraph
+    //! starts.
+    virtual void expect_carrier(double frequency_hz) = 0;
 
     //! Frames folded so far.
     virtual std::uint64_t snapshots() const = 0;

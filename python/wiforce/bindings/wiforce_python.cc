@@ -100,6 +100,10 @@ static void bind_preamble_fold(py::module& m)
                     "symbol_length"_a = 64,
                     "Snapshots of phase groups: this block and "
                     "phase_group_doppler.collected in one.")
+        .def("expect_carrier",
+             &preamble_fold::expect_carrier,
+             "frequency_hz"_a,
+             "Expects a carrier in Hz, to 0.1 %; samples of another one are discarded.")
         .def("snapshots", &preamble_fold::snapshots, "Frames folded so far.")
         .def("gaps", &preamble_fold::gaps, "Gaps that `rx_time` reported.")
         .def("samples_lost", &preamble_fold::samples_lost, "Samples lost in them.")

@@ -113,6 +113,7 @@ class reader(gr.hier_block2):
         self.groups = group_reader(settings, tracked, on_reading)
         if self.fold is not None:
             self.groups.stream.mean_frame = self.fold.mean_frame
+            self.fold.expect_carrier(settings.center_frequency_hz)
         self.connect(self, first, self.groups)
         self.msg_connect(self.groups, names.READINGS, self, names.READINGS)
         self.msg_connect(self.groups, names.TARE_STATE, self, names.TARE_STATE)
