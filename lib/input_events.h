@@ -27,6 +27,12 @@ public:
 
     input_events(double sample_rate, gr::logger_ptr logger);
 
+    // Forgets tags and events that were not taken up.
+    void forget()
+    {
+        d_tags.clear();
+        d_next.reset();
+    }
     // Takes the tags of further items, in any order.
     void add(std::vector<gr::tag_t> tags);
     // The next event before an item, if any; the same one until it is dropped.

@@ -69,6 +69,16 @@ phase_group_doppler_impl::phase_group_doppler_impl(
     set_tag_propagation_policy(TPP_DONT);
 }
 
+bool phase_group_doppler_impl::start()
+{
+    // A flowgraph that is started again counts items anew; after unlock() it does not.
+    if (nitems_read(0) == 0) {
+        d_noise = noise_tags();
+        d_noise_read_to = 0;
+    }
+    return phase_group_doppler::start();
+}
+
 // Snapshots are taken up as they come: the last of a group finds its work nearly done.
 void phase_group_doppler_impl::forecast(int, gr_vector_int& ninput_items_required)
 {

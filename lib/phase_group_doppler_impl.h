@@ -20,6 +20,7 @@ public:
                      gr_vector_const_void_star& input_items,
                      gr_vector_void_star& output_items) override;
 
+    bool start() override;
     int rows() const override { return d_collector.rows(); }
     std::uint64_t groups() const override { return d_groups; }
     std::uint64_t incomplete_groups() const override { return d_incomplete_groups; }

@@ -130,6 +130,18 @@ preamble_fold_impl<Sample>::preamble_fold_impl(const kernel::preamble_folder& fo
     set_tag_propagation_policy(TPP_DONT);
 }
 
+template <class Sample>
+bool preamble_fold_impl<Sample>::start()
+{
+    // What was read and not taken up before a stop is lost, and its tags with it. After
+    // unlock() the items are counted on.
+    if (this->nitems_read(0) == 0) {
+        d_items_before = d_tags_read_to = d_items_read;
+        d_events.forget();
+    }
+    return preamble_fold::start();
+}
+
 // One window is enough to work on; whatever else has arrived is taken along.
 template <class Sample>
 void preamble_fold_impl<Sample>::forecast(int, gr_vector_int& ninput_items_required)
@@ -140,12 +152,14 @@ void preamble_fold_impl<Sample>::forecast(int, gr_vector_int& ninput_items_requi
 template <class Sample>
 void preamble_fold_impl<Sample>::collect_tags(int available)
 {
-    const std::uint64_t begin = std::max(d_tags_read_to, this->nitems_read(0));
-    const std::uint64_t end = this->nitems_read(0) + available;
+    const std::uint64_t begin = std::max(d_tags_read_to, d_items_read);
+    const std::uint64_t end = d_items_read + available;
     if (end <= begin)
         return;
     std::vector<gr::tag_t> tags;
-    this->get_tags_in_range(tags, 0, begin, end);
+    this->get_tags_in_range(tags, 0, begin - d_items_before, end - d_items_before);
+    for (gr::tag_t& tag : tags)
+        tag.offset += d_items_before;
     d_tags_read_to = end;
     d_events.add(std::move(tags));
 }
@@ -225,7 +239,7 @@ int preamble_fold_impl<Sample>::general_work(int noutput_items,
     d_room = noutput_items;
     d_produced = 0;
     const std::uint64_t available = ninput_items[0];
-    const std::uint64_t first = this->nitems_read(0);
+    const std::uint64_t first = d_items_read;
     collect_tags(ninput_items[0]);
 
     std::uint64_t consumed = 0;
@@ -235,15 +249,17 @@ int preamble_fold_impl<Sample>::general_work(int noutput_items,
         if (d_usable)
             end = std::min(end - consumed, d_walk.until_decision()) + consumed;
         const auto& event = d_events.next(first + end);
-        if (event)
+        // One that waits for room in the output may lie behind a decision.
+        const bool ends_here = event && event->item < first + end;
+        if (ends_here)
             end = event->item - first;
         if (d_usable && !take_whole_frames(in, consumed, end))
             break;
-        if (event || !d_usable) {
+        if (ends_here || !d_usable) {
             skip(end - consumed);
             consumed = end;
         }
-        if (event) {
+        if (ends_here) {
             take_event(*event);
             d_events.drop();
         } else if (d_usable && d_walk.decision_is_due()) {
@@ -253,6 +269,7 @@ int preamble_fold_impl<Sample>::general_work(int noutput_items,
         }
     }
     this->consume_each(consumed);
+    d_items_read += consumed;
     return d_produced;
 }
 

@@ -21,6 +21,7 @@ public:
                        double sample_rate,
                        std::uint64_t frame_offset);
 
+    bool start() override;
     void forecast(int noutput_items, gr_vector_int& ninput_items_required) override;
     int general_work(int noutput_items,
                      gr_vector_int& ninput_items,
@@ -65,7 +66,11 @@ private:
     void take_event(const input_events::event& event);
     void follow_frames();
 
-    std::uint64_t d_tags_read_to = 0; // input offset up to which tags were read
+    // Items of the input before those that GNU Radio counts: it begins anew when a
+    // flowgraph is started again.
+    std::uint64_t d_items_before = 0;
+    std::uint64_t d_items_read = 0;   // of all starts
+    std::uint64_t d_tags_read_to = 0; // item up to which tags were read
     input_events d_events;
     bool d_usable = true; // the next sample
     kernel::frame_walk d_walk;
@@ -87,6 +92,12 @@ public:
     vector_fold(const kernel::preamble_folder& folder,
                 double sample_rate,
                 std::uint64_t frame_offset);
+
+    bool start() override
+    {
+        d_expected.reset(); // what waited for the next block is lost
+        return preamble_fold_impl<Sample>::start();
+    }
 
 protected:
     int take(const Sample* averaged, int frames, std::uint64_t snapshot) override;

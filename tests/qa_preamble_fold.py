@@ -73,6 +73,24 @@ def test_sc16_folds_without_rounding():
     np.testing.assert_array_equal(folded, want)  # multiples of 2^-17: exact in float
 
 
+def test_flowgraph_that_is_started_again_reads_tags_from_its_first_item_on():
+    """GNU Radio counts items anew then; the tags of before would be searched for far behind."""
+    samples = noise(40 * 720)
+    source = blocks.vector_source_c(samples.tolist(), False, 1, [rx_time(0, 10.0)])
+    fold, sink = wiforce.preamble_fold(720), blocks.vector_sink_c(64)
+    flowgraph = gr.top_block()
+    flowgraph.connect(source, fold, sink)
+    flowgraph.run()
+    assert fold.snapshots() == 40 and fold.gaps() == 0
+    source.rewind()
+    source.set_data(samples.tolist(), [rx_time(0, 20.0)])
+    flowgraph.run()
+    assert fold.gaps() == 1 and fold.samples_lost() == 125_000_000 - len(samples)
+    first = 125_000_000 // 720 + 1  # its frame begins within the gap's last frame
+    indices = {t.offset: pmt.to_uint64(t.value) for t in sink.tags() if str(t.key) == "snapshot"}
+    assert first in indices.values()
+
+
 def with_losses(samples, losses, rate, start=1000.25):
     """The samples received after (first lost, number lost), with tags as gr-uhd sets them."""
     keep = np.ones(len(samples), bool)
