@@ -37,6 +37,7 @@ def tradeoff(scenes, as_json, quick, folder, fresh, plot_path, page_path):
     Varies group length, lines, clutter band, estimator, subcarriers, sample type, file or stream,
     and the order of the blocks, and compares with stock blocks.
     """
+    from gnuradio import gr  # noqa: F401  of the flowgraphs that are timed, before any file is made
     from gnuradio.wiforce.scene import load_scene, sampled_scenes
 
     from ..evaluation.runs import keep_result, result_of
