@@ -272,7 +272,9 @@ def _gaussian(spacing_mm: float, data: _Data) -> _Make:
 
         bounds = [0.01, 0.1], [1.0, 1000.0]
         share, width = least_squares(residuals, [0.5, 0.8 * spacing_mm], bounds=bounds).x
-        return {"law": "gaussian", "share": round(share, 5), "width_mm": round(width, 4)}
+        # YAML holds Python's numbers, not NumPy's.
+        share, width_mm = round(float(share), 5), round(float(width), 4)
+        return {"law": "gaussian", "share": share, "width_mm": width_mm}
 
     return make
 
