@@ -57,6 +57,15 @@ def test_earlier_sensor_written_again_has_the_present_keys_and_phases(tmp_path):
     assert np.allclose(again.phases_deg(*PRESSES), model.phases_deg(*PRESSES), rtol=0, atol=1e-6)
 
 
+def test_earlier_law_of_a_skin_is_accepted_without_positions_of_its_strips():
+    """The skin would have to be pressed again."""
+    scene = load_scene("surface_four_strips").as_dict()
+    scene["surface"] |= {"spreading": None, "spreading_file": str(FILES / "skin.yaml")}
+    law = load_scene(scene).surface.law(Path())
+    assert (law.strip_y_mm, law.strip_sensors) == (None, None)
+    assert law.spreading().share_of(3, 0.0) == pytest.approx(0.51761)
+
+
 def test_earlier_scenes_keep_what_they_state():
     """A measurement that was planned with an earlier version could not be repeated."""
     first = load_scene(FILES / "scene-first.yaml")

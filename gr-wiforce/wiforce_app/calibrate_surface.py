@@ -12,11 +12,17 @@ from gnuradio.wiforce.io.textfile import check_output
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.surface import bare_skin
 from gnuradio.wiforce.surface.calibration import fit_spreading
+from gnuradio.wiforce.surface.checks import borne_together, borne_too_much, surprising_taps
 from gnuradio.wiforce.surface.file import write_spreading
 from gnuradio.wiforce.surface.taps import read_known_presses, taps_of
 
 # Beyond this a share is known too roughly to be of use: two neighbours then differ by as much.
 _POOR_STD = 0.1
+# Strips that bear less than this are not what forces in N say: a newton is 102 g.
+_LEAST_BORNE = 0.1
+# Four times the error of a location on a skin that nobody has calibrated (surface/file.py): more
+# than rulers and hands explain.
+_POOR_LOCATION_MM = 2.0
 
 
 def calibrate_surface(table, scene, readings, law, output):
@@ -48,7 +54,7 @@ def calibrate_surface(table, scene, readings, law, output):
     if skin is None:
         raise InputError("--surface", "must be a scene with a surface", str(scene.path))
     check_output(output, [table, readings, *scene.files[:1]])
-    presses = read_known_presses(table)
+    presses = read_known_presses(table, skin)
     taps = taps_of(skin, presses, ReadingsFile(readings).rows())
     try:
         fit = fit_spreading(skin, taps, law)
@@ -56,14 +62,19 @@ def calibrate_surface(table, scene, readings, law, output):
         raise InputError(table, str(error).removeprefix(f"{error.where}: ")) from None
     source = f"{len(presses)} presses of {Path(table).name}, read in {Path(readings).name}"
     found = replace(fit.law, source=source)
+    skin = replace(skin, spreading=found.spreading())
+    rule = borne_too_much(skin)
+    if rule:
+        raise InputError(table, f"{rule}; check force_n, and the sensor files of the strips")
     write_spreading(found, output)
     _report(skin, found, fit)
+    for warning in _warnings(skin, found, fit, taps):
+        click.echo(f"warning: {warning}")
     click.echo(f"written: {output}; name it as surface.spreading_file in the scene")
 
 
 def _report(skin, law, fit):
     """What was found, and how far it can be trusted."""
-    spreading = law.spreading()
     click.echo(
         f"surface {skin.name}: {law.law} law from {fit.shares} shares of touched strips and "
         f"{fit.untouched} untouched ones"
@@ -74,9 +85,35 @@ def _report(skin, law, fit):
     click.echo("  mm across  " + "".join(f"{distance:8.1f}" for distance in distances))
     for i in own:
         name = skin.strips[i].sensor if law.law == "strips" else "each strip"
-        shares = spreading.share_of(i, distances)
+        shares = skin.spreading.share_of(i, distances)
         click.echo(f"  {name:<11.11}" + "".join(f"{share:8.3f}" for share in shares))
+    _, together = borne_together(skin)
+    click.echo(f"all strips together bear {together.min():.0%} to {together.max():.0%} of a press")
     click.echo(f"standard deviation of a share {law.share_std:.3f} (fitted {fit.rms:.3f} rms)")
     click.echo(f"standard deviation of the location {law.location_std_mm:.2f} mm")
-    if law.share_std > _POOR_STD:
-        click.echo("warning: presses at one distance differ; check forces, positions and strips")
+
+
+def _warnings(skin, law, fit, taps):
+    """What suggests that the table or the scene is wrong."""
+    most = borne_together(skin)[1].max()
+    if most < _LEAST_BORNE:
+        yield f"the strips together bear at most {most:.1%} of a press; is force_n in N, not grams?"
+    # The residual contains the noise of the strips, and the standard deviation does not.
+    if max(law.share_std, fit.rms) > _POOR_STD:
+        yield "presses at one distance differ; check forces, positions and strips"
+    surprising = surprising_taps(skin, taps)
+    if surprising:
+        tap, most = surprising[0]
+        x_mm, y_mm, strip = taps.x_mm[tap], taps.y_mm[tap], skin.strips[most]
+        yield (
+            f"a strip farther away bears more than the nearest one in {len(surprising)} of "
+            f"{len(taps)} presses, first at x = {x_mm:g} mm, y = {y_mm:g} mm (strip "
+            f"'{strip.sensor}' at y = {strip.y_mm:g} mm); check y_mm of the strips, their sensors, "
+            "and the table"
+        )
+    off_mm = max(law.location_std_mm, *map(abs, law.location_offsets_mm))
+    if off_mm > _POOR_LOCATION_MM:
+        yield (
+            f"strips show presses up to {off_mm:.1f} mm from their x; check x_mm and direction of "
+            "the strips, and the table"
+        )

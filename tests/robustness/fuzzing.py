@@ -92,6 +92,8 @@ SPREADING = {
     "strip_shares": [[0.3, 0.7, 0.2], [0.2, 0.6, 0.3]],
     "share_std": 0.02,
     "location_offsets_mm": [0.1, -0.2],
+    "strip_y_mm": [0.0, 12.0],
+    "strip_sensors": ["low", "high"],
 }
 SYMBOL = {**SCENE, "sounding": {"waveform": "own.npy", "frame_length": 400}}
 # No radio: a device without channels, which every SoapySDR has.

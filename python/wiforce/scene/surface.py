@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import InputError
 from ..io.schema import ListOf, Mapping, declared, key
 from ..io.values import Choice, Integer, Number, Text
+from ..surface.checks import law_violations
 from ..surface.file import SpreadingKeys, read_spreading
 from ..surface.skin import Skin, Strip
 from ..surface.spreading import Spreading
@@ -196,9 +197,14 @@ def surface_violations(scene: "Scene") -> Iterator[tuple[str, str, Any] | tuple[
         if presses:
             yield "simulation.surface_presses", "need a surface in the scene"
         return
-    for name in (surface.name, f"{surface.name}-2")[: surface.presses]:
-        if name in scene.sensor_names:
-            yield "surface.name", "must differ from the name of every sensor", surface.name
+    if surface.name in scene.sensor_names:
+        yield "surface.name", "must differ from the name of every sensor", surface.name
+    if surface.presses > 1 and f"{surface.name}-2" in scene.sensor_names:
+        rule = (
+            f"must not be '{surface.name}' where a sensor is named '{surface.name}-2', since rows "
+            f"of the second press have that name (surface.presses: {surface.presses})"
+        )
+        yield "surface.name", rule
     for (i, first), (j, second) in combinations(enumerate(surface.strips), 2):
         if first.sensor == second.sensor:
             rule = f"must differ from that of surface.strips[{i}]"
@@ -217,15 +223,20 @@ def surface_violations(scene: "Scene") -> Iterator[tuple[str, str, Any] | tuple[
             rule += "; leave the key out until `calibrate --surface` has written the file"
         yield "surface.spreading_file", rule
         return
-    for of_strips in (law.strip_shares, law.location_offsets_mm) if law is not None else ():
-        if of_strips and len(of_strips) != len(surface.strips):
-            rule = f"must be a law of as many strips as the surface has, {len(surface.strips)}"
-            where = "surface.spreading_file" if surface.spreading is None else "surface.spreading"
-            yield where, rule, len(of_strips)
     skin = bare_skin(scene)
     assert skin is not None
-    if skin.x_span_mm[0] >= skin.x_span_mm[1]:
-        yield "surface.strips", "must overlap along x; see x_mm and direction"
+    for rule in law_violations(skin, law) if law is not None else ():
+        if surface.spreading is not None:
+            yield "surface.spreading", rule
+        else:
+            yield "surface.spreading_file", f"{folder / str(surface.spreading_file)}: {rule}"
+    low, high = skin.x_span_mm
+    if low >= high:
+        rule = (
+            "must overlap along x; see x_mm and direction: what all of them are calibrated for "
+            f"begins at x = {low:g} mm and ends at {high:g} mm"
+        )
+        yield "surface.strips", rule
     yield from _press_violations(scene, skin)
 
 

@@ -26,6 +26,8 @@ _LEAST_STD, _LEAST_LOCATION_MM = 0.002, 0.02
 # Behind its last point a table is 0, so its end must be.
 _END_STD = 0.003
 _LEAST_SHARES = 6
+# Two places determine a line through them, and leave none that could contradict it.
+_LEAST_PLACES = 3
 # A curve of its own needs the strip's share on it and on both sides, or on one side in two places.
 _LEAST_PER_STRIP = 3
 _FOLDS = 10
@@ -33,7 +35,7 @@ _FOLDS = 10
 _ROUNDS = 3
 _HALVINGS = 20
 # Spacings beyond which strips are not loaded; standard deviation of shares that no tap determines.
-_REACH, _UNKNOWN = 3, 0.5
+REACH_SPACINGS, _UNKNOWN = 3, 0.5
 
 
 @dataclass(frozen=True)
@@ -109,7 +111,8 @@ def fit_spreading(skin: Skin, taps: SurfaceTaps, law: str = "strips") -> Spreadi
     -------
     SpreadingFit
         The standard deviations of the law are those of taps that are left out of the fit in turn,
-        less the noise of the strips' own readings.
+        less the noise of the strips' own readings; that of the shares is at least that of the
+        fitted taps.
 
     Raises
     ------
@@ -142,12 +145,23 @@ def fit_spreading(skin: Skin, taps: SurfaceTaps, law: str = "strips") -> Spreadi
             "times, and that the readings are those of this recording"
         )
         raise InputError("taps", rule)
-    if count < _LEAST_SHARES or len(np.unique(np.abs(distance[shown]).round(1))) < 3:
+    if count < _LEAST_SHARES:
         rule = (
-            f"must press strips {_LEAST_SHARES} times or more, at three distances across or more: "
-            "on strips and between them"
+            f"must press strips {_LEAST_SHARES} times or more; a press counts once for each strip "
+            "that shows it"
         )
         raise InputError("taps", rule, count)
+    places = {
+        "distances across from the strips": np.abs(distance[shown]),
+        "values of y_mm": taps.y_mm[shown.any(axis=1)],
+    }
+    for name, values in places.items():
+        different = len(np.unique(values.round(1)))
+        if different < _LEAST_PLACES:
+            rule = (
+                f"must have presses at {_LEAST_PLACES} {name} or more, on strips and between them"
+            )
+            raise InputError("taps", rule, different)
     for strip, own in zip(skin.strips, shown.T, strict=True):
         if law == "strips" and own.sum() < _LEAST_PER_STRIP:
             rule = f"must press each strip {_LEAST_PER_STRIP} times or more, or --law table be used"
@@ -161,6 +175,8 @@ def fit_spreading(skin: Skin, taps: SurfaceTaps, law: str = "strips") -> Spreadi
     keys = make(data, every, std)
     law_found = SpreadingKeys(share_std=round(std, 4), **keys).spreading()
     residual = (_expected(law_found, data) - data.share)[shown]
+    # Of the outer taps, which are never left out, only the residual is known.
+    std = max(std, _excess_std(residual, data.noise[shown]))
     # Of locations, which are counted from port 1.
     offsets, along = _along(taps, shown)
     offsets *= [-1.0 if strip.reversed else 1.0 for strip in skin.strips]
@@ -168,6 +184,8 @@ def fit_spreading(skin: Skin, taps: SurfaceTaps, law: str = "strips") -> Spreadi
         share_std=round(std, 4),
         location_std_mm=round(along, 3),
         location_offsets_mm=tuple(offsets.round(3).tolist()),
+        strip_y_mm=tuple(skin.y_mm.tolist()),
+        strip_sensors=tuple(strip.sensor for strip in skin.strips),
         **keys,
     )
     rms = float(np.sqrt(np.mean(residual**2)))
@@ -217,7 +235,7 @@ def _knots(spacing_mm: float, data: _Data) -> Array:
     """Distances of a table's points, from 0 to beyond what the taps reach."""
     step = spacing_mm / _PER_SPACING
     known = np.abs(data.distance_mm)[data.shown | data.untouched]
-    reach = min(float(known.max()), _REACH * spacing_mm) + step
+    reach = min(float(known.max()), REACH_SPACINGS * spacing_mm) + step
     knots: Array = step * np.arange(int(np.ceil(reach / step)) + 1)
     return knots
 
@@ -232,10 +250,12 @@ def _table(spacing_mm: float, data: _Data) -> _Make:
         basis[..., 1:] += both[..., :middle][..., ::-1]
         # The same on both sides, and nothing at the end.
         bends = np.diff(np.eye(len(knots))[np.r_[1, : len(knots)]], 2, axis=0) / _BEND
-        end = np.eye(len(knots))[-1:] / _END_STD
-        shares = _least_squares(basis, data, used, std, np.concatenate([bends, end]))
+        penalty = np.concatenate([bends, np.eye(len(knots))[-1:] / _END_STD])
+        # What is fitted is by how much each share exceeds the next one, so that none rises.
+        falls = np.triu(np.ones((len(knots), len(knots))))
+        fitted = _least_squares(basis @ falls, data, used, std, penalty @ falls)
         points = tuple(knots.round(4).tolist())
-        return {"law": "table", "distance_mm": points, "shares": shares}
+        return {"law": "table", "distance_mm": points, "shares": _listed(falls @ fitted)}
 
     return make
 
@@ -252,7 +272,7 @@ def _strips(spacing_mm: float, data: _Data) -> _Make:
         for strip in range(data.share.shape[1]):
             own = data.of_strip(strip)
             basis = _basis(knots, own.distance_mm)
-            curves.append(_least_squares(basis, own, used, std, penalty))
+            curves.append(_listed(_least_squares(basis, own, used, std, penalty)))
         points = tuple(knots.round(4).tolist())
         return {"law": "strips", "distance_mm": points, "strip_shares": tuple(curves)}
 
@@ -272,7 +292,9 @@ def _gaussian(spacing_mm: float, data: _Data) -> _Make:
 
         bounds = [0.01, 0.1], [1.0, 1000.0]
         share, width = least_squares(residuals, [0.5, 0.8 * spacing_mm], bounds=bounds).x
-        return {"law": "gaussian", "share": round(share, 5), "width_mm": round(width, 4)}
+        # YAML holds Python's numbers, not NumPy's.
+        share, width_mm = round(float(share), 5), round(float(width), 4)
+        return {"law": "gaussian", "share": share, "width_mm": width_mm}
 
     return make
 
@@ -291,11 +313,12 @@ def _basis(knots: Array, distance_mm: Array) -> Array:
 
 def _least_squares(
     basis: Array, data: _Data, used: NDArray[np.bool_], std: float, penalty: Array
-) -> tuple[float, ...]:
+) -> Array:
     """Points of a table; untouched strips count where it would give them too much."""
     from scipy.optimize import nnls
 
     wanted = np.where(data.shown, data.share, data.most)
+    points: Array
     weight = 1 / np.hypot(data.noise, std)
     counts, points = data.shown & used[:, None], np.zeros(basis.shape[-1])
     for _ in range(_ROUNDS):
@@ -304,7 +327,11 @@ def _least_squares(
         points = nnls(rows, values)[0]
         above = data.untouched & (basis @ points > data.most)
         counts = (data.shown | above) & used[:, None]
-    return tuple(np.clip(points, 0, 1).round(5).tolist())
+    return points
+
+
+def _listed(shares: Array) -> tuple[float, ...]:
+    return tuple(np.clip(shares, 0, 1).round(5).tolist())
 
 
 def _left_out_std(make: _Make, data: _Data, std: float) -> float:

@@ -2,7 +2,7 @@
 """Spreading laws in scene files and in files of their own."""
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,9 @@ from .spreading import Spreading, StripSpreading, gaussian_spreading
 _MOST_POINTS = 200
 _MOST_STRIPS = 16
 LEAST_STEP_MM = 0.01
+_POSITION_MM = 10_000
+# Shares of a table that was calibrated by earlier versions may rise by their noise.
+_MOST_RISE = 0.05
 # What is assumed of a law that was not calibrated: two laws with the same share beneath the press
 # and the same width differ by so much (docs/surfaces.md).
 _SHARE_STD, _LOCATION_STD_MM = 0.04, 0.5
@@ -92,15 +95,54 @@ class Curves(ValueType):
         return {"type": "array", **rows}
 
 
+@dataclass(frozen=True, kw_only=True)
+class Names(ValueType):
+    """A list of names, one per strip, read as a tuple.
+
+    Parameters
+    ----------
+    optional : bool
+        Whether null is allowed.
+
+    Examples
+    --------
+    >>> Names().read(["low", "high"], KeyPath("scene.yaml"), Scope())
+    ('low', 'high')
+    """
+
+    _item = Text(limit=64)
+
+    @property
+    def allowed(self) -> str:
+        return f"a list of 2 to {_MOST_STRIPS} names"
+
+    def _read(self, value: Any, where: KeyPath, scope: Scope) -> tuple[str, ...]:
+        if not isinstance(value, list | tuple) or not 2 <= len(value) <= _MOST_STRIPS:
+            raise where.error(self.rule, value)
+        return tuple(self._item.read(name, where.item(i), scope) for i, name in enumerate(value))
+
+    def plain(self, value: tuple[str, ...] | None) -> list[str] | None:
+        return None if value is None else list(value)
+
+    def _json_schema(self) -> dict[str, Any]:
+        items = self._item.json_schema()
+        return {"type": "array", "minItems": 2, "maxItems": _MOST_STRIPS, "items": items}
+
+
+def _unused(law: str) -> str:
+    """The rule that a key breaks which this law does not have."""
+    return f"must be left out, the law '{law}' does not have it"
+
+
 def _check_gaussian(value: float | None, scope: Scope) -> str | None:
-    if scope["law"] == "gaussian" and value is None:
-        return "is missing, a gaussian law needs share and width_mm"
-    return None
+    if scope["law"] != "gaussian":
+        return None if value is None else _unused(scope["law"])
+    return "is missing, a gaussian law needs share and width_mm" if value is None else None
 
 
 def _check_distances(value: tuple[float, ...] | None, scope: Scope) -> str | None:
     if scope["law"] == "gaussian":
-        return None
+        return None if value is None else _unused("gaussian")
     if value is None:
         return "is missing, a table needs distance_mm and shares or strip_shares"
     if scope["law"] == "strips":
@@ -113,17 +155,21 @@ def _check_distances(value: tuple[float, ...] | None, scope: Scope) -> str | Non
 
 def _check_shares(value: tuple[float, ...] | None, scope: Scope) -> str | None:
     if scope["law"] != "table":
-        return None
+        return None if value is None else _unused(scope["law"])
     if value is None:
         return "is missing, a table needs distance_mm and shares"
     if len(value) != len(scope["distance_mm"]):
         return f"must have as many numbers as distance_mm, {len(scope['distance_mm'])}"
-    return None if value[0] > 0 else "must begin with a share above 0"
+    if not value[0] > 0:
+        return "must begin with a share above 0"
+    if any(b > a + _MOST_RISE for a, b in zip(accumulate(value, min), value, strict=True)):
+        return f"must not rise with the distance, by more than {_MOST_RISE:g}"
+    return None
 
 
 def _check_curves(value: tuple[tuple[float, ...], ...] | None, scope: Scope) -> str | None:
     if scope["law"] != "strips":
-        return None
+        return None if value is None else _unused(scope["law"])
     if value is None:
         return "is missing, the law of single strips needs distance_mm and strip_shares"
     points = len(scope["distance_mm"])
@@ -198,6 +244,18 @@ class SpreadingKeys:
         doc="For each strip, in the order of y, by how much farther from its port 1 it shows a "
         "press than this is: the error of where port 1 is.",
     )
+    strip_y_mm: tuple[float, ...] | None = key(
+        Numbers(low=-_POSITION_MM, high=_POSITION_MM, optional=True),
+        default=None,
+        doc="Positions across of the strips that the law was calibrated with, rising. A scene with "
+        "other distances of its strips is refused. Without it, nothing is compared.",
+    )
+    strip_sensors: tuple[str, ...] | None = key(
+        Names(optional=True),
+        default=None,
+        doc="Their sensors, in the order of y. Where the scene has them in another order, it is "
+        "refused.",
+    )
     source: str | None = key(
         Text(limit=1000, optional=True), default=None, doc="Where the law comes from."
     )
@@ -258,7 +316,7 @@ def write_spreading(law: SpreadingKeys, path: str | Path) -> None:
     Raises
     ------
     InputError
-        When the file cannot be written.
+        When the file cannot be written, or not be read again.
 
     Examples
     --------
@@ -268,6 +326,7 @@ def write_spreading(law: SpreadingKeys, path: str | Path) -> None:
     True
     """
     values = {name: value for name, value in plain(SpreadingKeys, law).items() if value is not None}
+    read(SpreadingKeys, values, KeyPath(str(path)))
     write_yaml(path, values)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from ..errors import InputError
 from ..io.csv_cells import cell_number, require_columns
 from ..io.textfile import read_csv
-from .calibration import SurfaceTaps
+from .calibration import REACH_SPACINGS, SurfaceTaps
 from .skin import Skin
 
 _COLUMNS = ("start_s", "end_s", "force_n", "x_mm", "y_mm")
@@ -42,13 +42,15 @@ class KnownPress:
     y_mm: float
 
 
-def read_known_presses(path: str | Path) -> list[KnownPress]:
+def read_known_presses(path: str | Path, skin: Skin | None = None) -> list[KnownPress]:
     """Read a table of known presses.
 
     Parameters
     ----------
     path : str or Path
         CSV with the columns ``start_s``, ``end_s``, ``force_n``, ``x_mm`` and ``y_mm``.
+    skin : Skin, optional
+        The surface, on which the presses must lie.
 
     Returns
     -------
@@ -78,8 +80,30 @@ def read_known_presses(path: str | Path) -> list[KnownPress]:
             raise InputError(where, rule, row["end_s"])
         if not press.force_n > 0:
             raise InputError(where, "force_n must be above 0", row["force_n"])
+        if skin is not None:
+            _check_place(skin, press, where)
         found.append(press)
     return found
+
+
+def _check_place(skin: Skin, press: KnownPress, where: str) -> None:
+    """Refuse a press that no strip can show."""
+    ends = [
+        sorted(float(strip.x_of(end)) for end in (0.0, strip.model.length_mm))
+        for strip in skin.strips
+    ]
+    if not any(low <= press.x_mm <= high for low, high in ends):
+        low, high = min(end[0] for end in ends), max(end[1] for end in ends)
+        rule = f"x_mm must lie on a strip, {low:g} to {high:g} mm"
+        raise InputError(where, rule, press.x_mm)
+    beyond = REACH_SPACINGS * skin.spacing_mm
+    low, high = skin.y_mm[0] - beyond, skin.y_mm[-1] + beyond
+    if not low <= press.y_mm <= high:
+        rule = (
+            f"y_mm must lie within {REACH_SPACINGS} strip distances of the strips, {low:g} to "
+            f"{high:g} mm"
+        )
+        raise InputError(where, rule, press.y_mm)
 
 
 def taps_of(
