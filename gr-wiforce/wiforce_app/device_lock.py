@@ -65,7 +65,9 @@ class DeviceLock:
             self._sockets.pop().close()
 
     def _take(self, name, deadline):
-        address = f"\0gr-wiforce/{hashlib.sha256(name.encode()).hexdigest()[:32]}"
+        # Arguments of the process and what devices state may hold bytes that are no UTF-8.
+        known = hashlib.sha256(name.encode(errors="surrogateescape")).hexdigest()
+        address = f"\0gr-wiforce/{known[:32]}"
         if any(held.getsockname() == address.encode() for held in self._sockets):
             return
         holder = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -91,7 +93,8 @@ def _names(args):
         key, _, value = (part.strip() for part in pair.partition("="))
         key = key.rstrip("0123456789")
         if key in ("addr", "second_addr", "mgmt_addr"):
-            with contextlib.suppress(OSError):
+            # UnicodeError: a label that is too long or empty, or no text at all.
+            with contextlib.suppress(OSError, UnicodeError):
                 value = socket.gethostbyname(value)
             found.append(f"addr={value}")
         elif key in ("serial", "name", "resource"):

@@ -44,6 +44,14 @@ _LOOK_S = 0.1
 # So that a flood of requests does not delay the warnings.
 _REQUESTS_A_LOOK = 100
 FAILED, BAD_INPUT = 1, 2
+# Options whose text is given to drivers, which take UTF-8.
+_NAMES_OF_DEVICES = {
+    "args": "--args",
+    "tx_args": "--tx-args",
+    "antenna": "--antenna",
+    "tx_antenna": "--tx-antenna",
+    "reference": "--reference",
+}
 
 
 @click.command()
@@ -173,7 +181,8 @@ def live(
             session = _make_session(scene, request, outputs, tracked, record)
             _run(session, request, outputs, endpoints, duration, reconnect)
     except DeviceLost as lost:
-        log.error(f"{lost}; all readings until then are kept")
+        kept = "all readings until then are kept" if outputs.readings else "there are no readings"
+        log.error(f"{lost}; {kept}")
         return FAILED
     return 0
 
@@ -236,6 +245,8 @@ def radio_request(args, scene, tx_gain, rx_gain, **settings):
             "must have no packets: a radio gives samples, and only `read` takes packets from files"
         )
         raise InputError("--scene", rule)
+    for name, option in _NAMES_OF_DEVICES.items():
+        _require_text(option, args if name == "args" else settings[name])
     _check_transmitter(scene, settings)
     return RadioRequest.of_scene(
         scene,
@@ -245,6 +256,13 @@ def radio_request(args, scene, tx_gain, rx_gain, **settings):
         rx_antenna=settings.pop("antenna"),
         **settings,
     )
+
+
+def _require_text(option, text):
+    try:
+        (text or "").encode()
+    except UnicodeEncodeError:  # Python keeps such bytes as lone surrogates
+        raise InputError(option, "must be text in UTF-8", text) from None
 
 
 def _check_transmitter(scene, settings):

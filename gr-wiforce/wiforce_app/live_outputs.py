@@ -195,6 +195,8 @@ class LiveOutputs:
         Of the run; set before the first reading.
     seen : callable
         Takes every reading after the outputs.
+    readings : int
+        Number of readings that all outputs have taken.
 
     Examples
     --------
@@ -207,6 +209,7 @@ class LiveOutputs:
         self._outputs: list[Output] = []
         self._closing = ExitStack()
         self.health = None
+        self.readings = 0
         self.seen: Callable[[Reading], None] = lambda reading: None
 
     def __enter__(self) -> "LiveOutputs":
@@ -243,6 +246,7 @@ class LiveOutputs:
                 failure = failure or error
         if failure is not None:
             raise failure
+        self.readings += 1
         health.note(reading)
         self.seen(reading)
 

@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A radio, opened and set up for a scene by one of its drivers; every refusal is one line."""
 
+import contextlib
 import importlib
+import math
 import os
 import time
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 
 from gnuradio.wiforce.errors import InputError
 
+from .log import printable
 from .radio_request import RadioRequest
 
 _LOCK_S = 1.0
@@ -93,6 +97,8 @@ class Radio(ABC):
         Whether received samples are tagged with the device's time.
     starts_together : bool
         Whether both streams start at one device time.
+    refusals : tuple of type
+        Exceptions that mean that a driver refuses a setting, and not that the device has gone.
 
     Raises
     ------
@@ -104,6 +110,8 @@ class Radio(ABC):
 
     has_time = starts_together = True
     serial = hardware = ""
+    # UHD raises RuntimeError when a device does not answer.
+    refusals: tuple[type[Exception], ...] = (ValueError, LookupError, ArithmeticError)
 
     def __init__(self, request: RadioRequest):
         self._name = request.scene_name
@@ -111,9 +119,9 @@ class Radio(ABC):
         self.source = self._receiver.block
         self.sink = None if self._transmitter is None else self._transmitter.block
         if request.reference is not None:
-            known = self._clock_sources()
-            _require_known("--reference", request.reference, known)
-            self._set_clock_source(request.reference)
+            with self.applying("--reference", request.reference):
+                _require_known("--reference", request.reference, self._clock_sources())
+                self._set_clock_source(request.reference)
         for end in self._ends.values():
             self._set_rate(end, request.sample_rate_hz)
             self._set_carrier(end, request.center_frequency_hz)
@@ -123,12 +131,43 @@ class Radio(ABC):
         }
         for direction, end in self._ends.items():
             gain_option, gain_db, antenna_option, antenna = wanted[direction]
-            _set_gain(gain_option, end, gain_db)
+            if gain_db is not None:
+                with self.applying(gain_option, gain_db):
+                    _set_gain(gain_option, end, gain_db)
             if antenna is not None:
-                _require_known(antenna_option, antenna, end.antennas())
-                end.set_antenna(antenna)
+                with self.applying(antenna_option, antenna):
+                    _require_known(antenna_option, antenna, end.antennas())
+                    end.set_antenna(antenna)
             if request.bandwidth_hz is not None:
-                _set_bandwidth(end, request.bandwidth_hz)
+                with self.applying("--bandwidth", request.bandwidth_hz):
+                    _set_bandwidth(end, request.bandwidth_hz)
+
+    @contextlib.contextmanager
+    def applying(
+        self, where: str, *value: object, rule: str = "must be what the device's driver accepts"
+    ) -> Iterator[None]:
+        """While a driver is asked for something that it may refuse.
+
+        Parameters
+        ----------
+        where : str
+            The option or the key of the scene that asks for it.
+        *value : object
+            Its value.
+        rule : str
+            What is required of it.
+
+        Raises
+        ------
+        InputError
+            When the driver refuses it, with the driver's reason.
+        """
+        try:
+            yield
+        except InputError:
+            raise
+        except self.refusals as error:
+            raise InputError(where, f"{rule} ({last_line(error)})", *value) from error
 
     @abstractmethod
     def _open(self, request: RadioRequest) -> tuple[End, End | None]:
@@ -183,19 +222,29 @@ class Radio(ABC):
     def settings(self) -> dict:
         """Gains and antennas as plain values for metadata."""
         gains = {f"{name}_gain_db": end.gain_db() for name, end in self._ends.items()}
-        return gains | {f"{name}_antenna": end.antenna() for name, end in self._ends.items()}
+        # Neither JSON nor SigMF has a NaN.
+        known = {name: gain_db for name, gain_db in gains.items() if math.isfinite(gain_db)}
+        return known | {f"{name}_antenna": end.antenna() for name, end in self._ends.items()}
 
     def _set_rate(self, end, rate_hz):
-        actual = end.set_rate(rate_hz)
+        where = f"{self._name}: radio.sample_rate_hz"
+        with self.applying(where, rate_hz):
+            actual = end.set_rate(rate_hz)
+        _require_stated(where, actual, rate_hz)
         if abs(actual - rate_hz) > _RATE_TOLERANCE * rate_hz:
             rule = f"must be a rate that the device supports (nearest: {actual:.9g} Hz)"
-            raise InputError(f"{self._name}: radio.sample_rate_hz", rule, rate_hz)
+            raise InputError(where, rule, rate_hz)
 
     def _set_carrier(self, end, carrier_hz):
-        if abs(end.set_carrier(carrier_hz) - carrier_hz) > _CARRIER_TOLERANCE_HZ:
-            low, high = (limit / 1e6 for limit in end.carrier_limits_hz())
+        where = f"{self._name}: radio.center_frequency_hz"
+        with self.applying(where, carrier_hz):
+            actual = end.set_carrier(carrier_hz)
+        _require_stated(where, actual, carrier_hz)
+        if abs(actual - carrier_hz) > _CARRIER_TOLERANCE_HZ:
+            with self.applying(where, carrier_hz):
+                low, high = (limit / 1e6 for limit in end.carrier_limits_hz())
             rule = f"must lie in the device's range, {low:.6g} to {high:.6g} MHz"
-            raise InputError(f"{self._name}: radio.center_frequency_hz", rule, carrier_hz)
+            raise InputError(where, rule, carrier_hz)
 
 
 def open_radio(request: RadioRequest) -> Radio:
@@ -222,7 +271,7 @@ def set_environment(values: dict[str, str]) -> None:
 def last_line(error: Exception) -> str:
     """The last line of what a driver reports."""
     lines = str(error).strip().splitlines()
-    return lines[-1].strip() if lines else type(error).__name__
+    return printable(lines[-1]).strip() if lines else type(error).__name__
 
 
 def absent_rule(reason: str) -> str:
@@ -234,9 +283,8 @@ def absent_rule(reason: str) -> str:
 
 
 def _set_gain(option, end, gain_db):
-    if gain_db is None:
-        return
     low, high = end.gain_limits_db()
+    _require_range(option, low, high, gain_db)
     if not low <= gain_db <= high:
         raise InputError(option, f"must be {low:g} to {high:g} dB with this device", gain_db)
     end.set_gain(gain_db)
@@ -246,11 +294,23 @@ def _set_bandwidth(end, bandwidth_hz):
     limits_hz = end.bandwidth_limits_hz()
     if limits_hz is None:
         raise InputError("--bandwidth", "must not be given: this device's filter is fixed")
+    _require_range("--bandwidth", *limits_hz, bandwidth_hz)
     low, high = (limit / 1e6 for limit in limits_hz)
     if not low <= bandwidth_hz / 1e6 <= high:
         rule = f"must be {low:.6g} to {high:.6g} MHz with this device"
         raise InputError("--bandwidth", rule, bandwidth_hz)
     end.set_bandwidth(bandwidth_hz)
+
+
+def _require_stated(where, actual_hz, value_hz):
+    if math.isnan(actual_hz):
+        rule = "must be set by a driver that states what it has set (this one states no number)"
+        raise InputError(where, rule, value_hz)
+
+
+def _require_range(option, low, high, value):
+    if math.isnan(low) or math.isnan(high):
+        raise InputError(option, "must not be given: this device's driver states no range", value)
 
 
 def _require_known(option, name, known):

@@ -18,10 +18,11 @@ from .radio_request import (
     DeviceAbsent,
     DeviceBusy,
     DeviceLost,
+    DeviceUnusable,
     RadioRequest,
 )
 
-_KINDS = {kind.__name__: kind for kind in (DeviceAbsent, DeviceBusy)}
+_KINDS = {kind.__name__: kind for kind in (DeviceAbsent, DeviceBusy, DeviceUnusable)}
 _CLOSE_S = 5.0  # UHD takes 1.5 s to close a device
 
 
@@ -90,7 +91,7 @@ class RadioLink:
 
         Raises
         ------
-        DeviceAbsent, DeviceBusy
+        DeviceAbsent, DeviceBusy, DeviceUnusable
             When there is no such device now.
         InputError
             When it does not support a setting.

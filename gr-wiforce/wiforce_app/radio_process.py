@@ -18,7 +18,13 @@ import time
 from gnuradio.wiforce.errors import InputError
 
 from .device_lock import DeviceLock
-from .radio_request import LOST_STATUS, DeviceAbsent, DeviceLost, RadioRequest
+from .radio_request import (
+    LOST_STATUS,
+    DeviceAbsent,
+    DeviceLost,
+    DeviceUnusable,
+    RadioRequest,
+)
 from .reaction_time import shorten_pauses
 
 _LOOK_S = 0.02
@@ -71,12 +77,16 @@ def run(control: socket.socket, samples: socket.socket) -> None:
     except InputError as error:
         rule = str(error).removeprefix(f"{error.where}: ")
         reader.report("refused", kind=type(error).__name__, where=error.where, rule=rule)
-    except (DeviceLost, RuntimeError) as error:  # UHD raises RuntimeError
-        reason = str(error) if isinstance(error, DeviceLost) else "does not answer any more"
-        reader.report("lost", reason=reason)
-        _exit(samples, LOST_STATUS)  # UHD's blocks cannot be stopped without their device
+        if isinstance(error, DeviceUnusable):
+            _exit(samples, LOST_STATUS)  # a thread waits for the driver, perhaps for ever
     except EOFError:
         pass  # the reader has gone
+    except DeviceLost as error:
+        _lose(reader, samples, str(error))
+    except Exception as error:  # of any kind: what the bindings make of the driver's
+        from .radio import last_line
+
+        _lose(reader, samples, f"does not answer any more ({last_line(error)})")
 
 
 def _serve(reader, samples):
@@ -88,14 +98,15 @@ def _serve(reader, samples):
     radio = _opened(open_radio, request)
     lock.take_serial(radio.serial)
     streams = RadioStreams(radio, request, samples)
-    _report_clock(streams, reader)  # before there are readings, which are stamped with UTC
-    reader.report(
-        "opened",
-        hardware=radio.hardware,
-        settings=radio.settings(),
-        unlocked=radio.unlocked(),
-        aligned=streams.aligned,
-    )
+    with radio.applying("--args", request.args, rule="must name a device that states what it does"):
+        _report_clock(streams, reader)  # before there are readings, which are stamped with UTC
+        opened = {
+            "hardware": radio.hardware,
+            "settings": radio.settings(),
+            "unlocked": radio.unlocked(),
+            "aligned": streams.aligned,
+        }
+    reader.report("opened", **opened)
     shorten_pauses()
     _wait_for_line(reader)  # start
     stopping = []
@@ -140,6 +151,11 @@ def _wait_for_line(reader):
     while (line := reader.line(1.0)) is None:
         pass
     return line
+
+
+def _lose(reader, samples, reason):
+    reader.report("lost", reason=reason)
+    _exit(samples, LOST_STATUS)  # UHD's blocks cannot be stopped without their device
 
 
 def _exit(samples, status):

@@ -24,6 +24,10 @@ class DeviceAbsent(InputError):
     """No such device answers now; the same request may succeed later."""
 
 
+class DeviceUnusable(DeviceAbsent):
+    """The driver of the device does not start to stream, and may never return."""
+
+
 class DeviceBusy(InputError):
     """The device is in use by another process of this machine."""
 

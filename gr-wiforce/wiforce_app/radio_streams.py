@@ -12,6 +12,7 @@ from gnuradio.wiforce.wiforce_kernels import exit_on_terminate
 from .radio import Radio
 from .radio_request import LOST_STATUS, DeviceLost, RadioRequest
 from .run_clock import ClockComparison
+from .stream_start import start_flowgraph
 
 # How far ahead the common start is set. A busy machine may miss it; then the next one is tried.
 _START_LEADS_S = (0.5, 1.5, 4.0)
@@ -48,7 +49,7 @@ class RadioStreams:
     def __init__(self, radio: Radio, request: RadioRequest, samples: socket.socket):
         # GNU Radio reports failures of blocks itself; the reader gets them from here.
         gr.logging().set_default_level(gr.log_levels.off)
-        self._radio = radio
+        self._radio, self._request = radio, request
         # Short pieces are collected by the sender from single packets, long ones by the driver.
         packets = request.receive_s < _COLLECTED_S
         interval_s = request.receive_s if packets else 0.0
@@ -99,14 +100,19 @@ class RadioStreams:
         ------
         DeviceLost
             When no samples are received.
+        DeviceUnusable
+            When a driver does not start to stream.
         """
+        request = self._request
         if self._transmission is not self._reception and self._radio.sink is not None:
-            self._transmission.start()
+            own = request.tx_args is not None
+            option, args = ("--tx-args", request.tx_args) if own else ("--args", request.args)
+            start_flowgraph(self._transmission, stopped, option, args)
             if not self._passes(_TRANSMIT_AHEAD_S, stopped):
                 return
         for lead_s in _START_LEADS_S:
             start_s = self._radio.start_together(lead_s)
-            self._reception.start()
+            start_flowgraph(self._reception, stopped, "--args", request.args)
             while self._sender.sent == 0 and self._radio.time_s < start_s + _START_GRACE_S:
                 if stopped():
                     return

@@ -30,6 +30,7 @@ _ONE_WAY = {
     "audio": "a sound card is no radio",
 }
 _NANO = 1e-9
+_DRIVER_ERRORS = (RuntimeError, ValueError, LookupError, ArithmeticError)
 # What samples may be late by when they arrive: buffers of drivers hold less.
 _LATE_S = 1.0
 
@@ -38,6 +39,8 @@ class SoapyRadio(Radio):
     """A SoapySDR device. Its blocks start streams at once, not at a given time."""
 
     starts_together = False
+    # SoapySDR has no exceptions of its own: drivers throw any for settings, RuntimeError mostly.
+    refusals = _DRIVER_ERRORS
     _is_checked = False
 
     def _open(self, request):
@@ -47,7 +50,8 @@ class SoapyRadio(Radio):
         transmits = not request.receive_only
         args = _arguments("--args", request.args, transmits and request.tx_args is None)
         device = self._device(library, "--args", args)
-        _check_receiver(library, device, args, request.antennas)
+        with self._asking("--args", args):
+            _check_receiver(library, device, args, request.antennas)
         receiver = _block(soapy.source, "--args", args, request.antennas)
         transmitter = None
         if transmits:
@@ -55,24 +59,36 @@ class SoapyRadio(Radio):
             if request.tx_args is not None:
                 option, other = "--tx-args", _arguments("--tx-args", request.tx_args, False)
             other_device = self._device(library, option, other)
-            _check_transmitter(library, other_device, option, other, other == args)
-            transmitter = _SoapyEnd(_block(soapy.sink, option, other))
+            with self._asking(option, other):
+                _check_transmitter(library, other_device, option, other, other == args)
+            transmitter = self._end(option, other, _block(soapy.sink, option, other))
         self._clocks = [receiver]
         if request.tx_args is not None:
             self._clocks.append(transmitter.block)
-        self.has_time = receiver.has_hardware_time("")
-        info = dict(device.getHardwareInfo())
+        with self._asking("--args", args):
+            self.has_time = receiver.has_hardware_time("")
+            if self.has_time:
+                receiver.get_hardware_time("")
+            info = dict(device.getHardwareInfo())
+            kind = f"{device.getHardwareKey()} (driver {device.getDriverKey()})"
         serials = sorted(key for key in info if key.lower().endswith("serial"))
-        self.serial = info[serials[0]] if serials else ""
-        kind = f"{device.getHardwareKey()} (driver {device.getDriverKey()})"
-        self.hardware = ", ".join(text for text in (kind, self.serial) if text)
-        return _SoapyEnd(receiver, request.antennas), transmitter
+        self.serial = _text(info[serials[0]]) if serials else ""
+        self.hardware = ", ".join(text for text in (_text(kind), self.serial) if text)
+        return self._end("--args", args, receiver, request.antennas), transmitter
+
+    def _asking(self, option, args):
+        return self.applying(option, args, rule="must name a device that states what it can do")
+
+    def _end(self, option, args, block, channels=1):
+        rule = "must name a device whose automatic gain control can be switched off"
+        with self.applying(option, args, rule=rule):
+            return _SoapyEnd(block, channels)
 
     def _device(self, library, option, args):
         """The device that the blocks use, for what they do not report; opened once for all."""
         try:
             self._opened.append(library.Device(args))
-        except (RuntimeError, ValueError, IndexError, KeyError) as error:
+        except _DRIVER_ERRORS as error:
             raise DeviceAbsent(option, _absent(error), args) from error
         return self._opened[-1]
 
@@ -162,7 +178,7 @@ class _SoapyEnd(End):
             self.block.set_bandwidth(channel, bandwidth_hz)
 
     def locked(self):
-        with contextlib.suppress(RuntimeError, ValueError):
+        with contextlib.suppress(*_DRIVER_ERRORS):
             if "lo_locked" in self.block.list_sensors(0):
                 return str(self.block.read_sensor(0, "lo_locked")).lower() == "true"
         return True
@@ -220,7 +236,7 @@ def _check_transmitter(library, device, option, args, receives):
 def _block(kind, option, args, channels=1):
     try:
         return kind(args, "sc16", channels, "", "", [""], [""])
-    except (RuntimeError, ValueError, IndexError, KeyError) as error:
+    except _DRIVER_ERRORS as error:
         raise DeviceAbsent(option, _absent(error), args) from error
 
 
@@ -231,6 +247,11 @@ def _absent(error):
     if "no match" in text:
         return absent_rule("no device found; is the SoapySDR module of this driver installed?")
     return absent_rule(last_line(error))
+
+
+def _text(text):
+    """What a driver states, which may be no UTF-8: other bytes as in ``\\xff``."""
+    return text.encode(errors="surrogateescape").decode(errors="backslashreplace")
 
 
 def _nearest(ranges, value):

@@ -5,6 +5,7 @@ session_runs.py timed SCENE ARGS NAME SECONDS   records, prints when which readi
 session_runs.py on_request SCENE ARGS NAME      starts at a line of input; prints what it read
 session_runs.py repeated SCENE ARGS TIMES       starts and stops, prints what is held open
 session_runs.py refused OPTIONS ...             `live` with each of these lists; their statuses
+session_runs.py opened SCENE SETTINGS ...       opens the device alone; what is refused of each
 """
 
 import gc
@@ -13,9 +14,11 @@ import os
 import sys
 import time
 
+from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.scene import load_scene
 from wiforce_app.live_session import LiveSession
 from wiforce_app.main import main
+from wiforce_app.radio import open_radio
 from wiforce_app.radio_keeper import RadioKeeper
 from wiforce_app.radio_request import RadioRequest
 
@@ -77,6 +80,18 @@ def refused(*cases):
     print(json.dumps([main(["live", *map(str, json.loads(case))]) for case in cases]))
 
 
+def opened(scene, *cases):
+    scene, refusals = load_scene(scene), []
+    for case in cases:
+        try:
+            radio = open_radio(RadioRequest.of_scene(scene, driver="soapy", **json.loads(case)))
+            json.dumps([radio.settings(), radio.hardware], allow_nan=False).encode()
+            refusals.append("")
+        except InputError as error:
+            refusals.append(str(error))
+    print(json.dumps(refusals))
+
+
 def _held():
     """Sockets, threads and processes of this process."""
     sockets = 0
@@ -90,6 +105,6 @@ def _held():
 
 
 if __name__ == "__main__":
-    runs = (timed, on_request, repeated, refused)
+    runs = (timed, on_request, repeated, refused, opened)
     run = {each.__name__: each for each in runs}[sys.argv[1]]
     run(*sys.argv[2:])

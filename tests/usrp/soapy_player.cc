@@ -13,6 +13,11 @@
  *                    a report
  *   overflow=A:N     the same, and the driver reports an overflow
  *   ends=A           nothing is received from sample A on
+ *   throws=CALL:KIND an exception in this call: duplex, agc, rate, frequency, gain,
+ *                    antenna, time, activate, or setupStream to transmit or receive;
+ *                    KIND is invalid or range, and std::runtime_error without it
+ *   nan=VALUE        what the driver states of it is no number: rate, frequency or gain
+ *   bytes=1          the serial number is no UTF-8
  */
 #include <SoapySDR/Device.hpp>
 #include <SoapySDR/Formats.hpp>
@@ -24,6 +29,7 @@
 #include <cstdint>
 #include <cstring>
 #include <fstream>
+#include <limits>
 #include <map>
 #include <sstream>
 #include <stdexcept>
@@ -66,6 +72,9 @@ public:
           d_transmits(value(args, "tx", "1") == "1"),
           d_drops(losses_of(value(args, "drops", ""))),
           d_overflows(losses_of(value(args, "overflow", ""))),
+          d_has_bytes(value(args, "bytes", "0") == "1"),
+          d_throws(value(args, "throws", "")),
+          d_nan(value(args, "nan", "")),
           d_end(std::stoul(value(args, "ends", "1000000000000")))
     {
         for (const char* key : { "file", "file2" })
@@ -77,7 +86,10 @@ public:
 
     std::string getDriverKey() const override { return "player"; }
     std::string getHardwareKey() const override { return "player of files"; }
-    SoapySDR::Kwargs getHardwareInfo() const override { return { { "serial", "7" } }; }
+    SoapySDR::Kwargs getHardwareInfo() const override
+    {
+        return { { "serial", d_has_bytes ? "\xff\xfe" : "7" } };
+    }
 
     std::size_t getNumChannels(const int direction) const override
     {
@@ -85,6 +97,7 @@ public:
     }
     bool getFullDuplex(const int, const std::size_t) const override
     {
+        fail("duplex");
         return d_is_full_duplex;
     }
 
@@ -97,6 +110,7 @@ public:
                                   const std::vector<std::size_t>&,
                                   const SoapySDR::Kwargs&) override
     {
+        fail(direction == SOAPY_SDR_RX ? "receive" : "transmit");
         return reinterpret_cast<SoapySDR::Stream*>(&d_streams[direction]);
     }
     void closeStream(SoapySDR::Stream*) override {}
@@ -106,6 +120,7 @@ public:
                        const long long,
                        const std::size_t) override
     {
+        fail("activate");
         *reinterpret_cast<progress*>(stream) = { 0, clock_type::now() };
         return 0;
     }
@@ -163,6 +178,7 @@ public:
     }
     void setAntenna(const int, const std::size_t, const std::string& name) override
     {
+        fail("antenna");
         d_antenna = name;
     }
     std::string getAntenna(const int, const std::size_t) const override
@@ -173,30 +189,33 @@ public:
     bool hasGainMode(const int, const std::size_t) const override { return true; }
     void setGainMode(const int, const std::size_t, const bool automatic) override
     {
+        fail("agc");
         d_is_automatic = automatic;
     }
     void setGain(const int, const std::size_t, const double value) override
     {
+        fail("gain");
         d_gain = value;
     }
     double getGain(const int, const std::size_t) const override
     {
-        return d_is_automatic ? -1 : d_gain;
+        return stated("gain", d_is_automatic ? -1 : d_gain);
     }
     SoapySDR::Range getGainRange(const int, const std::size_t) const override
     {
-        return { 0, 60 };
+        return { stated("gain", 0), stated("gain", 60) };
     }
     void setFrequency(const int,
                       const std::size_t,
                       const double value,
                       const SoapySDR::Kwargs&) override
     {
+        fail("frequency");
         d_frequency = value;
     }
     double getFrequency(const int, const std::size_t) const override
     {
-        return d_frequency;
+        return stated("frequency", d_frequency);
     }
     SoapySDR::RangeList getFrequencyRange(const int, const std::size_t) const override
     {
@@ -204,9 +223,13 @@ public:
     }
     void setSampleRate(const int, const std::size_t, const double value) override
     {
+        fail("rate");
         d_rate = value;
     }
-    double getSampleRate(const int, const std::size_t) const override { return d_rate; }
+    double getSampleRate(const int, const std::size_t) const override
+    {
+        return stated("rate", d_rate);
+    }
     SoapySDR::RangeList getSampleRateRange(const int, const std::size_t) const override
     {
         return { { 1e6, 3e6 } };
@@ -214,6 +237,7 @@ public:
     bool hasHardwareTime(const std::string&) const override { return d_has_clock; }
     long long getHardwareTime(const std::string&) const override
     {
+        fail("time");
         const auto since = clock_type::now() - d_streams[SOAPY_SDR_RX].began;
         return START_NS + std::chrono::nanoseconds(since).count();
     }
@@ -249,8 +273,25 @@ private:
             now.began + std::chrono::duration_cast<clock_type::duration>(passed));
     }
 
+    void fail(const std::string& call) const
+    {
+        if (d_throws == call)
+            throw std::runtime_error(call + " failed");
+        if (d_throws == call + ":invalid")
+            throw std::invalid_argument(call + " failed");
+        if (d_throws == call + ":range")
+            throw std::out_of_range(call + " failed");
+    }
+
+    double stated(const char* what, double value) const
+    {
+        return d_nan == what ? std::numeric_limits<double>::quiet_NaN() : value;
+    }
+
     const bool d_has_clock, d_is_stale, d_is_full_duplex, d_transmits;
     std::map<std::size_t, std::size_t> d_drops, d_overflows;
+    const bool d_has_bytes;
+    const std::string d_throws, d_nan;
     const std::size_t d_end;
     std::vector<std::vector<sample>> d_received;
     progress d_streams[2]; // SOAPY_SDR_TX is 0, SOAPY_SDR_RX 1
