@@ -126,6 +126,20 @@ def test_touch_press_after_motion_is_relative_to_the_new_phases(detector):
     assert measured == pytest.approx(turned(3.0, 25.0), abs=0.3)
 
 
+def test_touch_after_what_only_looked_like_motion_is_flagged_until_untouched(detector):
+    """A touch at mid-line ends and the next one begins within two groups: no phases of both."""
+    press = turned(1.5, 40.0)
+    phases = np.zeros((50, 2))
+    phases[20:27], phases[27], phases[28], phases[29:36] = press, 0.2 * press, 0.1 * press, press
+    phases[40:] = press
+    decisions = run(detector, phases, 0.05, np.random.default_rng(5), reference=13)
+    moved = np.array([d.moved for d in decisions])
+    assert decisions[28].drift_deg != (0, 0)  # what the next touch would be read with
+    assert np.all(touches(decisions)[29:36] == 1) and np.all(moved[27:36]) and not moved[:27].any()
+    assert np.all(touches(decisions)[40:] == 1) and not moved[40:].any()
+    assert decisions[-1].drift_deg == pytest.approx((0, 0), abs=0.2)
+
+
 def test_touch_without_phases_is_unknown(detector):
     run(detector, np.zeros((30, 2)), 0.2)
     decision = detector.update(1.2, (0.0, 0.0), (0.2, np.inf))

@@ -136,6 +136,7 @@ class TouchDetector:
         self._drift = DriftRate(group_period_s, drift_deg_per_sqrt_s)
         self._untouched_s = 0.0
         self._moving = False
+        self._settled = True
         self._reference = _ReferenceCheck()
         self._unverified: UnverifiedReference | None = None
         self._touch = 0
@@ -153,7 +154,7 @@ class TouchDetector:
         self._tare.reset()
         self._reference = _ReferenceCheck()
         self._unverified = unverified
-        self._touch = 0
+        self._touch, self._settled = 0, True
 
     @property
     def touch(self) -> int:
@@ -238,9 +239,11 @@ class TouchDetector:
             return self._decision(moved, released)
         if moved and self._moving:
             tare.shift((first, second))
+            self._settled = False
         if self._touch or moved:
             self._drift.interrupt()
         else:
+            self._settled = True
             self._untouched_s = time_s
             self._drift.follow(time_s, phases_deg, std_deg)
         if self._touch:
@@ -253,6 +256,9 @@ class TouchDetector:
 
     def _decision(self, moved: bool, released: bool) -> TouchDecision:
         drift = self._tare.drift_deg
+        # Two groups in which a touch ends and the next one begins look like a motion; what the tare
+        # was shifted to is known only when an untouched group shows the same.
+        moved |= self._touch == 1 and not self._settled
         return TouchDecision(self._touch, moved, drift, self.reference_problem != "", released)
 
     def _note_silence(self, time_s: float, in_reference: bool) -> None:
