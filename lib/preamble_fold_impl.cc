@@ -136,7 +136,7 @@ bool preamble_fold_impl<Sample>::start()
     // What was read and not taken up before a stop is lost, and its tags with it. After
     // unlock() the items are counted on.
     if (this->nitems_read(0) == 0) {
-        d_items_before = d_tags_read_to = d_items_read;
+        d_tags_read_to = d_items_read;
         d_events.forget();
     }
     return preamble_fold::start();
@@ -157,9 +157,10 @@ void preamble_fold_impl<Sample>::collect_tags(int available)
     if (end <= begin)
         return;
     std::vector<gr::tag_t> tags;
-    this->get_tags_in_range(tags, 0, begin - d_items_before, end - d_items_before);
+    const std::uint64_t before = d_items_read - this->nitems_read(0); // of former starts
+    this->get_tags_in_range(tags, 0, begin - before, end - before);
     for (gr::tag_t& tag : tags)
-        tag.offset += d_items_before;
+        tag.offset += before;
     d_tags_read_to = end;
     d_events.add(std::move(tags));
 }

@@ -66,10 +66,8 @@ private:
     void take_event(const input_events::event& event);
     void follow_frames();
 
-    // Items of the input before those that GNU Radio counts: it begins anew when a
-    // flowgraph is started again.
-    std::uint64_t d_items_before = 0;
-    std::uint64_t d_items_read = 0;   // of all starts
+    // Items of the input, which GNU Radio counts anew when a flowgraph is started again.
+    std::uint64_t d_items_read = 0;
     std::uint64_t d_tags_read_to = 0; // item up to which tags were read
     input_events d_events;
     bool d_usable = true; // the next sample
