@@ -13,7 +13,6 @@ from gnuradio.wiforce.io.capture_files import (
     is_snapshots,
     second_antenna,
 )
-from gnuradio.wiforce.scene import shipped_scenes
 
 _META = ".sigmf-meta"
 
@@ -82,6 +81,8 @@ def refuse_scenes(given):
     for name in given:
         if os.path.exists(name) or os.path.exists(name + _META):
             continue
+        from gnuradio.wiforce.scene import shipped_scenes  # not for the start of the command
+
         if name in shipped_scenes():
             raise InputError(name, "is a scene and not a capture; give it by --scene")
 
