@@ -4,7 +4,7 @@
 from dataclasses import dataclass, replace
 from itertools import accumulate, pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from ..io.schema import DRAFT_7, declared, json_schema, key, plain, read
 from ..io.values import Choice, KeyPath, Number, Scope, Text, ValueType, as_number
@@ -61,8 +61,26 @@ class Numbers(ValueType):
         return {"type": "array", "minItems": 2, "maxItems": _MOST_POINTS, "items": items}
 
 
+class _PerStrip(ValueType):
+    """A list with an item per strip, read as a tuple."""
+
+    _item: ClassVar[ValueType]
+
+    def _read(self, value: Any, where: KeyPath, scope: Scope) -> tuple[Any, ...]:
+        if not isinstance(value, list | tuple) or not 2 <= len(value) <= _MOST_STRIPS:
+            raise where.error(self.rule, value)
+        return tuple(self._item.read(each, where.item(i), scope) for i, each in enumerate(value))
+
+    def plain(self, value: tuple[Any, ...] | None) -> list[Any] | None:
+        return None if value is None else [self._item.plain(each) for each in value]
+
+    def _json_schema(self) -> dict[str, Any]:
+        items = self._item.json_schema()
+        return {"type": "array", "minItems": 2, "maxItems": _MOST_STRIPS, "items": items}
+
+
 @dataclass(frozen=True, kw_only=True)
-class Curves(ValueType):
+class Curves(_PerStrip):
     """A list of lists of shares, one per strip, read as a tuple of tuples.
 
     Parameters
@@ -76,27 +94,15 @@ class Curves(ValueType):
     ((0.5, 0.0), (0.4, 0.0))
     """
 
-    _row = Numbers(low=0, high=1)
+    _item = Numbers(low=0, high=1)
 
     @property
     def allowed(self) -> str:
-        return f"a list of 2 to {_MOST_STRIPS} lists, each {self._row.allowed}"
-
-    def _read(self, value: Any, where: KeyPath, scope: Scope) -> tuple[tuple[float, ...], ...]:
-        if not isinstance(value, list | tuple) or not 2 <= len(value) <= _MOST_STRIPS:
-            raise where.error(self.rule, value)
-        return tuple(self._row.read(row, where.item(i), scope) for i, row in enumerate(value))
-
-    def plain(self, value: tuple[tuple[float, ...], ...] | None) -> list[list[float]] | None:
-        return None if value is None else [list(row) for row in value]
-
-    def _json_schema(self) -> dict[str, Any]:
-        rows = {"minItems": 2, "maxItems": _MOST_STRIPS, "items": self._row.json_schema()}
-        return {"type": "array", **rows}
+        return f"a list of 2 to {_MOST_STRIPS} lists, each {self._item.allowed}"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Names(ValueType):
+class Names(_PerStrip):
     """A list of names, one per strip, read as a tuple.
 
     Parameters
@@ -115,18 +121,6 @@ class Names(ValueType):
     @property
     def allowed(self) -> str:
         return f"a list of 2 to {_MOST_STRIPS} names"
-
-    def _read(self, value: Any, where: KeyPath, scope: Scope) -> tuple[str, ...]:
-        if not isinstance(value, list | tuple) or not 2 <= len(value) <= _MOST_STRIPS:
-            raise where.error(self.rule, value)
-        return tuple(self._item.read(name, where.item(i), scope) for i, name in enumerate(value))
-
-    def plain(self, value: tuple[str, ...] | None) -> list[str] | None:
-        return None if value is None else list(value)
-
-    def _json_schema(self) -> dict[str, Any]:
-        items = self._item.json_schema()
-        return {"type": "array", "minItems": 2, "maxItems": _MOST_STRIPS, "items": items}
 
 
 def _unused(law: str) -> str:
