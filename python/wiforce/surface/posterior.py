@@ -143,7 +143,7 @@ class SurfacePosterior:
         count = round((high - low) / skin.spacing_mm + 2) * _ROUGH_PER_SPACING + 1
         beyond = skin.spacing_mm
         self._y = np.linspace(low - beyond, high + beyond, count)
-        spans = [np.sort([s.x_of(end) for end in (0.0, s.model.length_mm)]) for s in skin.strips]
+        spans = [strip.ends_mm for strip in skin.strips]
         self._x_span = min(span[0] for span in spans), max(span[1] for span in spans)
         tops = [s.model.inverter(skin.frequency_hz).forward.force_n[-1] for s in skin.strips]
         between = float(skin.spreading.share(skin.spacing_mm / 2))

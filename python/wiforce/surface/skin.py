@@ -50,6 +50,12 @@ class Strip:
     x_mm: float = 0.0
     reversed: bool = False
 
+    @property
+    def ends_mm(self) -> tuple[float, float]:
+        """Lower and upper end along x, in mm."""
+        low, high = sorted(float(self.x_of(end)) for end in (0.0, self.model.length_mm))
+        return low, high
+
     def x_of(self, location_mm: Array | float) -> Array | float:
         """Where a location on the strip lies along x."""
         return self.x_mm + (-location_mm if self.reversed else location_mm)

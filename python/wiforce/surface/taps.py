@@ -88,10 +88,7 @@ def read_known_presses(path: str | Path, skin: Skin | None = None) -> list[Known
 
 def _check_place(skin: Skin, press: KnownPress, where: str) -> None:
     """Refuse a press that no strip can show."""
-    ends = [
-        sorted(float(strip.x_of(end)) for end in (0.0, strip.model.length_mm))
-        for strip in skin.strips
-    ]
+    ends = [strip.ends_mm for strip in skin.strips]
     if not any(low <= press.x_mm <= high for low, high in ends):
         low, high = min(end[0] for end in ends), max(end[1] for end in ends)
         rule = f"x_mm must lie on a strip, {low:g} to {high:g} mm"
