@@ -9,8 +9,8 @@ import pytest
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.sensor import CalibrationSession, ForceGauge, SessionPlan
 from guided_presses import HandHeldSensor
-from wiforce_app.guided_calibration import GuidedCalibration
-from wiforce_app.operator_lines import OperatorLines
+from wiforce_app.calibration.dialogue import GuidedCalibration
+from wiforce_app.calibration.operator_lines import OperatorLines
 
 PLAN = SessionPlan("arm", 900e6, (30.0, 50.0), (1.0, 2.0, 4.0, 6.0, 8.0))
 _ASKED = re.compile(r"([\d.]+) mm, about ([\d.]+) N")

@@ -139,6 +139,18 @@ def test_command_and_software_n210_do_not_import_each_other():
     assert naming == ["main.py"]
 
 
+def test_process_of_a_radio_loads_no_other_part_of_the_command():
+    """A process starts for each device that is opened, and must react within milliseconds."""
+    imports = own_imports(modules_of(APPLICATION / "wiforce_app"))
+    others = {
+        module[0]
+        for parts, modules in imports.items()
+        if parts and parts[0] == "radio"
+        for module in modules
+    }
+    assert others == {"radio", "log"}
+
+
 def test_no_source_file_is_longer_than_it_can_be_read():
     counts = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in SOURCES}
     assert {path: count for path, count in counts.items() if count > MOST_LINES} == {}

@@ -5,8 +5,8 @@ import socket
 from types import SimpleNamespace
 
 from gnuradio.wiforce.scene import load_scene
-from wiforce_app.live_session import LiveSession
-from wiforce_app.radio_request import RadioRequest
+from wiforce_app.radio.request import RadioRequest
+from wiforce_app.session.session import LiveSession
 
 
 def test_session_counts_no_samples_until_its_flowgraph_runs():

@@ -70,13 +70,13 @@ def test_missing_package_of_clusters_is_named_before_anything_is_connected(monke
 @pytest.mark.parametrize("module", ["SoapySDR", "gnuradio.soapy"])
 def test_missing_soapy_is_named_in_one_line(monkeypatch, module):
     """It is imported in the process of the radio, whose traceback would end in nobody's hands."""
-    from wiforce_app import soapy_radio
+    from wiforce_app.radio import soapy
 
     if module in sys.modules:
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(InputError, match=r"^--driver: 'soapy' needs .*python3-soapysdr") as raised:
-        soapy_radio._libraries()
+        soapy._libraries()
     assert "\n" not in str(raised.value)
 
 

@@ -27,7 +27,7 @@ from mcap.reader import make_reader
 from pyarrow import parquet
 from ros_clients import bag_messages
 from wiforce_app.file_outputs import open_mcap
-from wiforce_app.live_outputs import McapFile
+from wiforce_app.session.outputs import McapFile
 
 RUN = {"run": "20260131T235959Z-abcdef"}
 

@@ -8,7 +8,7 @@ import pytest
 from gnuradio.wiforce.io.readings import Reading
 from gnuradio.wiforce.sensor import calibrate, load_sensor, measure_vna
 from gnuradio.wiforce.signal.carrier import wrap_deg
-from wiforce_app.calibration_plot import plot_calibration
+from wiforce_app.calibration.plot import plot_calibration
 from wiforce_app.plots import plot_readings
 
 

@@ -12,10 +12,10 @@ from types import SimpleNamespace
 import pytest
 from gnuradio.wiforce.io.readings import GroupCounts
 from wiforce_app.log import Log, is_journal
-from wiforce_app.radio_keeper import OPENING, RECONNECTING, RUNNING
-from wiforce_app.service_manager import ServiceManager
-from wiforce_app.service_report import ServiceReport
-from wiforce_app.warning_pace import WarningPace
+from wiforce_app.session.radio_keeper import OPENING, RECONNECTING, RUNNING
+from wiforce_app.session.service_manager import ServiceManager
+from wiforce_app.session.service_report import ServiceReport
+from wiforce_app.session.warning_pace import WarningPace
 
 ROOT = Path(__file__).resolve().parent.parent
 UNIT = ROOT / "gr-wiforce/systemd/gr-wiforce-live@.service.in"

@@ -9,8 +9,8 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.textfile import check_output
 from gnuradio.wiforce.signal.carrier import CARRIERS_HZ
 
-from .guide import complete_settings, guide, guided_options, table_of
-from .options import FiniteRange, Number
+from .calibration.guide import complete_settings, guide, guided_options, table_of
+from .options import FiniteRange, Number, sensor_output
 
 _REPORTED_FORCES_N = (2.0, 4.0, 6.0, 8.0)
 _FORMS = ("auto", "auto-beyond", "cubic", "power", "spline")
@@ -33,7 +33,7 @@ _STEPS = ("nearest", "given", "line")
 
 @click.command()
 @click.argument("table", type=click.Path(), required=False)
-@click.option("-o", "--output", required=True, type=click.Path(), help="SENSOR.yaml to write.")
+@sensor_output
 @click.option(
     "--frequency-hz", type=FiniteRange(*CARRIERS_HZ), help="Carrier, where the file does not say."
 )
@@ -127,10 +127,8 @@ def calibrate(
 
     if surface is None and (readings, law) != (None, None):
         raise InputError("--readings" if readings else "--law", "is for --surface only")
-    if Path(output).suffix.lower() not in (".yaml", ".yml"):
-        raise InputError(output, "sensor file must end in .yaml or .yml")
     if surface is not None:
-        from .calibrate_surface import calibrate_surface
+        from .calibration.surface import calibrate_surface
 
         others = {"--live": guided, "--refine": refined, "--plot": plot_path, "--kind": kind}
         for option, value in others.items():
@@ -175,7 +173,7 @@ def calibrate(
     for warning in [*suspected, *sensor.calibration_warnings(model)]:
         click.echo(f"warning: {warning}")
     if plot_path is not None:
-        from .calibration_plot import plot_calibration
+        from .calibration.plot import plot_calibration
 
         plot_calibration(data, model, plot_path)
     click.echo(f"written: {output}")

@@ -22,7 +22,7 @@ from gnuradio.wiforce.scene.schema import Scene
 from .live import FAILED, radio_request, warn_of_oscillators
 from .log import log
 from .options import optional_radio_options, sample_type
-from .radio_request import DeviceLost
+from .radio.request import DeviceLost
 from .room_report import finding_line, finding_rows, measure_tag, sensor_text
 from .stream_events import describe_events
 
@@ -105,8 +105,8 @@ def _receive(scene, request):
 
     from gnuradio.wiforce.blocks.sample_keeper import sample_keeper
 
-    from .live_session import LiveSession
-    from .radio_keeper import RadioKeeper
+    from .session.radio_keeper import RadioKeeper
+    from .session.session import LiveSession
 
     session = LiveSession(scene, request, lambda reading: None)
     keeper = sample_keeper(_FRAMES * scene.sounding.frame_length)

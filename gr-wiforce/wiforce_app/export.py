@@ -11,10 +11,10 @@ from gnuradio.wiforce.io.textfile import check_output, replacing
 from gnuradio.wiforce.io.writers import open_writer
 from gnuradio.wiforce.scene import load_scene
 
-from .live_outputs import STAMP_COLUMNS
 from .log import log
 from .progress import progress
 from .provenance import provenance
+from .session.outputs import STAMP_COLUMNS
 
 _SUFFIXES = {
     "mcap": ".mcap",

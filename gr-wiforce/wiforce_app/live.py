@@ -17,16 +17,6 @@ from gnuradio.wiforce.io.zmq_sockets import endpoint_of, is_loopback
 from gnuradio.wiforce.scene import load_scene
 
 from .file_outputs import open_mcap
-from .live_outputs import (
-    MCAP_FILE_BYTES,
-    STAMP_COLUMNS,
-    FoxgloveMessages,
-    LiveOutputs,
-    LslStreams,
-    McapFile,
-    TableFile,
-    ZmqMessages,
-)
 from .log import FORMATS, LEVELS, log
 from .options import (
     FiniteRange,
@@ -38,7 +28,17 @@ from .options import (
     web_options,
 )
 from .provenance import provenance
-from .radio_request import RECEIVE_S, DeviceLost, RadioRequest
+from .radio.request import RECEIVE_S, DeviceLost, RadioRequest
+from .session.outputs import (
+    MCAP_FILE_BYTES,
+    STAMP_COLUMNS,
+    FoxgloveMessages,
+    LiveOutputs,
+    LslStreams,
+    McapFile,
+    TableFile,
+    ZmqMessages,
+)
 
 _LOOK_S = 0.1
 # So that a flood of requests does not delay the warnings.
@@ -287,7 +287,7 @@ def warn_of_oscillators(link):
 
 
 def _make_session(scene, request, outputs, tracked, record):
-    from .live_session import LiveSession
+    from .session.session import LiveSession
 
     return LiveSession(scene, request, outputs.take, tracked, record)
 
@@ -302,14 +302,14 @@ def _run(session, request, outputs, endpoints, duration, reconnect):
     DeviceLost
         When the device is gone and must not be reopened; all readings have been written.
     """
-    from .live_requests import TareLog, serve_requests
-    from .radio_keeper import RadioKeeper
-    from .reaction_time import shorten_pauses
-    from .run_clock import RunClock
-    from .run_health import Heartbeat, RunHealth
-    from .service_manager import ServiceManager
-    from .service_report import ServiceReport
-    from .session_monitor import SessionMonitor
+    from .radio.reaction_time import shorten_pauses
+    from .radio.run_clock import RunClock
+    from .session.health import Heartbeat, RunHealth
+    from .session.monitor import SessionMonitor
+    from .session.radio_keeper import RadioKeeper
+    from .session.requests import TareLog, serve_requests
+    from .session.service_manager import ServiceManager
+    from .session.service_report import ServiceReport
 
     ending = _Ending()
     for number in (signal.SIGINT, signal.SIGTERM):

@@ -2,8 +2,10 @@
 """Options that several commands share, and the type of their numbers."""
 
 import math
+from pathlib import Path
 
 import click
+from gnuradio.wiforce.errors import InputError
 
 
 class Number(click.types.FloatParamType):
@@ -36,6 +38,12 @@ class IntegerRange(click.IntRange):
     name = "integer"
 
 
+def _sensor_file(_, __, output):
+    if output is not None and Path(output).suffix.lower() not in (".yaml", ".yml"):
+        raise InputError(output, "sensor file must end in .yaml or .yml")
+    return output
+
+
 CARRIER_HZ = FiniteRange(0, 1e12, min_open=True)
 
 capture_scene = click.option(
@@ -54,6 +62,14 @@ readings_output = click.option(
     "--output",
     type=click.Path(),
     help="OUT.csv, OUT.jsonl or OUT.parquet. Default: CSV on standard output.",
+)
+sensor_output = click.option(
+    "-o",
+    "--output",
+    required=True,
+    type=click.Path(),
+    callback=_sensor_file,
+    help="SENSOR.yaml to write.",
 )
 mcap_output = click.option(
     "--mcap",

@@ -4,16 +4,15 @@
 from pathlib import Path
 
 import click
-from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.textfile import check_output
 
-from .options import CARRIER_HZ
+from .options import CARRIER_HZ, sensor_output
 
 
 @click.command()
 @click.argument("sensor")
 @click.option("--frequency-hz", type=CARRIER_HZ, required=True, help="The new carrier.")
-@click.option("-o", "--output", required=True, type=click.Path(), help="SENSOR.yaml to write.")
+@sensor_output
 @click.option("--name", help="Name of the sensor; the output's name by default.")
 def transfer(sensor, frequency_hz, output, name):
     """Transfer a SENSOR, shipped or a file, to a carrier within 10 % of its own.
@@ -23,8 +22,6 @@ def transfer(sensor, frequency_hz, output, name):
     """
     from gnuradio.wiforce.sensor import load_sensor, write_sensor
 
-    if Path(output).suffix.lower() not in (".yaml", ".yml"):
-        raise InputError(output, "sensor file must end in .yaml or .yml")
     check_output(output, [sensor])
     moved = load_sensor(sensor).transferred(frequency_hz, name or Path(output).stem)
     write_sensor(moved, output)

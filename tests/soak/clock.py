@@ -50,28 +50,22 @@ class PlayedTime:
         """
         from gnuradio.wiforce.blocks import resumed_time, sample_receiver
         from gnuradio.wiforce.io import rotation
-        from wiforce_app import (
-            live,
-            live_session,
-            radio_keeper,
-            run_health,
-            service_report,
-            session_monitor,
-        )
+        from wiforce_app import live
+        from wiforce_app.session import health, monitor, radio_keeper, service_report, session
 
-        for module in (resumed_time, sample_receiver, live_session, run_health):
+        for module in (resumed_time, sample_receiver, session, health):
             module.time = self
-        made_health = run_health.RunHealth
+        made_health = health.RunHealth
 
-        def health(*arguments, **options):
+        def run_health(*arguments, **options):
             made = made_health(*arguments, **options, now=self.monotonic)
             on_health(made)
             return made
 
-        run_health.RunHealth = health
+        health.RunHealth = run_health
         radio_keeper.RadioKeeper = partial(radio_keeper.RadioKeeper, link=link, now=self.monotonic)
-        session_monitor.SessionMonitor = partial(session_monitor.SessionMonitor, now=self.monotonic)
+        monitor.SessionMonitor = partial(monitor.SessionMonitor, now=self.monotonic)
         service_report.ServiceReport = partial(service_report.ServiceReport, now=self.monotonic)
         rotation.RotatingWriter = partial(rotation.RotatingWriter, now=self.time)
         # These pauses are in the time of the machine.
-        live._LOOK_S = run_health._LOOK_S = 0.03
+        live._LOOK_S = health._LOOK_S = 0.03

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 from gnuradio.wiforce.io.readings import GroupCounts
-from wiforce_app import session_monitor
+from wiforce_app.session import monitor as session_monitor
 
 
 def session_in_words():

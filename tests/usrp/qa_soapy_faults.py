@@ -10,10 +10,10 @@ import pytest
 from command_runs import run_command
 from live_runs import SLOW, command, run_session, scene_file
 from wiforce_app import live
-from wiforce_app.device_lock import DeviceLock
 from wiforce_app.main import main
-from wiforce_app.radio_request import DeviceLost
-from wiforce_app.soapy_radio import _text
+from wiforce_app.radio.device_lock import DeviceLock
+from wiforce_app.radio.request import DeviceLost
+from wiforce_app.radio.soapy import _text
 
 MODULE = Path(__file__).parents[2] / "build" / "tests" / "libsoapy_player.so"
 RATE, CARRIER = "radio.sample_rate_hz: ", "radio.center_frequency_hz: "
@@ -40,7 +40,7 @@ HANGING = """
 import os, time
 import numpy as np
 from gnuradio import blocks, gr
-from wiforce_app.stream_start import start_flowgraph
+from wiforce_app.radio.stream_start import start_flowgraph
 
 class Source(gr.sync_block):
     def __init__(self):

@@ -11,7 +11,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
 from live_runs import SLOW, SLOW_GROUP_S, rows_of, run_session, scene_of
-from wiforce_app import soapy_radio
+from wiforce_app.radio import soapy
 
 RATE, FRAME = SLOW["radio"]["sample_rate_hz"], SLOW["sounding"]["frame_length"]
 MODULE = Path(__file__).parents[2] / "build" / "tests" / "libsoapy_player.so"
@@ -214,10 +214,10 @@ def test_live_transmitter_of_its_own_needs_two_antennas_and_says_so(played):
 )
 def test_soapy_arguments_of_unsuitable_radios_are_refused_without_the_radio(args, words):
     with pytest.raises(InputError, match="^--args: ") as raised:
-        soapy_radio._arguments("--args", args, both_ways=True)
+        soapy._arguments("--args", args, both_ways=True)
     assert all(word in str(raised.value) for word in words)
     if "driver" in args:  # such a device may be one of two
-        assert soapy_radio._arguments("--args", args, both_ways=False) == args
+        assert soapy._arguments("--args", args, both_ways=False) == args
 
 
 def test_live_unknown_driver_is_refused():

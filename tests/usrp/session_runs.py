@@ -16,11 +16,11 @@ import time
 
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.scene import load_scene
-from wiforce_app.live_session import LiveSession
 from wiforce_app.main import main
-from wiforce_app.radio import open_radio
-from wiforce_app.radio_keeper import RadioKeeper
-from wiforce_app.radio_request import RadioRequest
+from wiforce_app.radio.radio import open_radio
+from wiforce_app.radio.request import RadioRequest
+from wiforce_app.session.radio_keeper import RadioKeeper
+from wiforce_app.session.session import LiveSession
 
 
 class Run:

@@ -35,7 +35,7 @@ def read_one(
         check_picture(plot_path, inputs)
     writer = FileOutputs(output, mcap, inputs, scene)
     if follow:
-        from ..follow import GrowingCapture
+        from .follow import GrowingCapture
 
         reader = GrowingCapture(capture, datatype, settings, frame_offset, tracked)
     else:

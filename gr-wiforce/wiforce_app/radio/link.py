@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The reader's end of a process that uses a device (:mod:`radio_process`)."""
+"""The reader's end of a process that uses a device (:mod:`.process`)."""
 
 import contextlib
 import json
@@ -13,7 +13,7 @@ from pathlib import Path
 
 from gnuradio.wiforce.errors import InputError
 
-from .radio_request import (
+from .request import (
     LOST_STATUS,
     DeviceAbsent,
     DeviceBusy,
@@ -173,10 +173,10 @@ class RadioLink:
 def _spawned(control, samples):
     """The process, with its ends of both sockets."""
     descriptors = control.fileno(), samples.fileno()
-    packages = [str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
+    packages = [str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")]
     environment = {"PYTHONPATH": os.pathsep.join(filter(None, packages)), "PYTHONSAFEPATH": "1"}
     return subprocess.Popen(
-        [sys.executable, "-m", f"{__package__}.radio_process", *map(str, descriptors)],
+        [sys.executable, "-m", f"{__package__}.process", *map(str, descriptors)],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,  # GNU Radio logs there
         env=os.environ | environment,

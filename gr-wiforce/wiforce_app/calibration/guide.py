@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 from gnuradio.wiforce.errors import InputError
 
-from .options import IntegerRange, optional_radio_options
+from ..options import IntegerRange, optional_radio_options
 
 _LOOK_S = 0.02
 _OPTION_OF = {"location_mm": "--locations", "force_n": "--forces", "sweeps": "--sweeps"}
@@ -192,14 +192,14 @@ def _sensor_named(scene, name):
 
 def _measure(session, scene, scale, args, **radio):
     """Run the dialogue with a device; whether it came to its end."""
-    from .guided_calibration import GuidedCalibration
-    from .live import FAILED, radio_request, warn_of_oscillators
+    from ..live import FAILED, radio_request, warn_of_oscillators
+    from ..log import log
+    from ..radio.request import DeviceLost
+    from ..session.radio_keeper import RUNNING, RadioKeeper
+    from ..session.session import LiveSession
+    from .dialogue import GuidedCalibration
     from .live_presses import LivePresses
-    from .live_session import LiveSession
-    from .log import log
     from .operator_lines import OperatorLines
-    from .radio_keeper import RUNNING, RadioKeeper
-    from .radio_request import DeviceLost
 
     request = radio_request(args, scene, **radio)
     live = LiveSession(scene, request, lambda reading: None)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The process that uses a radio, on behalf of a :class:`radio_link.RadioLink`.
+"""The process that uses a radio, on behalf of a :class:`.link.RadioLink`.
 
 A driver and its blocks may abort or hang when a device disappears. In a process of their own they
 cannot end the reader. It is given two sockets: one for samples, and one on which it takes lines of
@@ -18,14 +18,14 @@ import time
 from gnuradio.wiforce.errors import InputError
 
 from .device_lock import DeviceLock
-from .radio_request import (
+from .reaction_time import shorten_pauses
+from .request import (
     LOST_STATUS,
     DeviceAbsent,
     DeviceLost,
     DeviceUnusable,
     RadioRequest,
 )
-from .reaction_time import shorten_pauses
 
 _LOOK_S = 0.02
 
@@ -91,7 +91,7 @@ def run(control: socket.socket, samples: socket.socket) -> None:
 
 def _serve(reader, samples):
     from .radio import open_radio
-    from .radio_streams import RadioStreams
+    from .streams import RadioStreams
 
     request = RadioRequest.from_json(_wait_for_line(reader))
     lock = DeviceLock(request.args)

@@ -9,7 +9,7 @@ from gnuradio.wiforce.estimation.tare_request import TareState
 from gnuradio.wiforce.io.zmq_keys import ServerKeys
 from gnuradio.wiforce.io.zmq_sockets import Later, Replies, answer_words
 
-from .live_session import LiveSession
+from .session import LiveSession
 from .warning_pace import WarningPace
 
 

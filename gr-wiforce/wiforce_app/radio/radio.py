@@ -11,14 +11,14 @@ from collections.abc import Iterator
 
 from gnuradio.wiforce.errors import InputError
 
-from .log import printable
-from .radio_request import RadioRequest
+from ..log import printable
+from .request import RadioRequest
 
 _LOCK_S = 1.0
 _RATE_TOLERANCE = 1e-6
 _CARRIER_TOLERANCE_HZ = 10.0
 # By the option --driver: module and class.
-_CLASSES = {"uhd": ("uhd_radio", "UhdRadio"), "soapy": ("soapy_radio", "SoapyRadio")}
+_CLASSES = {"uhd": ("uhd", "UhdRadio"), "soapy": ("soapy", "SoapyRadio")}
 
 
 class End(ABC):

@@ -10,9 +10,9 @@ import time
 from gnuradio.wiforce.errors import InputError
 
 from .radio import End, Radio, absent_rule, last_line, set_environment
-from .radio_request import DeviceAbsent
+from .request import DeviceAbsent
 
-# SoapyUHD passes on what UHD says; see uhd_radio.py.
+# SoapyUHD passes on what UHD says; see uhd.py.
 _QUIET = {
     "SOAPY_SDR_LOG_LEVEL": "FATAL",
     "UHD_LOG_CONSOLE_LEVEL": "fatal",

@@ -10,10 +10,10 @@ import click
 from gnuradio.wiforce.estimation.frame import describe_frames
 from gnuradio.wiforce.io.readings import Reading
 
-from .live_session import LiveSession
-from .log import log
-from .room_report import RoomNews, finding_rows
-from .stream_events import describe_events, describe_loss
+from ..log import log
+from ..room_report import RoomNews, finding_rows
+from ..stream_events import describe_events, describe_loss
+from .session import LiveSession
 from .warning_pace import WarningPace
 
 _LINE_S = 0.5

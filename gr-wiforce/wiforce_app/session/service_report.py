@@ -4,10 +4,10 @@
 import time
 from collections.abc import Callable
 
-from .live_session import LiveSession
-from .log import log
+from ..log import log
 from .radio_keeper import OPENING, RUNNING, RadioKeeper
 from .service_manager import ServiceManager
+from .session import LiveSession
 
 _STATUS_S = 10.0
 # Of an output that takes no readings, or a block that does not return.

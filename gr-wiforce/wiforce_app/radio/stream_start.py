@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from gnuradio import gr
 
-from .radio_request import DeviceUnusable
+from .request import DeviceUnusable
 
 # Drivers start a stream within a second or two, by the documentation of their modules.
 _LIMIT_S = 20.0

@@ -2,7 +2,7 @@
 """The driver ``uhd``: a USRP, through GNU Radio's UHD blocks."""
 
 from .radio import End, Radio, absent_rule, last_line, set_environment
-from .radio_request import DeviceAbsent
+from .request import DeviceAbsent
 
 # UHD prints dozens of lines that would hide our own. Users who need them set these variables.
 _QUIET = {"UHD_LOG_CONSOLE_LEVEL": "fatal", "UHD_LOG_FASTPATH_DISABLE": "1"}

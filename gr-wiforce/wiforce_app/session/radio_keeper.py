@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 from gnuradio.wiforce.errors import InputError
 
-from .live_session import LiveSession
-from .log import log
-from .radio_link import RadioLink
-from .radio_request import DeviceAbsent, DeviceBusy, DeviceLost, RadioRequest
+from ..log import log
+from ..radio.link import RadioLink
+from ..radio.request import DeviceAbsent, DeviceBusy, DeviceLost, RadioRequest
+from .session import LiveSession
 
 OPENING, RUNNING, RECONNECTING = "opening", "running", "reconnecting"
 

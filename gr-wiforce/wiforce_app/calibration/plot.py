@@ -4,7 +4,7 @@
 import numpy as np
 from gnuradio.wiforce.signal.carrier import same_carrier, wrap_deg
 
-from .plots import save_picture
+from ..plots import save_picture
 
 _POINTS = 80
 # Forces whose phases are drawn against location.

@@ -8,7 +8,7 @@ import socket
 import struct
 import time
 
-from .radio_request import DeviceBusy
+from .request import DeviceBusy
 
 _HANDOVER_S = 4.0  # UHD takes 1.5 s to close a device
 _LOOK_S = 0.1

@@ -18,8 +18,8 @@ from gnuradio.wiforce.io.readings import Reading
 from gnuradio.wiforce.io.samples import FULL_SCALE
 from gnuradio.wiforce.scene.schema import Scene
 
-from .radio_link import RadioLink
-from .radio_request import RadioRequest
+from ..radio.link import RadioLink
+from ..radio.request import RadioRequest
 
 # GNU Radio logs to standard output, where readings may go.
 gr.logging().set_default_level(gr.log_levels.error)

@@ -10,7 +10,7 @@ from gnuradio.wiforce.blocks.sample_sender import sample_sender
 from gnuradio.wiforce.wiforce_kernels import exit_on_terminate
 
 from .radio import Radio
-from .radio_request import LOST_STATUS, DeviceLost, RadioRequest
+from .request import LOST_STATUS, DeviceLost, RadioRequest
 from .run_clock import ClockComparison
 from .stream_start import start_flowgraph
 
