@@ -43,6 +43,7 @@ def watch(source, web, web_token, control, zmq_keys, history, length):
     `live --zmq`: PORT or tcp://ADDRESS:PORT.
     """
     from .web.address import PageAddress
+    from .web.file_source import FileSource
 
     address = PageAddress.of(web, web_token)
     opened = _open_source(source, control, zmq_keys)
@@ -50,6 +51,8 @@ def watch(source, web, web_token, control, zmq_keys, history, length):
         from .web.server import PageServer, serve_until_signal
 
         log.info(address.notice)
+        if isinstance(opened, FileSource) and not Path(source).exists():
+            log.info(f"waiting for {source}, which does not exist yet")
         serve_until_signal(lambda: PageServer(opened, address, listening, history, length))
     return 0
 
@@ -64,6 +67,4 @@ def _open_source(source, control, zmq_keys):
     for option, value in (("--control", control), ("--zmq-keys", zmq_keys)):
         if value is not None:
             raise InputError(option, "needs a ZMQ endpoint as SOURCE, not a file", value)
-    if not Path(source).exists():
-        log.info(f"waiting for {source}, which does not exist yet")
     return FileSource(source)
