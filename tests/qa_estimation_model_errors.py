@@ -11,8 +11,8 @@ from gnuradio.wiforce.estimation.compression import (
     measure_compression,
 )
 from gnuradio.wiforce.estimation.drift import DriftRate
+from gnuradio.wiforce.estimation.group_fit import GroupFit
 from gnuradio.wiforce.estimation.groups import Groups
-from gnuradio.wiforce.estimation.least_squares import GroupFit
 from gnuradio.wiforce.estimation.profile import ProfileCheck, image_of
 from gnuradio.wiforce.estimation.sensor_readout import SensorReadout
 from gnuradio.wiforce.estimation.tracked_tag import TagClock

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from .group_fit import GroupFit
 from .group_tones import GroupTones, power_of
 from .groups import Array
-from .least_squares import GroupFit
 from .noise import NoiseEstimate, NoiseHistory, Verdict, robust_noise
 
 # Error of a phase, in rad, that noise does not explain: 0.003 deg (1024 and 4096 samples, SNR

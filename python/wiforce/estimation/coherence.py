@@ -15,9 +15,9 @@ from collections import deque
 
 import numpy as np
 
+from .group_fit import GroupFit
 from .group_tones import power_of
 from .groups import Array
-from .least_squares import GroupFit
 
 # Standard deviations above which a group's own ratio, or the median, is more than noise. With
 # 22 degrees of freedom, five are exceeded by 1 group in 10 000.

@@ -9,16 +9,15 @@ offsets and lines shared by tags cause no error (docs/estimation.md, step 3).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from ..signal.weights import ToneTable
 from .clock_tracker import ClockPath, ClockTracker, predict_clocks
-from .group_tones import GroupTones, GroupWeights, power_of
+from .group_fit import GroupFit, ends_and_residual
+from .group_tones import GroupTones, GroupWeights
 from .groups import Array, Groups
-from .joint_clock import PhaseExpansion
 from .spread_lines import SpreadLines
 from .tracked_tag import TrackedTag
 from .wander import without_wander
@@ -27,57 +26,6 @@ from .wander import without_wander
 _WORST_GAIN = 100.0
 # Largest energy of a column over what the others leave of one, from which on a model is singular.
 _SINGULAR = 1e12
-
-
-@dataclass(slots=True)
-class GroupFit:
-    """Whitened tones = white @ ends + residual, for the E ends of the locked tags in G groups.
-
-    Attributes
-    ----------
-    rows : ndarray of int, shape (E,)
-        The ends that were fitted, among those of all tags.
-    ends : ndarray of complex, shape (G, E, K)
-        V.
-    gain : ndarray, shape (G, E)
-        Variance of V over that of H.
-    residual : ndarray of complex, shape (G, M, K)
-        Whitened; without what the wander of a clock explains where ``solve`` made the fit.
-    white : ndarray of complex, shape (G, M, E)
-        The mixing matrix W [s1, s2, ...], whitened.
-    solver : ndarray of complex, shape (G, E, M)
-        Its pseudo-inverse.
-    slopes : ndarray of complex, shape (G, M, E)
-        Derivatives of ``white`` by each tag's clock phase.
-
-    Examples
-    --------
-    >>> white, ends = np.eye(4)[None, :, :2], np.ones((1, 2, 62))
-    >>> solver, residual = white.swapaxes(1, 2), np.zeros((1, 4, 62))
-    >>> GroupFit(np.arange(2), ends, np.ones((1, 2)), residual, white, solver, white).ends.shape
-    (1, 2, 62)
-    """
-
-    rows: Array
-    ends: Array
-    gain: Array
-    residual: Array
-    white: Array
-    solver: Array
-    slopes: Array
-
-    def noise(self) -> Array:
-        """Mean square of the residual per degree of freedom; shape (G, K)."""
-        return power_of(self.residual).sum(axis=1) / self.freedom
-
-    @property
-    def freedom(self) -> int:
-        """Degrees of freedom of the residual of a group on one subcarrier."""
-        return max(self.residual.shape[1] - len(self.rows), 1)
-
-    def expansion(self) -> PhaseExpansion:
-        """The fit as a function of the clocks' phases."""
-        return PhaseExpansion.of(self.white, self.solver, self.slopes, self.ends, self.residual)
 
 
 class ToneModel:
@@ -208,9 +156,7 @@ class ToneModel:
         adjoint = white.conj().swapaxes(1, 2)
         inverse = inverse_of(adjoint @ white)
         solver = inverse @ adjoint
-        ends = solver @ groups.white
-        residual = white @ ends
-        np.subtract(groups.white, residual, out=residual)
+        ends, residual = ends_and_residual(white, solver, groups.white)
         gain = inverse.diagonal(axis1=1, axis2=2).real
         return GroupFit(rows, ends, gain, residual, white, solver, mixed[:, :, len(rows) :])
 
@@ -262,8 +208,10 @@ class ToneModel:
         fit : GroupFit
             What these were computed from.
         """
-        groups = self.without_spread_lines(groups, clocks)
         fit = self.fit(groups, clocks)
+        if self._spread is not None and self.locked:
+            groups = self._spread.remove(groups, fit, self.locked, clocks)
+            fit = fit.of_tones(groups.white)
         count, subcarriers = 2 * len(self.tags), groups.tones.shape[2]
         if len(fit.rows) == count:
             ends, gain = fit.ends, fit.gain.copy()

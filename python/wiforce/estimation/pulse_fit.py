@@ -15,9 +15,10 @@ import numpy as np
 from ..signal.switching import DUTY, duty_slopes
 from .acquisition import DELAY_EVIDENCE, OVERLAP
 from .clock_tracker import ClockPath
+from .group_fit import GroupFit
 from .group_tones import GroupTones, GroupWeights, power_of
 from .groups import Array
-from .least_squares import GroupFit, ToneModel
+from .least_squares import ToneModel
 from .tracked_tag import TrackedTag
 
 # Gauss-Newton steps: the model is almost linear in these numbers.

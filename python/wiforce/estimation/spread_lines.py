@@ -10,19 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..signal.switching import switch_edges
 from ..signal.waveform import Waveform
 from .clock_tracker import ClockPath
+from .group_fit import GroupFit
 from .group_tones import GroupTones, GroupWeights
 from .groups import Array
 from .tracked_tag import TrackedTag
-
-if TYPE_CHECKING:
-    from .least_squares import GroupFit
 
 # Times that the ends are corrected. Each leaves of their error the share of the power that is
 # spread: -13 dB for symbols of 0.05 of the tag's period.
