@@ -91,7 +91,10 @@ class Judge:
         absent = np.char.find(flags, "gap") >= 0
         self._note(name, rows, absent & truth["whole"], "received, but flagged gap")
         self._note(name, rows, ~absent & truth["nothing"], "lost, but not flagged gap")
-        self._note(name, rows, self._wrong_utc(run, rows), "wrong time_utc")
+        late_s = self._utc_late_s(run, rows)
+        bad = late_s > _UTC_LATE_S
+        after = f"{late_s[bad].max():.1f} s after that clock was set" if bad.any() else ""
+        self._note(name, rows, bad, f"wrong time_utc, {after}")
 
     def _check_order(self, name, rows, first):
         """Every group once and in order; only a break of more than an hour has no rows."""
@@ -157,17 +160,18 @@ class Judge:
         std_mm = rows["location_std_mm"].to_numpy(float)
         return wrong | read & (off_mm > _STDS * std_mm) & (off_mm > _LOCATION_MM)
 
-    def _wrong_utc(self, run, rows):
-        """Rows whose UTC is that of no comparison of the clocks that may still be in use."""
+    def _utc_late_s(self, run, rows):
+        """How long ago the clock was set whose UTC each row states; infinite if it is of none."""
         utc = pd.to_datetime(rows["time_utc"], utc=True).astype("int64").to_numpy() / 1e9
-        stated = utc - rows["time_s"].to_numpy()
-        right = np.zeros(len(rows), bool)
-        samples = rows["time_s"].to_numpy() * RATE_HZ
-        ends = [at for at, _ in run.utc[1:]] + [np.inf]
-        for (begin, offset), end in zip(run.utc, ends, strict=True):
-            in_use = (samples >= begin - 2 * RATE_HZ) & (samples <= end + _UTC_LATE_S * RATE_HZ)
-            right |= in_use & (np.abs(stated - offset) < _UTC_S)
-        return ~right
+        times_s = rows["time_s"].to_numpy()
+        stated = utc - times_s
+        late_s = np.full(len(rows), np.inf)
+        ends_s = [at / RATE_HZ for at, _ in run.utc[1:]] + [np.inf]
+        for (begin, offset), end_s in zip(run.utc, ends_s, strict=True):
+            stating = (times_s >= begin / RATE_HZ - 2) & (np.abs(stated - offset) < _UTC_S)
+            since_s = np.where(stating, np.maximum(times_s - end_s, 0), np.inf)
+            late_s = np.minimum(late_s, since_s)
+        return late_s
 
     def _note(self, name, rows, bad, what):
         self.counts[what] += int(bad.sum())
