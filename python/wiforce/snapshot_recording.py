@@ -14,13 +14,14 @@ from threadpoolctl import ThreadpoolController
 from .errors import InputError
 from .estimation.antenna_combination import AntennaCombination, without_drift, without_gain_steps
 from .estimation.groups import Array, Groups
-from .estimation.packet_groups import whole_groups
+from .estimation.packet_groups import Division, PacketGroups, whole_groups
 from .estimation.press_evidence import Suspicion
 from .io.channel_snapshots import ChannelSnapshots
 from .io.readings import GroupCounts, Reading
-from .planning.packet_plan import fitted_plan, groups_of, tag_ratios
+from .planning.packet_plan import fitted_plan, tag_ratios
 from .planning.plan import Plan, PlanOrScene, as_plan
 from .receiver import Receiver
+from .signal.timed_weights import TimedTable
 
 # Groups that are passed to the receiver at once.
 _BATCH = 16
@@ -92,11 +93,15 @@ class SnapshotReader:
         with self._blas.limit(limits=1, user_api="blas"):
             channel = _without_oscillator(recording, untouched, plan.group_period_s, free)
             self.plan = self._fitted(plan, time_s, channel)
+            division = None
             if free:
-                ratios = tag_ratios(self.plan, time_s, channel, recording.antennas)
+                division = Division(channel[untouched].mean(axis=0), recording.antennas - 1)
+            table = self.plan.table
+            assert isinstance(table, TimedTable)  # as _check requires packets
+            self.source = PacketGroups(table, time_s, channel, division)
+            if free:
+                ratios = tag_ratios(self.plan, self.source, recording.antennas)
                 self.plan = replace(self.plan, tag_ratios=ratios)
-            others = recording.antennas - 1 if free else 0
-            self.source = groups_of(self.plan, time_s, channel, others)
         self.receiver = Receiver(self.plan, tracked, derotated=False, on_groups=on_groups)
 
     @property
