@@ -380,7 +380,7 @@ class _Ending:
 
     def report(self):
         """The end in the words of a message, with the exception that is being raised, if any."""
-        error = sys.exception() or self.failure
+        error = sys.exc_info()[1] or self.failure
         reason = self._reason if error is None else str(error) or type(error).__name__
         status = BAD_INPUT if isinstance(error, InputError) else FAILED
         return {"state": "ended", "reason": reason, "exit_status": status if error else 0}
