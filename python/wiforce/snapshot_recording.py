@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from threadpoolctl import ThreadpoolController
 
 from .errors import InputError
 from .estimation.antenna_combination import AntennaCombination, without_drift, without_gain_steps
-from .estimation.groups import Array, Groups
+from .estimation.groups import Array
 from .estimation.packet_groups import Division, PacketGroups, whole_groups
 from .estimation.press_evidence import Suspicion
 from .io.channel_snapshots import ChannelSnapshots
@@ -40,8 +40,6 @@ class SnapshotReader:
         Of a scene with ``packets``.
     tracked : bool
         Follow each press over time instead of inverting each group by itself.
-    on_groups : callable, optional
-        Called with every batch of Groups that has been read (see ``Receiver``).
 
     Attributes
     ----------
@@ -67,11 +65,7 @@ class SnapshotReader:
     times_ignored = 0
 
     def __init__(
-        self,
-        recording: ChannelSnapshots,
-        plan: PlanOrScene,
-        tracked: bool = False,
-        on_groups: Callable[[Groups], None] | None = None,
+        self, recording: ChannelSnapshots, plan: PlanOrScene, tracked: bool = False
     ) -> None:
         plan = as_plan(plan)
         _check(recording, plan)
@@ -102,7 +96,7 @@ class SnapshotReader:
             if free:
                 ratios = tag_ratios(self.plan, self.source, recording.antennas)
                 self.plan = replace(self.plan, tag_ratios=ratios)
-        self.receiver = Receiver(self.plan, tracked, derotated=False, on_groups=on_groups)
+        self.receiver = Receiver(self.plan, tracked, derotated=False)
 
     @property
     def notes(self) -> list[str]:
