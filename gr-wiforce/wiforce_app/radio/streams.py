@@ -65,7 +65,7 @@ class RadioStreams:
         radio.source.set_min_output_buffer(_BUFFER_SAMPLES)
         if radio.sink is not None:
             source = wiforce.sounding_source(amplitude=request.amplitude, **request.frames)
-            self._transmitted = source
+            self._transmitted = source  # a flowgraph deletes a block that has no name
             self._transmission.connect(source, radio.sink)
         self._alignment = None
         # Frames of a free-running transmitter are followed by the reader.
