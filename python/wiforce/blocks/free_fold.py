@@ -63,7 +63,7 @@ class free_fold(gr.basic_block):
         self._waiting: list[tuple[Array, Array, Array]] = []
         self._count = self._written = 0  # vectors folded and put out
         self._marks: list[tuple[int, object, object]] = []  # vector, key, value
-        self._retuned = self._interrupted = False
+        self._retuned = False
         self._begins = True
 
     def gaps(self) -> int:
