@@ -20,7 +20,8 @@ from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.schema import Scene
 
 from .check_capture import LEVEL_FRAMES, check_capture, level_lines, report
-from .live import FAILED, radio_request, warn_of_oscillators
+from .exit_status import FAILED
+from .live import radio_request, warn_of_oscillators
 from .log import log
 from .options import optional_radio_options, sample_type
 from .radio.request import DeviceLost

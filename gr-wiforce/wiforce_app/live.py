@@ -16,6 +16,7 @@ from gnuradio.wiforce.io.zmq_keys import ServerKeys
 from gnuradio.wiforce.io.zmq_sockets import endpoint_of, is_loopback
 from gnuradio.wiforce.scene import load_scene
 
+from .exit_status import BAD_INPUT, FAILED
 from .file_outputs import open_mcap
 from .log import FORMATS, LEVELS, log
 from .options import (
@@ -43,7 +44,6 @@ from .session.outputs import (
 _LOOK_S = 0.1
 # So that a flood of requests does not delay the warnings.
 _REQUESTS_A_LOOK = 100
-FAILED, BAD_INPUT = 1, 2
 # Options whose text is given to drivers, which take UTF-8.
 _NAMES_OF_DEVICES = {
     "args": "--args",
