@@ -303,11 +303,11 @@ def _run(session, request, outputs, endpoints, duration, reconnect):
         When the device is gone and must not be reopened; all readings have been written.
     """
     from .radio.reaction_time import shorten_pauses
-    from .radio.run_clock import RunClock
     from .session.health import Heartbeat, RunHealth
     from .session.monitor import SessionMonitor
     from .session.radio_keeper import RadioKeeper
     from .session.requests import TareLog, serve_requests
+    from .session.run_clock import RunClock
     from .session.service_manager import ServiceManager
     from .session.service_report import ServiceReport
 

@@ -9,9 +9,9 @@ from gnuradio import gr, wiforce
 from gnuradio.wiforce.blocks.sample_sender import sample_sender
 from gnuradio.wiforce.wiforce_kernels import exit_on_terminate
 
+from .clock_comparison import ClockComparison
 from .radio import Radio
 from .request import LOST_STATUS, DeviceLost, RadioRequest
-from .run_clock import ClockComparison
 from .stream_start import start_flowgraph
 
 # How far ahead the common start is set. A busy machine may miss it; then the next one is tried.
