@@ -18,7 +18,13 @@ from ..errors import InputError
 from ..estimation.likelihood import PHASE_MARGIN, own_lines, phase_margin
 from ..estimation.tracked_tag import TagClock
 from ..scene import load_scene
-from ..signal.lines import CLUTTER_MARGIN, lamp_distances_hz, tag_lines
+from ..signal.lines import (
+    CLUTTER_MARGIN,
+    HIGHEST_LINE,
+    NYQUIST_MARGIN,
+    lamp_distances_hz,
+    tag_lines,
+)
 from ..signal.switching import harmonics
 from ..signal.waveform import Waveform
 from ..signal.weights import WORST_GAIN, design_weights
@@ -27,11 +33,6 @@ from .clocks import assess_clocks
 from .clutter_band import BANDS_HZ
 from .pulses import Pulses, double_rate_pulses
 
-# Harmonic of the clock that end 2 has to itself (docs/clocks.md).
-_HIGHEST_LINE = 4
-# Part of half the snapshot rate up to which a tag has its highest line that is needed; beyond it,
-# the line comes close to its mirror image.
-NYQUIST_MARGIN = 0.9
 # Distances of strong lines that are tried, in bins. Lines one bin apart are separate. More than
 # two are only a reserve, so that they are given up for a place away from lamps.
 _GENEROUS, _CLOSE = (4.0, 3.0, 2.0), (1.5, 1.0)
@@ -355,8 +356,8 @@ def _candidates(
     Strong lines of clocks further apart than three octaves cannot coincide.
     """
     nyquist_hz = 0.5 / waveform.snapshot_period_s
-    highest_hz = NYQUIST_MARGIN * nyquist_hz / _HIGHEST_LINE
-    highest_hz = min(highest_hz, (nyquist_hz - CLUTTER_MARGIN * bin_hz) / _HIGHEST_LINE)
+    highest_hz = NYQUIST_MARGIN * nyquist_hz / HIGHEST_LINE
+    highest_hz = min(highest_hz, (nyquist_hz - CLUTTER_MARGIN * bin_hz) / HIGHEST_LINE)
     highest_hz /= 1 + 1e-6 * tolerance_ppm
     fewest_hz = max(_FEWEST_CLEAR_BINS * bin_hz, _CLEAR_PART * (highest_hz - clutter_hz))
     lowest_hz = max(clutter_hz + min(_CLEAR_BINS * bin_hz, fewest_hz), highest_hz / 8)
