@@ -23,11 +23,6 @@ def _both_on(cycles, delay_cycles, duty):
     return first, np.abs(near_quarter - np.rint(2 * near_quarter) / 2) < duty[1] / 4
 
 
-def switches_on(cycles, delay_cycles=0.0, duty=(0.25, 0.25)):
-    """Whether each switch is on at these instants, straight from the signal model; (..., 2)."""
-    return np.stack(_both_on(cycles, delay_cycles, duty), axis=-1).astype(float)
-
-
 def averaged_switches(
     centre_cycles, width_cycles, delay_cycles=0.0, points=4001, duty=(0.25, 0.25)
 ):

@@ -154,7 +154,7 @@ def test_a_second_run_of_the_flowgraph_goes_on():
         ({"amplitude": 0}, "amplitude: must be above 0, got 0"),
         ({"off_reflection": 1 + 0j}, "off_reflection: must be a pair"),
         ({"center_frequency": 2.4e9}, "carrier"),
-        ({"sample_rate": "x"}, "sample_rate_hz: must be a number"),
+        ({"sample_rate": "x"}, "sample_rate: must be a number, got 'x'"),
         ({"frame_length": 100}, "frame_length: must be an integer >= 320"),
         ({"static_clutter_db": None}, "static_clutter_db: must be a number"),
         ({"seed": -1}, "seed: must be an integer"),

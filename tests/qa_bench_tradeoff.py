@@ -88,7 +88,7 @@ def few_settings(monkeypatch, long_run):
     """One setting of each kind in the short form, measured in this process."""
     if not long_run:
         monkeypatch.setattr(tradeoff_points, "_GROUP_LENGTHS", (250,))
-        monkeypatch.setattr(tradeoff_points, "_HARMONICS", (12,))
+        monkeypatch.setattr(tradeoff_points, "HARMONICS", (12,))
         monkeypatch.setattr(tradeoff_points, "_CLUTTER_HZ", (250.0,))
         monkeypatch.setattr(tradeoff, "_measured", tradeoff_points.measure_scene)
     before = gr.logging().default_level()

@@ -19,7 +19,7 @@ VERSION = re.search(
 )[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 ON_CONDA = {"matplotlib": "matplotlib-base"}
-# Those of PyBOMBS for what gr-wiforce needs, all of which its collection of recipes has.
+# What gr-wiforce needs and the collection of PyBOMBS has recipes for.
 ON_PYBOMBS = {
     *("boost", "fftw", "gnuradio", "numpy", "pybind11", "python-matplotlib", "pyyaml", "scipy"),
 }
@@ -103,6 +103,15 @@ def test_pybombs_recipe_names_recipes_that_exist():
     assert recipe["inherit"] == "cmake" and recipe["category"] == "common"
     assert recipe["description"] == PROJECT["description"]
     assert re.match(r"(git|wget|file)\+?\S*://", recipe["source"])
+
+
+def test_packaging_page_names_what_the_pybombs_recipe_leaves_out():
+    """Without them, the command and `wiforce.read` fail at their first import."""
+    needed = {re.split("[<>=]", each)[0].lower() for each in PROJECT["dependencies"]}
+    recipe = loaded("packaging/pybombs/gr-wiforce.lwr")
+    absent = needed - {name.removeprefix("python-") for name in recipe["depends"]}
+    page = (ROOT / "packaging/README.md").read_text(encoding="utf-8")
+    assert f"`pip install {' '.join(sorted(absent))}`" in page
 
 
 def test_workflows_call_ci_in_both_containers():

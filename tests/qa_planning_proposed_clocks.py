@@ -133,7 +133,7 @@ def test_sets_of_clocks_never_exceed_what_one_octave_holds(bins):
     from gnuradio.wiforce.planning.proposed_clocks import _candidates, _Search
     from gnuradio.wiforce.planning.pulses import double_rate_pulses
 
-    grid = _candidates(WAVEFORM, bin_hz(250), 0.0, 100.0, 4)
+    grid = _candidates(WAVEFORM, bin_hz(250), 0.0, 100.0)
     search = _Search(grid, [], (WAVEFORM, 250, double_rate_pulses(), 100.0, 0.0), ())
     most = search.fitting(bins * bin_hz(250))
     conflicts = line_distances_hz(grid[:, None], grid, 100.0) < bins * bin_hz(250)

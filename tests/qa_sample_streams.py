@@ -237,6 +237,9 @@ def test_receiver_device_started_again_continues_time_by_the_hosts_clock_on_whol
             theirs.sendall(packet(block, SampleTag("rx_time", 0, seconds, 0.25)))
             theirs.sendall(packet(block, SampleTag("rx_time", 0, seconds, 0.25 + 0.015)))
             theirs.close()
+            # The pause begins when the receiver has the samples, which may take it a while.
+            while wait_s and receiver.received < 2 * len(block):
+                time.sleep(1e-3)
             time.sleep(wait_s)
         receiver.finish()
 

@@ -14,7 +14,7 @@ _N210_R4 = 0x0A11
 _SIZE = 256
 
 
-def motherboard_image(address, serial, name=""):
+def motherboard_image(address, serial):
     """EEPROM of an N210 r4 at the given IPv4 address; 256 bytes."""
     image = bytearray(b"\xff" * _SIZE)
     packed = ipaddress.IPv4Address(address).packed
@@ -25,17 +25,17 @@ def motherboard_image(address, serial, name=""):
     struct.pack_into("<HH", image, 18, 4, _N210_R4)
     image[23] = 0
     image[24:33] = serial.encode("ascii")[:9].ljust(9, b"\0")
-    image[33:56] = name.encode("ascii")[:23].ljust(23, b"\0")
+    image[33:56] = bytes(23)  # no name
     image[56:60] = packed
     return image
 
 
-def daughterboard_image(board_id, serial="1"):
+def daughterboard_image(board_id):
     """EEPROM of a daughterboard with this id; 256 bytes, of which 32 are used."""
     image = bytearray(32)
     image[0] = 0xDB
     struct.pack_into("<H", image, 1, board_id)
-    image[9:18] = serial.encode("ascii")[:9].ljust(9, b"\0")
+    image[9:18] = b"1".ljust(9, b"\0")  # its serial number
     image[31] = -sum(image[:31]) & 0xFF
     return image + bytearray(b"\xff" * (_SIZE - 32))
 

@@ -5,10 +5,9 @@ import struct
 from collections import deque
 from dataclasses import dataclass
 
-from .wire import HAS_TIME, Malformed, fifo_reply, words
+from .wire import HAS_TIME, TYPE_MASK, Malformed, fifo_reply, words
 
 _POKE = 1 << 8
-_TYPE_MASK = 0xF0000000
 _TYPE_CONTEXT = 0x40000000
 _DEPTH = 4096
 
@@ -47,7 +46,7 @@ class Fifo:
             When it is not a command, or the queue is full.
         """
         sequence, header = words(datagram, 2)
-        if header & _TYPE_MASK != _TYPE_CONTEXT:
+        if header & TYPE_MASK != _TYPE_CONTEXT:
             raise Malformed(f"command header 0x{header:08x}")
         timed = bool(header & HAS_TIME)
         layout = struct.Struct(">QII" if timed else ">II")

@@ -4,9 +4,8 @@
 import struct
 from dataclasses import dataclass
 
-from .wire import END_OF_BURST, HAS_TIME, HAS_TRAILER, Malformed, words
+from .wire import END_OF_BURST, HAS_TIME, HAS_TRAILER, TYPE_MASK, Malformed, words
 
-_TYPE_MASK = 0xF0000000
 _TIME = struct.Struct(">Q")
 
 
@@ -53,7 +52,7 @@ def parse_packet(datagram):
         When it is no data packet, or shorter than its header states.
     """
     sequence, header = words(datagram, 2)
-    if header & _TYPE_MASK:
+    if header & TYPE_MASK:
         raise Malformed(f"data header 0x{header:08x}")
     length = 4 + 4 * (header & 0xFFFF)
     first = 16 if header & HAS_TIME else 8

@@ -35,6 +35,8 @@ TX_UNDERFLOW = 2
 TX_SEQUENCE_ERROR = 4
 TX_LATE = 8
 
+# Of a packet's first word.
+TYPE_MASK = 0xF0000000
 HAS_TIME = 1 << 20
 END_OF_BURST = 1 << 24
 START_OF_BURST = 1 << 25

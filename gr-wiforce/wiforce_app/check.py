@@ -19,15 +19,15 @@ from gnuradio.wiforce.planning.room import adapted
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.schema import Scene
 
-from .live import FAILED, radio_request, warn_of_oscillators
+from .check_capture import LEVEL_FRAMES, check_capture, level_lines, report
+from .exit_status import FAILED
+from .live import radio_request, warn_of_oscillators
 from .log import log
 from .options import optional_radio_options, sample_type
 from .radio.request import DeviceLost
 from .room_report import finding_line, finding_rows, measure_tag, sensor_text
 from .stream_events import describe_events
 
-# Levels need few frames; the survey of the room at least 0.1 s of them.
-_FRAMES = 4000
 _SEARCHES = 16
 _AFTER_REFERENCE_S = 0.7
 _LOOK_S = 0.05
@@ -85,16 +85,14 @@ def check(capture, scene_path, args, datatype, as_json, **radio):
     if radio["driver"] == "soapy" and findings.delay_us is not None:
         findings.notes.append("the delay differs from start to start with this driver")
     if as_json:
-        report = {**asdict(findings), "room": finding_rows(findings.room)}
-        click.echo(json.dumps(report, indent=2))
+        values = {**asdict(findings), "room": finding_rows(findings.room)}
+        click.echo(json.dumps(values, indent=2))
     else:
         click.echo(_text(findings))
     return 0
 
 
 def _check_files(capture, scene_path, datatype, as_json):
-    from .check_capture import check_capture, report
-
     found = check_capture(capture, scene_path, datatype)
     click.echo(json.dumps(found, indent=2) if as_json else report(found))
 
@@ -109,7 +107,7 @@ def _receive(scene, request):
     from .session.session import LiveSession
 
     session = LiveSession(scene, request, lambda reading: None)
-    keeper = sample_keeper(_FRAMES * scene.sounding.frame_length)
+    keeper = sample_keeper(LEVEL_FRAMES * scene.sounding.frame_length)
     session.tap(keeper)
     links = []
     radio = RadioKeeper(request, session, on_open=links.append)
@@ -214,20 +212,10 @@ def _text(findings):
     settings = ", ".join(f"{key} {value}" for key, value in findings.settings.items())
     lines = [f"device     {findings.hardware}", f"set to     {settings}"]
     if findings.levels is not None:
-        levels = findings.levels
-        lines += [
-            f"peak       {levels['peak_dbfs']:.1f} dBFS, {100 * levels['clipped']:.3g} % clipped",
-            f"preamble   {levels['preamble_dbfs']:.1f} dBFS",
-            f"noise      {_or_unknown(levels['noise_dbfs'])}",
-            f"DC offset  {levels['dc_dbfs']:.1f} dBFS",
-            f"delay      {findings.delay_us:.2f} us from transmit to receive",
-        ]
+        lines += level_lines(findings.levels)
+        lines.append(f"delay      {findings.delay_us:.2f} us from transmit to receive")
     lines += [f"{sensor.name:10s} {sensor_text(sensor)}" for sensor in findings.sensors]
     lines += [f"room       {finding_line(finding)}" for finding in findings.room]
     lines += [f"advice     {text}" for text in findings.advice or ["none, ready to measure"]]
     lines += [f"note       {text}" for text in findings.notes]
     return "\n".join(lines)
-
-
-def _or_unknown(value):
-    return "unknown" if value is None else f"{value:.1f} dBFS"

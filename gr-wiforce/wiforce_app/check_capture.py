@@ -11,7 +11,8 @@ from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.capture_files import second_antenna
 from gnuradio.wiforce.scene import scene_of
 
-_FRAMES = 4000
+# Levels need few frames; the survey of the room, at a device, at least 0.1 s of them.
+LEVEL_FRAMES = 4000
 _PART_BYTES = 1 << 20
 
 
@@ -48,7 +49,7 @@ def check_capture(path, scene_path, datatype=None):
     waveform = scene.waveform()
     place = require_frames(capture, waveform)
     first = first_frame(capture, waveform, place)
-    samples = capture.read_span(first + place, _FRAMES * waveform.frame_length)
+    samples = capture.read_span(first + place, LEVEL_FRAMES * waveform.frame_length)
     return {
         "files": files,
         "first_frame": first,
@@ -112,13 +113,27 @@ def report(found):
             f"length     {file['seconds']:.3f} s, {file['samples']} samples, {lost}",
             f"checksum   {file['checksum']}",
         ]
-    levels = found["levels"]
+    lines.append(f"frames     found; the first begins at sample {found['first_frame']}")
+    lines += level_lines(found["levels"])
+    return "\n".join([*lines, *(f"warning    {text}" for text in found["warnings"])])
+
+
+def level_lines(levels):
+    """Levels as lines for a terminal.
+
+    Parameters
+    ----------
+    levels : dict
+        The fields of :class:`Levels`.
+
+    Returns
+    -------
+    list of str
+    """
     noise = levels["noise_dbfs"]
-    lines += [
-        f"frames     found; the first begins at sample {found['first_frame']}",
+    return [
         f"peak       {levels['peak_dbfs']:.1f} dBFS, {100 * levels['clipped']:.3g} % clipped",
         f"preamble   {levels['preamble_dbfs']:.1f} dBFS",
         f"noise      {'unknown' if noise is None else f'{noise:.1f} dBFS'}",
         f"DC offset  {levels['dc_dbfs']:.1f} dBFS",
     ]
-    return "\n".join([*lines, *(f"warning    {text}" for text in found["warnings"])])

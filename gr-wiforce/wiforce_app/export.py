@@ -66,7 +66,7 @@ def export(readings, form, output, scene_path):
         # Parquet and MCAP write several rows at a time.
         rule = f"cannot be converted to {output.suffix[1:]}, row {number} or before ({error})"
         raise InputError(readings, rule) from error
-    click.echo(f"gr-wiforce: wrote {writer.rows} readings to {output}", err=True)
+    log.info(f"wrote {writer.rows} readings to {output}")
 
 
 def _output_of(readings, form, output):

@@ -14,6 +14,7 @@ from gnuradio.wiforce.sensor.inversion import DEFAULT_STD_DEG
 from gnuradio.wiforce.sensor.touch_test import touch_of
 from gnuradio.wiforce.signal.carrier import wrap_deg
 
+from .log import log
 from .options import CARRIER_HZ, Number
 
 _NEEDED = ("phase1_deg", "phase2_deg")
@@ -59,7 +60,7 @@ def invert(phases, model, output, frequency_hz, std_deg, tracked, smoothed):
     known = np.array([row["location_mm"] for row in rows])
     try:
         for text in phase_suspicions(sensor, _phases(rows), std, known, frequency_hz):
-            click.echo(f"gr-wiforce: warning: {phases}: {text}", err=True)
+            log.warning(f"{phases}: {text}")
         if tracked or smoothed:
             readings = _over_time(phases, rows, sensor, frequency_hz, std, smoothed)
         else:

@@ -16,6 +16,7 @@ from gnuradio.wiforce.io.zmq_keys import ServerKeys
 from gnuradio.wiforce.io.zmq_sockets import endpoint_of, is_loopback
 from gnuradio.wiforce.scene import load_scene
 
+from .exit_status import BAD_INPUT, FAILED
 from .file_outputs import open_mcap
 from .log import FORMATS, LEVELS, log
 from .options import (
@@ -43,7 +44,6 @@ from .session.outputs import (
 _LOOK_S = 0.1
 # So that a flood of requests does not delay the warnings.
 _REQUESTS_A_LOOK = 100
-FAILED, BAD_INPUT = 1, 2
 # Options whose text is given to drivers, which take UTF-8.
 _NAMES_OF_DEVICES = {
     "args": "--args",
@@ -303,11 +303,11 @@ def _run(session, request, outputs, endpoints, duration, reconnect):
         When the device is gone and must not be reopened; all readings have been written.
     """
     from .radio.reaction_time import shorten_pauses
-    from .radio.run_clock import RunClock
     from .session.health import Heartbeat, RunHealth
     from .session.monitor import SessionMonitor
     from .session.radio_keeper import RadioKeeper
     from .session.requests import TareLog, serve_requests
+    from .session.run_clock import RunClock
     from .session.service_manager import ServiceManager
     from .session.service_report import ServiceReport
 
@@ -380,7 +380,7 @@ class _Ending:
 
     def report(self):
         """The end in the words of a message, with the exception that is being raised, if any."""
-        error = sys.exception() or self.failure
+        error = sys.exc_info()[1] or self.failure
         reason = self._reason if error is None else str(error) or type(error).__name__
         status = BAD_INPUT if isinstance(error, InputError) else FAILED
         return {"state": "ended", "reason": reason, "exit_status": status if error else 0}

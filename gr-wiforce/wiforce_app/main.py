@@ -15,6 +15,7 @@ import warnings
 import click
 from gnuradio.wiforce.errors import InputError, OutputError
 
+from .exit_status import BAD_INPUT, DONE, FAILED, INTERRUPTED, OUTPUT_CLOSED, TERMINATED
 from .interrupts import Interrupted, Terminated, interrupt_by_exception
 from .lazy import LazyGroup
 from .log import PROGRAM, log, printable
@@ -53,10 +54,6 @@ _PATH_ERRORS = {
     errno.ENOTDIR,
     errno.EROFS,
 }
-DONE, FAILED, BAD_INPUT = 0, 1, 2
-# 128 + the number of the signal, as a shell reports a process that a signal ended. SIGPIPE itself
-# stays ignored: it would leave a transmitter on and a file incomplete.
-INTERRUPTED, TERMINATED, OUTPUT_CLOSED = 130, 143, 141
 
 
 def _print_version(ctx, _, asked):

@@ -9,6 +9,7 @@ from gnuradio.wiforce.io.optional import optional_module
 from gnuradio.wiforce.io.textfile import check_output, replacing
 
 _SUFFIXES = (".png", ".pdf", ".svg")
+_PANEL_IN = 2.1  # height of a panel
 
 
 def check_picture(path, inputs=()):
@@ -33,11 +34,11 @@ def check_picture(path, inputs=()):
     check_output(path, inputs)
 
 
-def figure(rows, title, height_in=2.1):
+def figure(rows, title):
     """Make a figure of stacked panels over time, without a display."""
     from matplotlib.figure import Figure
 
-    canvas = Figure(figsize=(9, 1.0 + height_in * rows), layout="constrained")
+    canvas = Figure(figsize=(9, 1.0 + _PANEL_IN * rows), layout="constrained")
     axes = canvas.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
     canvas.suptitle(title, fontsize=11)
     for axis in axes:

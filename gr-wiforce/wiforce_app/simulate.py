@@ -5,6 +5,7 @@ import dataclasses
 
 import click
 
+from .log import log
 from .options import IntegerRange
 from .progress import progress
 
@@ -60,11 +61,10 @@ def _report(paths, scene, duration_s, groups):
     for path in paths:
         click.echo(path)
     for warning in simulation_warnings(scene):
-        click.echo(f"gr-wiforce: warning: {warning}", err=True)
+        log.warning(warning)
     settings = scene.simulation
     presses = len(settings.presses) + len(settings.surface_presses)
-    click.echo(
-        f"gr-wiforce: {duration_s:.3g} s, phase groups: {groups}, "
-        f"presses: {presses}, moves: {len(settings.moves)}, seed: {settings.seed}",
-        err=True,
+    log.info(
+        f"{duration_s:.3g} s, phase groups: {groups}, "
+        f"presses: {presses}, moves: {len(settings.moves)}, seed: {settings.seed}"
     )

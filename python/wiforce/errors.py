@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 _DISK_ERRORS = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO)
+_MOST_CHARACTERS = 80  # of a value in a message
 _OWN = "gnuradio.wiforce"
 # Compiled modules that only a build with GNU Radio has.
 _MODULES_WITH_GNURADIO = (f"{_OWN}.wiforce_python", f"{_OWN}.wiforce_bench")
@@ -187,8 +188,8 @@ def gnuradio_rule(error: ImportError) -> str | None:
     )
 
 
-def _short(value: object, limit: int = 80) -> str:
+def _short(value: object) -> str:
     if getattr(value, "shape", None) == () and hasattr(value, "item"):
         value = value.item()  # NumPy 2 shows the types of its numbers
     text = " ".join(repr(value).split())
-    return text if len(text) <= limit else text[: limit - 3] + "..."
+    return text if len(text) <= _MOST_CHARACTERS else text[: _MOST_CHARACTERS - 3] + "..."

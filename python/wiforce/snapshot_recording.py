@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,14 +13,15 @@ from threadpoolctl import ThreadpoolController
 
 from .errors import InputError
 from .estimation.antenna_combination import AntennaCombination, without_drift, without_gain_steps
-from .estimation.groups import Array, Groups
-from .estimation.packet_groups import whole_groups
+from .estimation.groups import Array
+from .estimation.packet_groups import Division, PacketGroups, whole_groups
 from .estimation.press_evidence import Suspicion
 from .io.channel_snapshots import ChannelSnapshots
 from .io.readings import GroupCounts, Reading
-from .planning.packet_plan import fitted_plan, groups_of, tag_ratios
+from .planning.packet_plan import fitted_plan, tag_ratios
 from .planning.plan import Plan, PlanOrScene, as_plan
 from .receiver import Receiver
+from .signal.timed_weights import TimedTable
 
 # Groups that are passed to the receiver at once.
 _BATCH = 16
@@ -39,8 +40,6 @@ class SnapshotReader:
         Of a scene with ``packets``.
     tracked : bool
         Follow each press over time instead of inverting each group by itself.
-    on_groups : callable, optional
-        Called with every batch of Groups that has been read (see ``Receiver``).
 
     Attributes
     ----------
@@ -66,11 +65,7 @@ class SnapshotReader:
     times_ignored = 0
 
     def __init__(
-        self,
-        recording: ChannelSnapshots,
-        plan: PlanOrScene,
-        tracked: bool = False,
-        on_groups: Callable[[Groups], None] | None = None,
+        self, recording: ChannelSnapshots, plan: PlanOrScene, tracked: bool = False
     ) -> None:
         plan = as_plan(plan)
         _check(recording, plan)
@@ -92,12 +87,16 @@ class SnapshotReader:
         with self._blas.limit(limits=1, user_api="blas"):
             channel = _without_oscillator(recording, untouched, plan.group_period_s, free)
             self.plan = self._fitted(plan, time_s, channel)
+            division = None
             if free:
-                ratios = tag_ratios(self.plan, time_s, channel, recording.antennas)
+                division = Division(channel[untouched].mean(axis=0), recording.antennas - 1)
+            table = self.plan.table
+            assert isinstance(table, TimedTable)  # as _check requires packets
+            self.source = PacketGroups(table, time_s, channel, division)
+            if free:
+                ratios = tag_ratios(self.plan, self.source, recording.antennas)
                 self.plan = replace(self.plan, tag_ratios=ratios)
-            others = recording.antennas - 1 if free else 0
-            self.source = groups_of(self.plan, time_s, channel, others)
-        self.receiver = Receiver(self.plan, tracked, derotated=False, on_groups=on_groups)
+        self.receiver = Receiver(self.plan, tracked, derotated=False)
 
     @property
     def notes(self) -> list[str]:

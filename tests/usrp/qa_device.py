@@ -20,7 +20,7 @@ from software_n210.air import Cable
 from software_n210.console import ZmqControl
 from software_n210.device import Device
 
-CONTROL, RX0, TX, FIFO = 49152, 49156, 49157, 49159
+CONTROL, TX = 49152, 49157
 PORTS = (49152, 49156, 49157, 49158, 49159, 49172)
 HELLO = struct.pack(">III", 12, ord("a"), 7) + bytes(24)
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from long_cases import cases
 
-CONTROL, TX, FIFO = 49152, 49157, 49159
+CONTROL, TX = 49152, 49157
 SETTINGS_BASE, POKE, POKE_FIRMWARE = 0x7000, 3, 6
 EXTREME = (0, 1, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF)
 # Blocks of setting registers: time, SPI, receive, transmit, GPIO.

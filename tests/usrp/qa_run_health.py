@@ -8,10 +8,11 @@ from gnuradio.wiforce.estimation.press_evidence import Suspicion
 from gnuradio.wiforce.estimation.sensor_readout import RETUNED
 from gnuradio.wiforce.estimation.tare_request import TareState
 from gnuradio.wiforce.io.readings import GroupCounts, Reading
-from wiforce_app.radio.run_clock import ClockComparison, RunClock
+from wiforce_app.radio.clock_comparison import ClockComparison
 from wiforce_app.session.health import RunHealth
 from wiforce_app.session.radio_keeper import OPENING, RECONNECTING, RUNNING
 from wiforce_app.session.requests import TareLog
+from wiforce_app.session.run_clock import RunClock
 from wiforce_app.status import problems_of
 
 

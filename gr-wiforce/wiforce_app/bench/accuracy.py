@@ -10,7 +10,7 @@ from ..options import IntegerRange, worker_options
 from ..progress import progress
 from ..workers import run_tasks
 from .cases import cases
-from .rooms import RoomRow, room_cases, room_table
+from .rooms import RoomRow, joined, room_cases, room_table
 
 _QUICK_RUNS, _FULL_RUNS = 10, 40
 
@@ -110,12 +110,8 @@ def table(rows):
         half = max((high - low) / 2 for low, high in row.loss_interval_db)
         inside = "/".join(f"{100 * part:.0f}" for part in row.within_2_std)
         lines.append(
-            f"{row.case:<52}{row.estimator:<23}{_joined(row.rms_deg):>33}"
-            f"{_joined(row.bound_deg):>33}{_joined(row.loss_db, '.2f'):>26}{half:9.2f}"
+            f"{row.case:<52}{row.estimator:<23}{joined(row.rms_deg):>33}"
+            f"{joined(row.bound_deg):>33}{joined(row.loss_db, '.2f'):>26}{half:9.2f}"
             f"{inside:>12}{row.seconds_per_second:8.4f}{row.n:7d}"
         )
     return "\n".join(lines)
-
-
-def _joined(values, form=".3g"):
-    return "/".join(format(value, form) for value in values)

@@ -17,6 +17,7 @@ _SWITCHES = (
 # Fourier coefficient of line 1 of switch 1, without averaging: sin(pi/4) / pi.
 _FIRST_LINE = 0.22507907903927651
 _DELAY_SPACING_S = 20e-9
+_WIDEST_OFFSET = 100e-6  # of a drifting clock, unless it begins beyond
 _WALKER = (30.0, 0.31)  # highest Doppler shift (Hz), swings per second
 _FAN = (200.0, 1.7)
 
@@ -51,15 +52,15 @@ class PathLevels:
 
 
 class WanderingClock:
-    """Cycles of a crystal clock whose offset drifts back and forth between +-``limit_ppm``.
+    """Cycles of a crystal clock whose offset drifts back and forth between +-100 ppm.
 
     Blocks of time must be requested in order.
     """
 
-    def __init__(self, clock_hz, offset_ppm, drift_ppm_per_s, start_cycles, limit_ppm=100.0):
+    def __init__(self, clock_hz, offset_ppm, drift_ppm_per_s, start_cycles):
         self.clock_hz = clock_hz
         self._offset, self._drift = offset_ppm * 1e-6, drift_ppm_per_s * 1e-6
-        self._limit = max(limit_ppm * 1e-6, abs(self._offset))
+        self._limit = max(_WIDEST_OFFSET, abs(self._offset))
         self._cycles, self._time = start_cycles, 0.0
 
     def advance(self, time_s):

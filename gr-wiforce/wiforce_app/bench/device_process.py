@@ -9,8 +9,9 @@ import threading
 
 _TRIES = 30
 _STOP_S = 10
-_RUN = "from wiforce_app.main import run; raise SystemExit(run())"
-EMULATE = (sys.executable, "-c", _RUN, "emulate")
+# The command, whatever the name under which it is installed.
+RUN = "from wiforce_app.main import run; raise SystemExit(run())"
+EMULATE = (sys.executable, "-c", RUN, "emulate")
 
 
 class DeviceProcess:

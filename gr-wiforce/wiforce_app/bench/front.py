@@ -5,24 +5,24 @@
 _MARGIN = 1.2
 
 
-def front(points, error="phase_deg"):
-    """Points that no other point beats in both time and error, in order of time.
+def front(points):
+    """Points that no other point beats in both time and phase error, in order of time.
 
     Errors are converted to the group length of the plan, because a group of twice the length
     halves both the variance and the rate of readings.
     """
     best, kept = float("inf"), []
-    readable = [point for point in points if point[error] is not None]
+    readable = [point for point in points if point["phase_deg"] is not None]
     for point in sorted(readable, key=lambda point: point["cpu_s_per_s"]):
-        if (found := rated_error(points, point, error)) < best:
+        if (found := rated_error(points, point)) < best:
             best = found
             kept.append(point)
     return kept
 
 
-def rated_error(points, point, error="phase_deg"):
-    """Error of a point, converted to the plan's rate of readings."""
-    return point[error] * (point["group_length"] / points[0]["group_length"]) ** 0.5
+def rated_error(points, point):
+    """Phase error of a point, converted to the plan's rate of readings."""
+    return point["phase_deg"] * (point["group_length"] / points[0]["group_length"]) ** 0.5
 
 
 def beat_the_plan(points, any_length=False):

@@ -22,7 +22,7 @@ from gnuradio.wiforce.io.optional import check_installed
 from ..markdown import markdown_table
 from ..options import IntegerRange
 from ..progress import progress
-from .device_process import DeviceProcess
+from .device_process import RUN, DeviceProcess
 
 # Sample rate in Msps and what else a scene of about a hundred readings per second needs.
 _SETTINGS = {
@@ -33,7 +33,6 @@ _REFERENCE_S = 0.5
 _PRESS = "press arm 3 40"
 _HELD_S, _PAUSE_S = 0.3, 0.35
 _START_LIMIT_S = 30.0
-_RUN = "from wiforce_app.main import run; raise SystemExit(run())"
 
 
 @dataclass(frozen=True)
@@ -264,7 +263,7 @@ def _live_reader(scene, device, latency):
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     frames = "recv_frame_size=8000,send_frame_size=8000"
-    command = [sys.executable, "-c", _RUN, "live", "--scene", str(scene), "--zmq", str(port)]
+    command = [sys.executable, "-c", RUN, "live", "--scene", str(scene), "--zmq", str(port)]
     command += ["--args", f"{device.args},{frames}"]
     command += ["-o", str(scene.with_name("readings.csv")), "--latency", latency]
     command += ["--tx-gain", "15", "--rx-gain", "15"]

@@ -209,8 +209,8 @@ def room_table(rows):
     for row in rows:
         inside = "/".join(f"{100 * part:.0f}" for part in row.within_2_std)
         lines.append(
-            f"{row.case:<26}{row.estimator:<14}{_joined(row.rms_deg):>17}"
-            f"{_joined(row.bound_deg):>17}{_joined(row.loss_db, '.1f'):>14}"
+            f"{row.case:<26}{row.estimator:<14}{joined(row.rms_deg):>17}"
+            f"{joined(row.bound_deg):>17}{joined(row.loss_db, '.1f'):>14}"
             f"{row.force_median_n:11.3f}{inside:>10}{100 * row.unflagged:10.0f}%{row.wrong:7d}"
             f"{row.seconds_per_second:8.4f}{row.n:6d}"
         )
@@ -220,5 +220,6 @@ def room_table(rows):
     return "\n".join([*lines, "", *decided])
 
 
-def _joined(values, form=".3g"):
+def joined(values, form=".3g"):
+    """Numbers with slashes between them."""
     return "/".join(format(value, form) for value in values)

@@ -130,9 +130,9 @@ def _case(name, **changes):
     return dataclasses.replace(base, **changes)
 
 
-def _row(name, path, outcome, limit, cause, unit="deg"):
+def _row(name, path, outcome, limit, cause):
     return Row(
-        name, path, outcome.worst_deg, unit, limit, outcome.undetected_deg, outcome.discarded,
+        name, path, outcome.worst_deg, "deg", limit, outcome.undetected_deg, outcome.discarded,
         outcome.not_finite, cause,
     )  # fmt: skip
 

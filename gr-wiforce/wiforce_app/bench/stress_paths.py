@@ -55,7 +55,7 @@ class Outcome:
         return float(np.max(errors[~held], initial=0.0))
 
 
-def read_case(case, path="double", indices=None, scale=None, hurt=None, run=0, seed=1):
+def read_case(case, path="double", indices=None, scale=None, hurt=None, run=0):
     """One run of a case by one path.
 
     Parameters
@@ -75,7 +75,7 @@ def read_case(case, path="double", indices=None, scale=None, hurt=None, run=0, s
     -------
     Outcome
     """
-    air, tags, _ = air_of(case, run, seed)
+    air, tags, _ = air_of(case, run)
     settings = plan_of(case, "harmonic")
     count = case.reference_groups + case.groups
     indices = list(range(count)) if indices is None else list(indices)

@@ -14,7 +14,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.expected import MEDIAN, phase_std_deg
-from gnuradio.wiforce.planning.plan import plan
+from gnuradio.wiforce.planning.plan import HARMONICS, plan
 from gnuradio.wiforce.planning.steps import steps
 from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.scene import load_scene
@@ -31,7 +31,6 @@ from .room_reading import survey_of_room
 from .throughput.recording import GROUP_LENGTH, WAVEFORM, Recording
 
 _GROUP_LENGTHS = (125, 250, 625, 1250)
-_HARMONICS = (8, 12, 16, 24)
 _CLUTTER_HZ = (0.0, 250.0)
 _BATCH = 64  # groups
 _PART_FC32 = 10_000_000  # samples converted at a time
@@ -72,7 +71,7 @@ def settings_of(scene):
     for length in _GROUP_LENGTHS:
         if length != chosen.group_length:
             vary(f"N_g {length}", group={"snapshots": length})
-    for harmonics in _HARMONICS:
+    for harmonics in HARMONICS:
         if harmonics != chosen.harmonics:
             vary(f"lines to +-{harmonics}", harmonics=harmonics)
     for band in _CLUTTER_HZ:

@@ -192,7 +192,8 @@ def _sensor_named(scene, name):
 
 def _measure(session, scene, scale, args, **radio):
     """Run the dialogue with a device; whether it came to its end."""
-    from ..live import FAILED, radio_request, warn_of_oscillators
+    from ..exit_status import FAILED
+    from ..live import radio_request, warn_of_oscillators
     from ..log import log
     from ..radio.request import DeviceLost
     from ..session.radio_keeper import RUNNING, RadioKeeper

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Many captures, read in parallel: which there are, one of them, and the record of all."""
+"""Recordings: opened and read for every command, one, many in parallel, or while they grow."""

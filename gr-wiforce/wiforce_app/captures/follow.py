@@ -6,13 +6,13 @@ import signal
 import threading
 import time
 
-import click
 from gnuradio import gr, wiforce
 from gnuradio.wiforce.blocks.capture_stream import capture_stream
 from gnuradio.wiforce.estimation.frame import searched_samples
 from gnuradio.wiforce.estimation.recorded_frames import find_frames, first_frame, no_frames
 from gnuradio.wiforce.io.capture import open_capture
 
+from ..log import log
 from ..room_report import RoomNews
 
 # Its log would mix with readings on standard output; failures are raised all the same.
@@ -113,7 +113,7 @@ def _wait_for_frames(recording, capture, datatype, waveform):
     _on_interrupt(interrupted.set)
     place = find_frames(recording, waveform)
     if place is None:
-        click.echo(f"gr-wiforce: warning: {no_frames(recording, waveform)}; waiting", err=True)
+        log.warning(f"{no_frames(recording, waveform)}; waiting")
     while place is None:
         searched = recording.span
         while recording.span < searched + searched_samples(waveform):

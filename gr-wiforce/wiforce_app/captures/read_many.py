@@ -9,6 +9,7 @@ import click
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.readings import GroupCounts
 
+from ..exit_status import BAD_INPUT, FAILED
 from ..interrupts import Interrupted
 from ..log import PROGRAM, printable
 from ..progress import progress
@@ -16,8 +17,6 @@ from ..workers import WorkerLost, run_tasks
 from .journal import RECORD, Journal
 from .reading_job import ReadingJob, read_capture_file, remove_partial
 from .search import find_captures
-
-_BAD_INPUT, _FAILED = 2, 1
 
 
 def read_many(given, scene, output, form, again, jobs, scheduler, settings):
@@ -186,7 +185,7 @@ class _Summary:
         if not self.failures:
             return 0
         own_fault = all(isinstance(error, InputError) for error in self.failures.values())
-        return _BAD_INPUT if own_fault else _FAILED
+        return BAD_INPUT if own_fault else FAILED
 
     def __str__(self):
         read = self.done - self._unchanged

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """``gr-wiforce read`` of one capture, into files or to standard output."""
 
-import click
 from gnuradio.wiforce.io.capture_files import is_snapshots
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import scene_of
 
 from ..file_outputs import FileOutputs
 from ..interrupts import Interrupted
+from ..log import log
 from ..options import refuse
 from ..progress import progress
 from .recordings import open_reader, open_recording, warn_of_end, warn_of_start
@@ -54,7 +54,7 @@ def read_one(
     except KeyboardInterrupt as interrupt:
         raise Interrupted(_partial(writer, output, rows)) from interrupt
     warn_of_end(capture, reader)
-    click.echo(f"gr-wiforce: read {reader.counts}", err=True)
+    log.info(f"read {reader.counts}")
     if plot_path is not None:
         from ..plots import plot_readings
 

@@ -11,6 +11,8 @@ from pathlib import Path
 from gnuradio.wiforce.errors import OutputError
 from gnuradio.wiforce.io.readings import GroupCounts
 
+from ..log import PROGRAM
+
 _UUID_DIGITS = len(uuid.uuid4().hex)
 # Longer than most metadata, and thousands of noisy samples.
 _PROBE_BYTES = 65536
@@ -90,8 +92,7 @@ def read_capture_file(job):
     messages = io.StringIO()
     with contextlib.redirect_stderr(messages):
         report = _read(job)
-    program = "gr-wiforce: "
-    lines = [line.removeprefix(program) for line in messages.getvalue().splitlines()]
+    lines = [line.removeprefix(f"{PROGRAM}: ") for line in messages.getvalue().splitlines()]
     report.messages.extend(lines)
     return report
 

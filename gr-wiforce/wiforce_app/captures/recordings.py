@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Recordings of every kind: opened and read, with warnings of what is wrong with them."""
 
-import click
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.capture_files import is_snapshots
 from gnuradio.wiforce.io.channel_snapshots import ChannelSnapshots, open_snapshots
@@ -10,6 +9,7 @@ from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.recording import RecordingReader
 from gnuradio.wiforce.snapshot_recording import SnapshotReader
 
+from ..log import log
 from ..room_report import RoomNews
 from ..stream_events import describe_events
 
@@ -98,7 +98,7 @@ def warn_of_start(recording, reader, differences, frame_offset):
         warn(recording.path, difference)
     if frame_offset is None and getattr(reader, "frame_offset", 0):
         first = f"the first frame begins at sample {reader.frame_offset}"
-        click.echo(f"gr-wiforce: {recording.path}: {first}", err=True)
+        log.info(f"{recording.path}: {first}")
 
 
 def warn_of_end(capture, reader):
@@ -120,7 +120,7 @@ def warn_of_end(capture, reader):
 
 def warn(path, text):
     """Print a warning about a file."""
-    click.echo(f"gr-wiforce: warning: {path}: {text}", err=True)
+    log.warning(f"{path}: {text}")
 
 
 def warn_of_events(reader):

@@ -210,7 +210,7 @@ def _read_press(model, std, press, method):
     return np.array(values), found.flags
 
 
-def bootstrap_median(errors, seed=1):
+def bootstrap_median(errors):
     """95 % interval of the pooled median: presses drawn, then readings within each.
 
     Parameters
@@ -222,7 +222,7 @@ def bootstrap_median(errors, seed=1):
     -------
     (float, float)
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(1)
     medians = []
     for _ in range(_RESAMPLES):
         drawn = rng.integers(len(errors), size=len(errors))

@@ -9,6 +9,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.textfile import check_output, write_whole
 from gnuradio.wiforce.scene import load_scene, sampled_scenes, simulation_warnings
 
+from ..log import log
 from ..progress import progress
 from ..provenance import fingerprint
 from ..workers import run_tasks
@@ -49,7 +50,7 @@ def evaluate_scenes(names, folder, jobs=None, fresh=False, scheduler=None):
     inputs = [file for name in names for file in load_scene(name).files]
     for name in names:
         for warning in simulation_warnings(load_scene(name)):
-            click.echo(f"gr-wiforce: warning: {name}: {warning}", err=True)
+            log.warning(f"{name}: {warning}")
     folder.mkdir(parents=True, exist_ok=True)
     for name in names:
         for output in (_file(folder, name), _file(folder, name).with_suffix(".png")):

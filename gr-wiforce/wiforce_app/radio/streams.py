@@ -9,9 +9,9 @@ from gnuradio import gr, wiforce
 from gnuradio.wiforce.blocks.sample_sender import sample_sender
 from gnuradio.wiforce.wiforce_kernels import exit_on_terminate
 
+from .clock_comparison import ClockComparison
 from .radio import Radio
 from .request import LOST_STATUS, DeviceLost, RadioRequest
-from .run_clock import ClockComparison
 from .stream_start import start_flowgraph
 
 # How far ahead the common start is set. A busy machine may miss it; then the next one is tried.
@@ -65,7 +65,7 @@ class RadioStreams:
         radio.source.set_min_output_buffer(_BUFFER_SAMPLES)
         if radio.sink is not None:
             source = wiforce.sounding_source(amplitude=request.amplitude, **request.frames)
-            self._transmitted = source
+            self._transmitted = source  # a flowgraph deletes a block that has no name
             self._transmission.connect(source, radio.sink)
         self._alignment = None
         # Frames of a free-running transmitter are followed by the reader.

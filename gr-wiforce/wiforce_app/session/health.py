@@ -13,8 +13,8 @@ from gnuradio.wiforce.estimation.touch import SILENT_S
 from gnuradio.wiforce.io.readings import Reading
 from gnuradio.wiforce.io.utc import written_utc
 
-from ..radio.run_clock import RunClock
 from .radio_keeper import OPENING, RECONNECTING, RUNNING
+from .run_clock import RunClock
 from .session import LiveSession
 
 # Without samples for this long the device counts as lost; it sends packets every millisecond.

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Block: ratio of two receive antennas, as folded vectors."""
 
+from pathlib import Path
+
 import numpy as np
 import pmt
 from gnuradio import gr
@@ -10,6 +12,7 @@ from ..estimation.antennas import folded_ratio, ratio_noise
 from ..estimation.groups import Array
 from ..scene import Scene
 from ..signal.waveform import Waveform
+from .argument_types import typed
 from .frame_settings import frames_of
 from .noise_tags import NoiseTags, noise_value
 
@@ -29,7 +32,7 @@ class antenna_ratio(gr.sync_block):
 
     Parameters
     ----------
-    waveform : str, Waveform or Scene
+    waveform : str, Path, Waveform or Scene
         A shipped waveform's name, or the ``.npy`` file of a symbol. A Waveform or a scene (its
         ``.yaml`` file, or the ID of a Scene block) states its own frame length, rate and symbol.
     frame_length : int
@@ -49,9 +52,10 @@ class antenna_ratio(gr.sync_block):
     >>> ratio = antenna_ratio("repeated", frame_length=720)
     """
 
+    @typed
     def __init__(
         self,
-        waveform: str | Waveform | Scene = "repeated",
+        waveform: str | Path | Waveform | Scene = "repeated",
         frame_length: int = 720,
         sample_rate: float = 12.5e6,
         symbol_length: int = 0,

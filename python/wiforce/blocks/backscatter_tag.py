@@ -12,6 +12,7 @@ from ..errors import InputError
 from ..estimation.groups import Array
 from ..scene import Scene, load_scene
 from ..simulation.channel import AirChannel
+from .argument_types import typed
 from .frame_settings import scene_meant
 from .output_buffer import enlarge_output_buffer
 
@@ -74,6 +75,7 @@ class backscatter_tag(gr.sync_block):
     4.0
     """
 
+    @typed
     def __init__(
         self,
         model: str = "line-900mhz",
@@ -97,8 +99,6 @@ class backscatter_tag(gr.sync_block):
     ) -> None:
         if not (np.isfinite(amplitude) and amplitude > 0):
             raise InputError("amplitude", "must be above 0", amplitude)
-        if static_clutter_db is None:
-            raise InputError("static_clutter_db", "must be a number", static_clutter_db)
         off = complex(off_reflection)
         stated = {
             "duration_s": 1e6,
@@ -146,26 +146,31 @@ class backscatter_tag(gr.sync_block):
         self.set_force_n(force_n)
         enlarge_output_buffer(self, 4 * _WORK_ITEMS)
 
+    @typed
     def set_force_n(self, force_n: float) -> None:
         """Press with this force from now on."""
         self._force_n = _checked("force_n", force_n, 0, 1000)
         self._press()
 
+    @typed
     def set_location_mm(self, location_mm: float) -> None:
         """Press here from now on."""
         self._location_mm = _checked("location_mm", location_mm, 0, self._length_mm)
         self._press()
 
+    @typed
     def set_clock_offset_ppm(self, offset_ppm: float) -> None:
         """Change the rate of the tag's clock; its phase stays continuous."""
         offset_ppm = _checked("clock_offset_ppm", offset_ppm, -20_000, 20_000)
         self._changes.append(lambda now_s: self._tag.clock.retune(now_s, offset_ppm))
 
+    @typed
     def set_snr_db(self, snr_db: float) -> None:
         """Change the noise; the tag stays as strong as it is."""
         snr_db = _checked("snr_db", snr_db, -100, 140)
         self._changes.append(lambda now_s: self._air.set_snr_db(snr_db))
 
+    @typed
     def set_on(self, on: bool) -> None:
         """Take the tag off the air, or put it back."""
         self._tag.on = bool(on)

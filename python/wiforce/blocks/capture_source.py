@@ -9,11 +9,13 @@ from ..estimation.recorded_groups import frame_settings
 from ..io.capture import Capture, open_capture
 from ..scene import Scene, load_scene
 from ..wiforce_python import recording_source
+from .argument_types import typed
 
 
+@typed
 def capture_source(
     recording: str | Path | Capture,
-    scene: str | dict[str, Any] | Scene,
+    scene: str | Path | dict[str, Any] | Scene,
     frame_offset: int = 0,
     datatype: str | None = None,
 ) -> recording_source:
@@ -25,7 +27,7 @@ def capture_source(
     ----------
     recording : str, Path or Capture
         SigMF pair, by either file's name or their common stem; raw samples with ``datatype``.
-    scene : str, dict or Scene
+    scene : str, Path, dict or Scene
         Defines the sounding frame; must agree with the capture on sample rate and carrier.
     frame_offset : int
         Samples before the first frame.

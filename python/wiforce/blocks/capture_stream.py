@@ -15,6 +15,7 @@ from ..errors import InputError
 from ..estimation.groups import Array
 from ..io.capture import Capture, open_capture
 from ..io.samples import DATATYPES
+from .argument_types import typed
 from .stream_time import time_value
 
 # Interval at which the file is checked for new samples.
@@ -52,6 +53,7 @@ class capture_stream(gr.sync_block):
     >>> stream.ended.set()  # doctest: +SKIP
     """
 
+    @typed
     def __init__(
         self, path: str | Path, datatype: str | None = None, sample_rate: float = 12.5e6
     ) -> None:

@@ -9,6 +9,7 @@ from .. import names
 from ..errors import InputError
 from ..estimation.groups import Array
 from . import state_tag
+from .argument_types import typed
 
 _STATE = pmt.intern(names.STATE)
 
@@ -37,6 +38,7 @@ class clock_offset(gr.sync_block):
     >>> offset = clock_offset(sensors=2, length=256)
     """
 
+    @typed
     def __init__(self, sensors: int = 1, length: int = 128) -> None:
         for name, value in (("sensors", sensors), ("length", length)):
             if value < 1:

@@ -9,6 +9,7 @@ from .. import names
 from ..estimation.estimators import estimator_named
 from ..estimation.groups import Array, Groups
 from ..planning.plan import Plan
+from .argument_types import typed
 from .group_block import GroupBlock, Tags, groups_of
 from .subcarriers import occupied_subcarriers, whole_spectra
 
@@ -27,12 +28,18 @@ class conjugate_difference(GroupBlock):
         Of a scene: ``wiforce.plan(scene)``. Its estimator ``paper`` compares every group with the
         one before (paper, section 3.3).
 
+    Raises
+    ------
+    InputError
+        (A ValueError) when an argument is of another type.
+
     Examples
     --------
     >>> from gnuradio import wiforce
     >>> difference = conjugate_difference(wiforce.plan("demo"))
     """
 
+    @typed
     def __init__(self, plan: Plan) -> None:
         self._ends = 2 * len(plan.clocks)
         self._bins, self._width = plan.waveform.bins, plan.waveform.symbol_length

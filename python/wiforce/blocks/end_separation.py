@@ -9,6 +9,7 @@ from .. import names
 from ..estimation.estimators import estimator_named
 from ..estimation.groups import Array, Groups
 from ..planning.plan import Plan
+from .argument_types import typed
 from .group_block import GroupBlock, Tags
 from .subcarriers import whole_spectra
 from .tone_input import ToneInput
@@ -30,12 +31,18 @@ class end_separation(GroupBlock):
     derotated : bool
         Whether the channel estimator was given the plan's derotation.
 
+    Raises
+    ------
+    InputError
+        (A ValueError) when an argument is of another type, or a clock is known too roughly.
+
     Examples
     --------
     >>> from gnuradio import wiforce
     >>> separation = end_separation(wiforce.plan("demo"))
     """
 
+    @typed
     def __init__(self, plan: Plan, derotated: bool = True) -> None:
         plan.check_clocks()
         self._bins, self._width = plan.waveform.bins, plan.waveform.symbol_length

@@ -9,6 +9,7 @@ from gnuradio import gr
 
 from .. import names
 from ..gui import ForceDisplay
+from .argument_types import typed
 
 
 class force_display(gr.basic_block):
@@ -41,6 +42,7 @@ class force_display(gr.basic_block):
     >>> display.widget.show()  # doctest: +SKIP
     """
 
+    @typed
     def __init__(
         self,
         length_mm: float = 80.0,

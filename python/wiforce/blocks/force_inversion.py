@@ -7,6 +7,7 @@ from ..estimation.groups import Array, Groups
 from ..io.readings import GroupCounts, Reading
 from ..planning.plan import Plan
 from ..receiver import make_readout
+from .argument_types import typed
 from .group_block import GroupBlock, Tags, groups_of
 from .reading_port import ReadingPort
 
@@ -28,6 +29,11 @@ class force_inversion(ReadingPort, GroupBlock):
         Called with every :class:`Reading` in the block's thread. For programs that need the last
         readings of a finite stream, which message ports may lose.
 
+    Raises
+    ------
+    InputError
+        (A ValueError) when an argument is of another type.
+
     Examples
     --------
     >>> from gnuradio import wiforce
@@ -36,6 +42,7 @@ class force_inversion(ReadingPort, GroupBlock):
     0
     """
 
+    @typed
     def __init__(
         self,
         plan: Plan,

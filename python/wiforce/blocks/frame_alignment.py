@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Block: aligns the start of a stream of samples with the first whole frame."""
 
+from pathlib import Path
+
 from gnuradio import gr
 
 from ..errors import InputError
@@ -8,6 +10,7 @@ from ..estimation.groups import Array
 from ..io.samples import item_type_named
 from ..scene import Scene
 from ..signal.waveform import Waveform
+from .argument_types import typed
 from .frame_search import FrameSearch, Tag
 from .frame_settings import frames_of
 
@@ -24,7 +27,7 @@ class frame_alignment(gr.basic_block):
 
     Parameters
     ----------
-    waveform : str, Waveform or Scene
+    waveform : str, Path, Waveform or Scene
         A shipped waveform's name, or the ``.npy`` file of a symbol. A Waveform or a scene (its
         ``.yaml`` file, or the ID of a Scene block) states its own frame length, rate and symbol.
     frame_length : int
@@ -59,9 +62,10 @@ class frame_alignment(gr.basic_block):
     True
     """
 
+    @typed
     def __init__(
         self,
-        waveform: str | Waveform | Scene = "repeated",
+        waveform: str | Path | Waveform | Scene = "repeated",
         frame_length: int = 720,
         sample_rate: float = 12.5e6,
         item_type: str = "fc32",

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The sounding frame that a block's parameters describe."""
 
+from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
@@ -12,12 +13,12 @@ from ..signal.waveform import WAVEFORMS, Waveform, sounding_waveform
 LONGEST_PREAMBLE = 5 * LONGEST_SYMBOL
 
 
-def scene_meant(waveform: str | Waveform | Scene) -> Scene | None:
+def scene_meant(waveform: str | Path | Waveform | Scene) -> Scene | None:
     """The scene that is given in place of a waveform, so that its section `sounding` counts.
 
     Parameters
     ----------
-    waveform : str, Waveform or Scene
+    waveform : str, Path, Waveform or Scene
         A scene, or its ``.yaml`` file: in Companion the ID of a Scene block is both.
 
     Returns
@@ -43,7 +44,7 @@ def scene_meant(waveform: str | Waveform | Scene) -> Scene | None:
 
 
 def frames_of(
-    waveform: str | Waveform | Scene,
+    waveform: str | Path | Waveform | Scene,
     frame_length: int,
     sample_rate: float,
     symbol_length: int = 0,
@@ -54,7 +55,7 @@ def frames_of(
 
     Parameters
     ----------
-    waveform : str, Waveform or Scene
+    waveform : str, Path, Waveform or Scene
         Name or file; a Waveform or a scene states everything itself.
     frame_length : int
         Samples per frame.
@@ -94,12 +95,12 @@ def frames_of(
     return sounding_waveform(str(waveform), frame_length, sample_rate, **given)
 
 
-def symbol_length_of(waveform: str | Waveform | Scene, symbol_length: int = 0) -> int:
+def symbol_length_of(waveform: str | Path | Waveform | Scene, symbol_length: int = 0) -> int:
     """Samples of the symbol of a waveform or of a scene: the length of folded vectors.
 
     Parameters
     ----------
-    waveform : str, Waveform or Scene
+    waveform : str, Path, Waveform or Scene
         A waveform's name or file, or a scene, by its file as well.
     symbol_length : int
         As stated; 0 for the waveform's default.

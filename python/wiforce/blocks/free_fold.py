@@ -9,6 +9,7 @@ from .. import names
 from ..estimation.frame_follower import FrameFollower
 from ..estimation.groups import Array
 from ..signal.waveform import Waveform
+from .argument_types import typed
 from .noise_tags import noise_value
 from .stream_time import Timeline
 
@@ -47,6 +48,7 @@ class free_fold(gr.basic_block):
     0
     """
 
+    @typed
     def __init__(self, waveform: Waveform) -> None:
         vector = (np.complex64, waveform.symbol_length)
         gr.basic_block.__init__(
@@ -61,7 +63,7 @@ class free_fold(gr.basic_block):
         self._waiting: list[tuple[Array, Array, Array]] = []
         self._count = self._written = 0  # vectors folded and put out
         self._marks: list[tuple[int, object, object]] = []  # vector, key, value
-        self._retuned = self._interrupted = False
+        self._retuned = False
         self._begins = True
 
     def gaps(self) -> int:

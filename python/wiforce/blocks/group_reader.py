@@ -13,6 +13,7 @@ from ..estimation.snapshot_group import SnapshotGroup
 from ..io.readings import Reading
 from ..planning.plan import Plan
 from ..stream import StreamReader
+from .argument_types import typed
 from .group_block import GroupBlock, Tags, count_of
 from .reading_port import ReadingPort
 from .tare_port import TarePort
@@ -38,12 +39,18 @@ class group_reader(ReadingPort, TarePort, GroupBlock):
     ----------
     stream : StreamReader
 
+    Raises
+    ------
+    InputError
+        (A ValueError) when an argument is of another type.
+
     Examples
     --------
     >>> from gnuradio import wiforce
     >>> groups = group_reader(wiforce.plan("demo"), on_reading=print)
     """
 
+    @typed
     def __init__(
         self,
         plan: Plan,

@@ -4,7 +4,6 @@
 import math
 from collections.abc import Callable
 from threading import Event
-from typing import Any
 
 from gnuradio import gr
 
@@ -14,10 +13,10 @@ from ..estimation.tare_request import TareState
 from ..io.readings import GroupCounts, Reading
 from ..io.samples import ITEM_TYPES
 from ..planning.findings import Finding
-from ..planning.plan import Plan, as_plan
-from ..scene import Scene
+from ..planning.plan import Plan, PlanOrScene, as_plan
 from ..stream import StreamReader
 from ..wiforce_python import phase_group_doppler, preamble_fold
+from .argument_types import typed
 from .group_reader import group_reader
 from .output_buffer import enlarge_output_buffer
 
@@ -36,7 +35,7 @@ class reader(gr.hier_block2):
 
     Parameters
     ----------
-    scene : str, dict, Scene or Plan
+    scene : str, Path, dict, Scene or Plan
         Scene file, the scene itself, or its plan.
     input_type : str
         ``fc32`` or ``sc16`` samples, or ``folded`` vectors from a ``recording_source``.
@@ -67,9 +66,10 @@ class reader(gr.hier_block2):
     >>> flowgraph.connect(source, reader("demo", input_type="sc16", on_reading=print))
     """
 
+    @typed
     def __init__(
         self,
-        scene: str | dict[str, Any] | Scene | Plan,
+        scene: PlanOrScene,
         input_type: str = "fc32",
         frame_offset: int = 0,
         tracked: bool = False,

@@ -14,6 +14,7 @@ from ..errors import InputError
 from ..estimation.groups import Array
 from ..io.reading_messages import as_reading
 from ..io.readings import Reading
+from .argument_types import typed
 
 _COLUMNS = ("force_n", "force_std_n", "location_mm", "location_std_mm")
 # Readings that wait for a flowgraph that is blocked: several minutes of them.
@@ -52,6 +53,7 @@ class readings_to_floats(gr.sync_block):
     >>> floats = readings_to_floats(sensor="arm", repeat=4)
     """
 
+    @typed
     def __init__(
         self,
         sensor: str = "",

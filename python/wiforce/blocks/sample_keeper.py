@@ -5,6 +5,7 @@ import numpy as np
 from gnuradio import gr
 
 from ..estimation.groups import Array
+from .argument_types import typed
 
 
 class sample_keeper(gr.sync_block):
@@ -26,6 +27,7 @@ class sample_keeper(gr.sync_block):
     (0, 2)
     """
 
+    @typed
     def __init__(self, count: int) -> None:
         gr.sync_block.__init__(self, "sample_keeper", in_sig=[(np.int16, 2)], out_sig=None)
         self._kept, self._count = np.empty((count, 2), np.int16), 0

@@ -20,6 +20,7 @@ from ..io.sample_packets import (
     unpack_counts,
     unpack_tags,
 )
+from .argument_types import typed
 from .frame_search import FrameSearch, Tag
 from .resumed_time import ResumedTime
 from .stream_time import time_value
@@ -66,6 +67,7 @@ class sample_receiver(gr.sync_block):
     >>> receiver.attach(ours)  # theirs is given to a sample_sender
     """
 
+    @typed
     def __init__(
         self,
         sample_rate: float,

@@ -15,6 +15,7 @@ from .. import names
 from ..estimation.groups import Array
 from ..io.sample_packets import TAG_KEYS, SampleTag, pack_head
 from ..wiforce_python import rx_time_value
+from .argument_types import typed
 
 _WAIT = struct.pack("@ll", 0, 100_000)  # a timeval, 0.1 s
 # As far as the system allows: with a larger buffer, the processes wait for each other less often.
@@ -53,6 +54,7 @@ class sample_sender(gr.sync_block):
     0
     """
 
+    @typed
     def __init__(
         self,
         stream: socket.socket,

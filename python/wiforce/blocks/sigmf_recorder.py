@@ -17,6 +17,7 @@ from ..estimation.groups import Array
 from ..io.capture_files import recording_stem
 from ..io.samples import item_type_named
 from ..io.textfile import check_output, write_whole
+from .argument_types import typed
 from .stream_time import Timeline
 
 _RX_TIME = pmt.intern(names.RX_TIME)
@@ -64,6 +65,7 @@ class sigmf_recorder(gr.sync_block):
     >>> recorder = sigmf_recorder("press", item_type="sc16", fields={"core:hw": "N210"})
     """
 
+    @typed
     def __init__(
         self,
         path: str | Path,
@@ -95,6 +97,7 @@ class sigmf_recorder(gr.sync_block):
         _check_new(self._meta, self._data)
         self._file: FileIO | None = None
 
+    @typed
     def describe(self, fields: dict[str, Any]) -> None:
         """Add entries to the metadata's ``global`` object, written with the next capture.
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Block: transmit samples, the sounding frame repeated."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from ..estimation.groups import Array
 from ..io.samples import item_type_named
 from ..scene import Scene
 from ..signal.waveform import Waveform
+from .argument_types import typed
 from .frame_settings import frames_of
 
 
@@ -42,7 +44,7 @@ class sounding_source(gr.hier_block2):
 
     Parameters
     ----------
-    waveform : str, Waveform or Scene
+    waveform : str, Path, Waveform or Scene
         A shipped waveform's name, or the ``.npy`` file of a symbol. A Waveform or a scene (its
         ``.yaml`` file, or the ID of a Scene block) states its own frame length, rate and symbol.
     frame_length : int
@@ -67,9 +69,10 @@ class sounding_source(gr.hier_block2):
     >>> source.set_amplitude(0.3)
     """
 
+    @typed
     def __init__(
         self,
-        waveform: str | Waveform | Scene = "repeated",
+        waveform: str | Path | Waveform | Scene = "repeated",
         frame_length: int = 720,
         sample_rate: float = 12.5e6,
         amplitude: float = 0.5,
@@ -93,6 +96,7 @@ class sounding_source(gr.hier_block2):
             self._source = blocks.vector_source_s(data, True, 2)
         self.connect(self._source, self)
 
+    @typed
     def set_amplitude(self, amplitude: float) -> None:
         """Change the amplitude while running."""
         self._source.set_data(self._data(amplitude))

@@ -4,6 +4,7 @@
 from ..estimation.average import SubcarrierAverage
 from ..estimation.groups import Array, Groups
 from ..planning.plan import Plan
+from .argument_types import typed
 from .group_block import GroupBlock, Tags, groups_of
 from .subcarriers import occupied_subcarriers
 
@@ -19,12 +20,18 @@ class subcarrier_average(GroupBlock):
     plan : Plan
         Of a scene: ``wiforce.plan(scene)``.
 
+    Raises
+    ------
+    InputError
+        (A ValueError) when an argument is of another type.
+
     Examples
     --------
     >>> from gnuradio import wiforce
     >>> average = subcarrier_average(wiforce.plan("demo"))
     """
 
+    @typed
     def __init__(self, plan: Plan) -> None:
         self._ends = 2 * len(plan.clocks)
         self._bins, self._width = plan.waveform.bins, plan.waveform.symbol_length

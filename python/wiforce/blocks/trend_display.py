@@ -8,6 +8,7 @@ from gnuradio import gr
 
 from ..estimation.groups import Array
 from ..gui import Trend
+from .argument_types import typed
 
 
 class trend_display(gr.sync_block):
@@ -42,6 +43,7 @@ class trend_display(gr.sync_block):
     >>> trend = trend_display(("offset",), y_label="ppm", rate=28.0)  # doctest: +SKIP
     """
 
+    @typed
     def __init__(
         self,
         labels: Sequence[str] = ("value",),

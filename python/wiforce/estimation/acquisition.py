@@ -26,6 +26,7 @@ _ENERGY_RATIO = 1.25
 _AGREEMENT = 5.0
 # Standard deviations by which the rate found may exceed the rates searched.
 _RATE_SLACK = 4.0
+_NEWTON_STEPS = 6
 
 
 @dataclass(frozen=True)
@@ -219,11 +220,10 @@ def _refine(
     nominal_rate: float,
     phase: float,
     rate: float,
-    iterations: int = 6,
 ) -> tuple[float, float]:
     """Newton steps on J over phase and rate, limited to the neighbourhood of the grid's best."""
     sums = np.array([[len(elapsed), elapsed.sum()], [elapsed.sum(), (elapsed**2).sum()]])
-    for _ in range(iterations):
+    for _ in range(_NEWTON_STEPS):
         turned = turned_by(coefficients, phase + (nominal_rate + rate) * elapsed)
         _, slope, curvature = evaluate(turned)
         gradient = np.array([slope.sum(), (slope * elapsed).sum()])

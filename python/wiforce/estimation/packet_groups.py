@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ..signal.timed_weights import TimedTable
@@ -45,6 +47,27 @@ def whole_groups(time_s: Array, period_s: float) -> int:
     return int(time_s[-1] / period_s + _OPEN_END)
 
 
+@dataclass(frozen=True)
+class Division:
+    """Packets that were divided by static paths, which a change of these paths therefore rotates.
+
+    Attributes
+    ----------
+    untouched : ndarray of complex, shape (K,)
+        Mean channel of the packets of the untouched reference.
+    others : int
+        Channels of each subcarrier: antennas less one.
+
+    Examples
+    --------
+    >>> Division(np.zeros(52, complex), others=1).others
+    1
+    """
+
+    untouched: Array
+    others: int
+
+
 class PacketGroups:
     """Packets to groups with their tones.
 
@@ -56,30 +79,23 @@ class PacketGroups:
         Of each packet since the start of the first group, rising, in s.
     channel : ndarray of complex, shape (n, K)
         Without an oscillator's phase.
-    still : ndarray of complex, shape (K,), optional
-        Mean channel of the untouched reference. Needed where packets were divided by static paths.
-    others : int
-        Channels of each subcarrier, with ``still``.
+    division : Division or None
+        None where packets were not divided by static paths.
 
     Examples
     --------
     >>> from gnuradio.wiforce.signal.timed_weights import timed_table
     >>> time_s = np.sort(np.random.default_rng(1).uniform(0, 1, 900))
     >>> table = timed_table([120.0], time_s[:450] - 0.25, 0.5)
-    >>> groups = PacketGroups(table, time_s, np.ones((900, 52))).read(0, 1)
+    >>> groups = PacketGroups(table, time_s, np.ones((900, 52)), None).read(0, 1)
     >>> groups.tones.shape, bool(np.abs(groups.tones).max() < 1e-9)
     ((1, 16, 52), True)
     """
 
     def __init__(
-        self,
-        table: TimedTable,
-        time_s: Array,
-        channel: Array,
-        still: Array | None = None,
-        others: int = 1,
+        self, table: TimedTable, time_s: Array, channel: Array, division: Division | None
     ) -> None:
-        self._still, self._others = still, others
+        self._division = division
         self._table, self._time_s, self._channel = table, time_s, channel
         self._period_s = table.group_period_s
 
@@ -100,7 +116,7 @@ class PacketGroups:
         shape = len(found), len(self._table.tones), self._channel.shape[1]
         tones, timed = np.zeros(shape, complex), np.empty(len(found), object)
         missing, rejected = np.zeros(len(found), np.int64), np.zeros(len(found))
-        change = np.zeros(len(found))
+        rotation = np.zeros(len(found))
         for row, i in enumerate(found):
             rows = slice(bounds[i], bounds[i + 1])
             channel = self._channel[rows].astype(complex)
@@ -110,14 +126,12 @@ class PacketGroups:
             timed[row] = self._table.at(times_s[kept])
             if timed[row] is not None:
                 tones[row] = timed[row].apply(channel[kept])
-            if self._still is not None:
-                moved = channel[kept].mean(axis=0) - self._still
-                change[row] = self._others * np.mean(np.abs(moved) ** 2)
+            if self._division is not None:
+                rotation[row] = _rotation_deg(self._division, channel[kept])
             missing[row] = self._missing(times_s[kept])
             if timed[row] is None:
                 missing[row] = self._table.group_length
         index = np.array(found, np.int64) + first
-        rotation = rotation_std_deg(change, self._others)
         return Groups(
             index, tones, missing, timed=timed, interference=rejected, common_std_deg=rotation
         )
@@ -130,6 +144,13 @@ class PacketGroups:
         if gaps_s.max() > _LONGEST_GAP * self._period_s:
             return max(lacking, 1)
         return lacking if lacking > _LACKING_SHARE * typical else 0
+
+
+def _rotation_deg(division: Division, channel: Array) -> float:
+    """Standard deviation of the rotation of all tags in packets, in degrees."""
+    moved = channel.mean(axis=0) - division.untouched
+    change = division.others * np.mean(np.abs(moved) ** 2)
+    return float(rotation_std_deg(change, division.others))
 
 
 def _usual(channel: Array) -> Array:

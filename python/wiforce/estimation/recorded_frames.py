@@ -39,6 +39,8 @@ _UNLIKELY = 0.4
 _FAINT = 0.15
 # Likeness of the mean frame to the preamble that noise exceeds once in 1e11 recordings.
 _LIKE_PREAMBLE = 0.1
+# Frames of one length that may take as long as some of another.
+_FEW_FRAMES = 16
 # Sample rates of the receiver over the transmitter's that are tried.
 _RATIOS = (2, 4, 8, 0.5, 0.25, 1.25, 1.6, 2.5, 5, 10, 0.8, 0.625, 0.4)
 
@@ -233,10 +235,10 @@ def _agrees(recording: Capture, waveform: Waveform, place: int, samples: Array) 
     raise InputError(recording.path, rule)
 
 
-def _commensurate(period: float, expected: int, most: int = 16) -> bool:
+def _commensurate(period: float, expected: int) -> bool:
     """Whether a few frames of one length take as long as a few of the other."""
-    counts = np.arange(1, most + 1) * period / expected
-    return bool(np.any((counts == np.rint(counts)) & (counts <= most)))
+    counts = np.arange(1, _FEW_FRAMES + 1) * period / expected
+    return bool(np.any((counts == np.rint(counts)) & (counts <= _FEW_FRAMES)))
 
 
 def _check_kind(

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..scene import Scene
-from ..signal.lines import lamp_distances_hz
+from ..signal.lines import HIGHEST_LINE, NYQUIST_MARGIN, lamp_distances_hz
 from .bands import outside_band
 from .clocks import ClockReport, assess_clocks
 from .expected import expect
@@ -23,8 +23,6 @@ from .proposed_clocks import propose_clocks
 _GROUPS_PER_RISE = 2
 # A cost below half a dB, 6 % of a standard deviation, is not worth a warning.
 _NOTICEABLE_DB = 0.5
-# Line 4 beyond this part of half the snapshot rate comes close to its mirror image.
-_NYQUIST_MARGIN = 0.9
 # Difference between the levels of tags, in dB, that is worth a warning.
 _LEVELS_APART_DB = 20
 # Group lengths that are tried: 125, 250, 625 and 1250 snapshots of the default frame.
@@ -127,7 +125,7 @@ def _clock_warnings(scene: Scene, plan: Plan) -> Iterator[str]:
         )
     nyquist_hz = 0.5 / plan.waveform.snapshot_period_s
     for clock, name in zip(plan.clocks, names, strict=True):
-        if 4 * clock.clock_hz > _NYQUIST_MARGIN * nyquist_hz:
+        if HIGHEST_LINE * clock.clock_hz > NYQUIST_MARGIN * nyquist_hz:
             yield (
                 f"Nyquist: line 4 of '{name}' ({4 * clock.clock_hz:g} Hz) lies close to half the "
                 f"snapshot rate ({nyquist_hz:.0f} Hz)"

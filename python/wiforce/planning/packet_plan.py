@@ -86,54 +86,15 @@ def fitted_plan(
     return _with_band(changed, time_s, channel)
 
 
-def groups_of(plan: Plan, time_s: np.ndarray, channel: np.ndarray, others: int = 0) -> PacketGroups:
-    """Phase groups of packets by the weights of a plan.
-
-    Parameters
-    ----------
-    plan : Plan
-        Fitted to the packets.
-    time_s, channel : ndarray
-        As for :func:`fitted_plan`.
-    others : int
-        Channels of each subcarrier, where packets were divided by static paths; 0 otherwise.
-
-    Returns
-    -------
-    PacketGroups
-
-    Raises
-    ------
-    ValueError
-        For the plan of a scene without packets.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.planning.plan import plan
-    >>> groups_of(plan("demo"), np.zeros(1), np.ones((1, 4)))
-    Traceback (most recent call last):
-    ValueError: a plan of samples has no times of packets
-    """
-    table = plan.table
-    if not isinstance(table, TimedTable):
-        raise ValueError("a plan of samples has no times of packets")
-    if not others:
-        return PacketGroups(table, time_s, channel)
-    still = channel[time_s < plan.require_scene().reference_s].mean(axis=0)
-    return PacketGroups(table, time_s, channel, still, others)
-
-
-def tag_ratios(
-    plan: Plan, time_s: np.ndarray, channel: np.ndarray, antennas: int
-) -> tuple[float, ...]:
+def tag_ratios(plan: Plan, source: PacketGroups, antennas: int) -> tuple[float, ...]:
     """Amplitude of each tag in the sum of all antennas that packets are divided by.
 
     Parameters
     ----------
     plan : Plan
         Fitted to the packets.
-    time_s, channel : ndarray
-        As for :func:`fitted_plan`, in units of the static paths.
+    source : PacketGroups
+        Groups of the packets, whose channels are in units of the static paths.
     antennas : int
         At least 2.
 
@@ -151,10 +112,10 @@ def tag_ratios(
 
     Examples
     --------
-    >>> tag_ratios(plan, time_s, channel, antennas=2)  # doctest: +SKIP
+    >>> tag_ratios(plan, source, antennas=2)  # doctest: +SKIP
     (0.0035,)
     """
-    groups = _separated(plan, time_s, channel)
+    groups = _separated(plan, source)
     known = groups.locked.all(axis=1) if len(groups) else np.zeros(0, bool)
     if not known.any():
         return ()
@@ -198,9 +159,8 @@ def _tone_noise(plan: Plan, time_s: np.ndarray, channel: np.ndarray) -> float:
     return float(np.median(found)) if found else np.inf
 
 
-def _separated(plan: Plan, time_s: np.ndarray, channel: np.ndarray) -> Groups:
+def _separated(plan: Plan, source: PacketGroups) -> Groups:
     """Groups of the untouched reference with their ends."""
-    source = groups_of(plan, time_s, channel)
     separator = EndSeparator(plan.table, plan.clocks, plan.waveform, derotated=False)
     groups = source.read(0, min(plan.reference_groups, _MOST_GROUPS))
     return Groups.concatenate([separator.process(groups), separator.flush()])

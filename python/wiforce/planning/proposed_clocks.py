@@ -18,7 +18,13 @@ from ..errors import InputError
 from ..estimation.likelihood import PHASE_MARGIN, own_lines, phase_margin
 from ..estimation.tracked_tag import TagClock
 from ..scene import load_scene
-from ..signal.lines import CLUTTER_MARGIN, lamp_distances_hz, tag_lines
+from ..signal.lines import (
+    CLUTTER_MARGIN,
+    HIGHEST_LINE,
+    NYQUIST_MARGIN,
+    lamp_distances_hz,
+    tag_lines,
+)
 from ..signal.switching import harmonics
 from ..signal.waveform import Waveform
 from ..signal.weights import WORST_GAIN, design_weights
@@ -27,9 +33,6 @@ from .clocks import assess_clocks
 from .clutter_band import BANDS_HZ
 from .pulses import Pulses, double_rate_pulses
 
-# Part of half the snapshot rate up to which a tag has its highest line that is needed; beyond it,
-# the line comes close to its mirror image.
-NYQUIST_MARGIN = 0.9
 # Distances of strong lines that are tried, in bins. Lines one bin apart are separate. More than
 # two are only a reserve, so that they are given up for a place away from lamps.
 _GENEROUS, _CLOSE = (4.0, 3.0, 2.0), (1.5, 1.0)
@@ -54,10 +57,8 @@ def propose_clocks(
     waveform: Waveform,
     group_length: int,
     taken: Sequence[float] = (),
-    pulses: tuple[Pulses, Pulses] | None = None,
     tolerance_ppm: float = 100.0,
     clutter_hz: float = 0.0,
-    highest_line: int = 4,
     mains_hz: Sequence[float] = (50.0, 60.0),
 ) -> list[float]:
     """Clocks for ``count`` more tags beside those ``taken``, chosen one after the other.
@@ -75,10 +76,8 @@ def propose_clocks(
         Snapshots per phase group.
     taken : sequence of float
         Clocks in use, in Hz.
-    pulses, tolerance_ppm, clutter_hz
+    tolerance_ppm, clutter_hz
         As in :func:`.clocks.assess_clocks`.
-    highest_line : int
-        Harmonic that must lie below 0.9 of half the snapshot rate.
     mains_hz : sequence of float
         Mains frequencies that are possible, in Hz; empty in a room without lamps.
 
@@ -105,9 +104,9 @@ def propose_clocks(
     >>> propose_clocks(2, sounding_waveform(), 625)
     [435.0, 1035.0]
     """
-    settings = waveform, group_length, pulses or double_rate_pulses(), tolerance_ppm, clutter_hz
+    settings = waveform, group_length, double_rate_pulses(), tolerance_ppm, clutter_hz
     bin_hz = 1 / (group_length * waveform.snapshot_period_s)
-    candidates = _candidates(waveform, bin_hz, clutter_hz, tolerance_ppm, highest_line)
+    candidates = _candidates(waveform, bin_hz, clutter_hz, tolerance_ppm)
     search = _Search(candidates, taken, settings, mains_hz)
     found = search.best(count, bin_hz)
     if found is None:
@@ -350,15 +349,15 @@ class _Search:
 
 
 def _candidates(
-    waveform: Waveform, bin_hz: float, clutter_hz: float, tolerance_ppm: float, highest_line: int
+    waveform: Waveform, bin_hz: float, clutter_hz: float, tolerance_ppm: float
 ) -> np.ndarray:
     """Frequencies within three octaves, in Hz, ascending; at most _CANDIDATES.
 
     Strong lines of clocks further apart than three octaves cannot coincide.
     """
     nyquist_hz = 0.5 / waveform.snapshot_period_s
-    highest_hz = NYQUIST_MARGIN * nyquist_hz / highest_line
-    highest_hz = min(highest_hz, (nyquist_hz - CLUTTER_MARGIN * bin_hz) / highest_line)
+    highest_hz = NYQUIST_MARGIN * nyquist_hz / HIGHEST_LINE
+    highest_hz = min(highest_hz, (nyquist_hz - CLUTTER_MARGIN * bin_hz) / HIGHEST_LINE)
     highest_hz /= 1 + 1e-6 * tolerance_ppm
     fewest_hz = max(_FEWEST_CLEAR_BINS * bin_hz, _CLEAR_PART * (highest_hz - clutter_hz))
     lowest_hz = max(clutter_hz + min(_CLEAR_BINS * bin_hz, fewest_hz), highest_hz / 8)

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..signal.lines import HIGHEST_LINE
 from .plan import Plan
 
-# The line farthest from the carrier on which an end is read alone, in multiples of fs.
-_HIGHEST_LINE = 4
 # Argument at which sinc^2 is one half.
 _HALF_POWER = 0.443
 # Loss of that line by averaging from which a slower clock or fewer repetitions are worth it.
@@ -96,12 +95,12 @@ def waveform_limits(plan: Plan) -> WaveformLimits:
         waveform.used_share,
         high - low,
         waveform.peak_to_average_db,
-        0.5 / waveform.snapshot_period_s / _HIGHEST_LINE,
-        _HALF_POWER / waveform.averaging_s / _HIGHEST_LINE,
+        0.5 / waveform.snapshot_period_s / HIGHEST_LINE,
+        _HALF_POWER / waveform.averaging_s / HIGHEST_LINE,
         tuple(
             (
                 _loss_db(clock.clock_hz * waveform.averaging_s),
-                _loss_db(_HIGHEST_LINE * clock.clock_hz * waveform.averaging_s),
+                _loss_db(HIGHEST_LINE * clock.clock_hz * waveform.averaging_s),
             )
             for clock in plan.clocks
         ),

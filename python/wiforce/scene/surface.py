@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..io.schema import ListOf, Mapping, declared, key
-from ..io.values import Choice, Integer, Number, Text
+from ..io.values import Choice, Integer, Text
 from ..surface.checks import law_violations
 from ..surface.file import SpreadingKeys, read_spreading
 from ..surface.skin import Skin, Strip
 from ..surface.spreading import Spreading
 from .simulated_tags import MAX_SENSORS, MODEL_NAME_LENGTH, sensor_name
+from .surface_presses import POSITION
 
 if TYPE_CHECKING:
     from .schema import Scene
 
-_POSITION = Number(unit="mm", low=-10_000, high=10_000)
 _LEAST_DISTANCE_MM = 0.1
 
 
@@ -34,8 +34,8 @@ class SurfaceStrip:
     """
 
     sensor: str = sensor_name()
-    y_mm: float = key(_POSITION, doc="Position of the strip across.")
-    x_mm: float = key(_POSITION, default=0.0, doc="Where port 1 of the strip is along x.")
+    y_mm: float = key(POSITION, doc="Position of the strip across.")
+    x_mm: float = key(POSITION, default=0.0, doc="Where port 1 of the strip is along x.")
     direction: str = key(
         Choice(words=("+x", "-x")),
         default="+x",

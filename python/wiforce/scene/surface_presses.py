@@ -7,7 +7,7 @@ from ..io.schema import Derived, declared, key
 from ..io.values import Number
 
 _TIME = Number(unit="s", low=0, high=1e6)
-_POSITION = Number(unit="mm", low=-10_000, high=10_000)
+POSITION = Number(unit="mm", low=-10_000, high=10_000)
 
 
 def _force(scope: Any) -> float:
@@ -64,8 +64,8 @@ class SurfacePress:
         derived=Derived("`force_n`", _force),
         doc="Force before the fall.",
     )
-    x_mm: float = key(_POSITION, doc="Where it is along the strips.")
-    y_mm: float = key(_POSITION, doc="Where it is across.")
+    x_mm: float = key(POSITION, doc="Where it is along the strips.")
+    y_mm: float = key(POSITION, doc="Where it is across.")
     tremor_n: float = key(
         Number(unit="N", low=0, high=100), default=0.0, doc="Rms of a hand's tremor."
     )

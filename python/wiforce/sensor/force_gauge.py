@@ -68,17 +68,13 @@ def unit_n(unit: str, where: object = "unit") -> float:
         raise InputError(where, "must be one of N, mN, g, kg, lb, oz", unit) from None
 
 
-def parse_force(text: str, unit: str = "N", where: object = "force") -> float:
+def parse_force(text: str) -> float:
     """Read a force that a person typed.
 
     Parameters
     ----------
     text : str
-        A number, with ``.`` or ``,`` as decimal sign, and optionally a unit.
-    unit : str
-        Unit of a bare number.
-    where : object
-        For the message.
+        A number, with ``.`` or ``,`` as decimal sign, in N unless a unit follows.
 
     Returns
     -------
@@ -101,9 +97,9 @@ in 250 g, got 'three'
     """
     match = _TYPED.fullmatch(text.strip())
     if match is None:
-        raise InputError(where, "must be a number such as 2.5, or with a unit as in 250 g", text)
+        raise InputError("force", "must be a number such as 2.5, or with a unit as in 250 g", text)
     number, named = match.groups()
-    return float(number.replace(",", ".")) * unit_n(named or unit, where)
+    return float(number.replace(",", ".")) * unit_n(named or "N", "force")
 
 
 class GaugeForce(NamedTuple):

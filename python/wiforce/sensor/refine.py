@@ -30,10 +30,7 @@ _ROUNDS = 20
 
 
 def refine(
-    model: curves.CurveModel,
-    table: CalibrationTable,
-    name: str | None = None,
-    date: str | None = None,
+    model: curves.CurveModel, table: CalibrationTable, name: str | None = None
 ) -> curves.CurveModel:
     """Refine a model by a few taps.
 
@@ -44,8 +41,8 @@ def refine(
     table : CalibrationTable
         Taps of known force and location, see :func:`~.tables.read_tap_csv`. Untouched rows replace
         the untouched phases.
-    name, date : str, optional
-        The model's own name and today by default.
+    name : str, optional
+        The model's own name by default.
 
     Returns
     -------
@@ -75,7 +72,7 @@ def refine(
     spans = np.concatenate([carrier.force_span_n for carrier in carriers])
     provenance = dict(model.provenance)
     provenance["source"] = f"{provenance['source']}; refined by taps of {table.source}"
-    provenance["date"] = date or datetime.date.today().isoformat()
+    provenance["date"] = datetime.date.today().isoformat()
     return replace(
         model,
         name=name or model.name,

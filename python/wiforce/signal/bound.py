@@ -8,6 +8,8 @@ import numpy as np
 from .clutter import clutter_basis
 from .switching import switch_averages
 
+_STEP = 1e-5  # of a clock's phase in rad, for the derivatives of the waveforms
+
 
 def phase_bound_deg(
     ends: np.ndarray,
@@ -99,7 +101,6 @@ def _derivatives(
     clocks: Sequence[tuple[float, float]],
     times_s: np.ndarray,
     averaging_s: float,
-    step: float = 1e-5,
 ) -> tuple[np.ndarray, list[list[tuple[int, np.ndarray]]]]:
     """Derivatives of the signal by phases, amplitudes, clock phases and offsets.
 
@@ -110,8 +111,8 @@ def _derivatives(
         phases = phase + 2 * np.pi * clock_hz * times_s
         half = np.pi * clock_hz * averaging_s
         columns.append(switch_averages(phases, half))
-        upper, lower = (switch_averages(phases + sign * step, half) for sign in (1, -1))
-        slopes.append((upper - lower) / (2 * step))
+        upper, lower = (switch_averages(phases + sign * _STEP, half) for sign in (1, -1))
+        slopes.append((upper - lower) / (2 * _STEP))
     elapsed = (times_s - times_s.mean())[:, None]
     count = len(ends)
     waveforms = np.hstack(columns + slopes + [slope * elapsed for slope in slopes])

@@ -14,6 +14,11 @@ _SAME_TONE = 0.3
 CLUTTER_MARGIN = 0.75
 # The strongest lines of a tag (docs/clocks.md).
 STRONG_LINES = (1, 2, 4)
+# Harmonic of the clock that end 2 has to itself, and the highest one that is needed.
+HIGHEST_LINE = STRONG_LINES[-1]
+# Part of half the snapshot rate up to which a tag has this line; beyond it, the line comes close to
+# its mirror image.
+NYQUIST_MARGIN = 0.9
 # A line of the room coincides with one of a tag when it lies within this part of the group's
 # resolution: two sinusoids this close overlap by sinc(0.5) = 0.64.
 COINCIDING_BINS = 0.5

@@ -58,11 +58,6 @@ class Score:
         """Median absolute error of the location, in mm."""
         return float(np.median(np.abs(self.location_error_mm)))
 
-    @property
-    def phase_rms_deg(self) -> np.ndarray:
-        """Root mean square phase error of both ends, in degrees; shape (2,)."""
-        return np.sqrt(np.mean(self.phase_error_deg**2, axis=0))
-
 
 def read_truth(path: str | Path) -> list[dict[str, Any]]:
     """Read the truth file of a simulated capture.

@@ -6,7 +6,7 @@ from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..io.schema import DRAFT_7, declared, json_schema, key, plain, read
+from ..io.schema import declared, key, plain, read
 from ..io.values import Choice, KeyPath, Number, Scope, Text, ValueType, as_number
 from ..io.yamlfile import read_yaml, write_yaml
 from .spreading import Spreading, StripSpreading, gaussian_spreading
@@ -322,18 +322,3 @@ def write_spreading(law: SpreadingKeys, path: str | Path) -> None:
     values = {name: value for name, value in plain(SpreadingKeys, law).items() if value is not None}
     read(SpreadingKeys, values, KeyPath(str(path)))
     write_yaml(path, values)
-
-
-def spreading_json_schema() -> dict[str, Any]:
-    """JSON Schema of files of spreading laws, draft 7.
-
-    Returns
-    -------
-    dict
-
-    Examples
-    --------
-    >>> spreading_json_schema()["title"]
-    'gr-wiforce spreading law'
-    """
-    return {"$schema": DRAFT_7, "title": "gr-wiforce spreading law"} | json_schema(SpreadingKeys)

@@ -13,6 +13,8 @@ WAVEFORM = sounding_waveform()
 GROUP_SAMPLES = GROUP_LENGTH * WAVEFORM.frame_length
 # Of 32768: frames stand 10 dB above the noise, so that their watch is at rest.
 FRAME_PEAK, NOISE_PEAK = 20_000, 5_000
+# Different groups, which a recording repeats.
+_KINDS = 7
 # Harmonic m of a tag at 1 kHz is bin 36 m of a group.
 BINS_PER_HARMONIC = 36
 
@@ -43,7 +45,7 @@ class Recording:
         return Recording(self.fc32, self.sc16, groups * GROUP_SAMPLES)
 
 
-def write_recording(folder, samples, seed=1):
+def write_recording(folder, samples):
     """Writes a recording of about so many samples, in whole groups.
 
     Returns
@@ -54,7 +56,7 @@ def write_recording(folder, samples, seed=1):
     recording = Recording(
         Path(folder) / "frames.cf32", Path(folder) / "frames.ci16", groups * GROUP_SAMPLES
     )
-    kinds = _groups(seed)
+    kinds = _groups()
     with open(recording.fc32, "wb") as floats, open(recording.sc16, "wb") as integers:
         for group in range(groups):
             codes = kinds[group % len(kinds)]
@@ -65,12 +67,12 @@ def write_recording(folder, samples, seed=1):
     return recording
 
 
-def _groups(seed, kinds=7):
-    """The different groups that a recording repeats, as codes; (kinds, 2 GROUP_SAMPLES)."""
-    rng = np.random.default_rng(seed)
+def _groups():
+    """The different groups that a recording repeats, as codes; (_KINDS, 2 GROUP_SAMPLES)."""
+    rng = np.random.default_rng(1)
     frame = WAVEFORM.frame()
     codes = (FRAME_PEAK / np.abs(frame).max() * frame).view(float).astype("<i2")
-    noise = rng.integers(-NOISE_PEAK, NOISE_PEAK, (kinds, 2 * GROUP_SAMPLES), dtype="<i2")
+    noise = rng.integers(-NOISE_PEAK, NOISE_PEAK, (_KINDS, 2 * GROUP_SAMPLES), dtype="<i2")
     return np.tile(codes, GROUP_LENGTH) + noise
 
 
@@ -86,12 +88,12 @@ def _settle(path):
             pass
 
 
-def reference_tones(recording, weights, seed=1):
+def reference_tones(recording, weights):
     """Channel of every group's tones, from the codes in double precision; (groups, M, 64)."""
     repetitions = WAVEFORM.repetitions
     first, length = WAVEFORM.first_averaged, 64 * repetitions
     kinds = []
-    for codes in _groups(seed):
+    for codes in _groups():
         samples = codes.astype(float).view(complex) / 32768
         frames = samples.reshape(GROUP_LENGTH, -1)[:, first : first + length]
         folded = frames.reshape(GROUP_LENGTH, repetitions, 64).mean(axis=1)

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Arguments of blocks, checked against their annotations before a block uses them."""
+
+import inspect
+import types
+from collections import abc
+from collections.abc import Callable, Sequence
+from functools import cache, wraps
+from numbers import Complex, Integral, Real
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from ..errors import InputError
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+
+# What a message calls a type, alone and in a list. Classes of our own have their names.
+_WORDS: dict[Any, tuple[str, str]] = {
+    bool: ("True or False", "True or False"),
+    int: ("a whole number", "whole numbers"),
+    float: ("a number", "numbers"),
+    complex: ("a number", "numbers"),
+    str: ("text", "texts"),
+    Path: ("a Path", "Paths"),
+    dict: ("a dict", "dicts"),
+    abc.Callable: ("a function", "functions"),
+    type(None): ("None", "None"),
+}
+
+
+def typed(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Let a constructor or method refuse arguments whose type is not the annotated one.
+
+    Python itself would raise a TypeError or an AttributeError somewhere inside, which names
+    neither parameter nor value.
+
+    Parameters
+    ----------
+    function : callable
+        With annotated parameters.
+
+    Returns
+    -------
+    callable
+        Raises InputError with parameter, rule and value. NumPy's numbers are numbers, a float
+        without a fraction is passed on as an integer where one is annotated.
+
+    Examples
+    --------
+    >>> @typed
+    ... def repeat(times: int, label: str | None = None) -> int:
+    ...     return times
+    >>> repeat(3.0), repeat(np.int64(4), label="arm")
+    (3, 4)
+    >>> repeat("3")
+    Traceback (most recent call last):
+    gnuradio.wiforce.errors.InputError: times: must be a whole number, got '3'
+    >>> repeat(3, label=b"arm")
+    Traceback (most recent call last):
+    gnuradio.wiforce.errors.InputError: label: must be text or None, got b'arm'
+    """
+    signature = inspect.signature(function)
+    hints = cache(lambda: get_type_hints(function))
+
+    @wraps(function)
+    def checked(*args: _P.args, **kwargs: _P.kwargs) -> _R:
+        try:
+            bound = signature.bind(*args, **kwargs)
+        except TypeError:
+            return function(*args, **kwargs)  # Python's own message names the function
+        for name, value in bound.arguments.items():
+            if name in hints():
+                bound.arguments[name] = _checked(name, value, hints()[name])
+        return function(*bound.args, **bound.kwargs)
+
+    return checked
+
+
+def _checked(name: str, value: Any, hint: Any) -> Any:
+    kinds = _kinds(hint)
+    if not any(_is_of(value, kind) for kind in kinds):
+        *others, last = dict.fromkeys(_words(kind)[0] for kind in kinds)
+        rule = f"{', '.join(others)} or {last}" if others else last
+        raise InputError(name, f"must be {rule}", value)
+    if int in kinds and isinstance(value, Real) and not isinstance(value, Integral):
+        return int(float(value))
+    return value
+
+
+def _kinds(hint: Any) -> tuple[Any, ...]:
+    return get_args(hint) if get_origin(hint) in (Union, types.UnionType) else (hint,)
+
+
+def _is_of(value: Any, kind: Any) -> bool:
+    origin = get_origin(kind) or kind
+    if origin is Any:
+        return True
+    if origin is abc.Callable:
+        return callable(value)
+    if origin in (Sequence, tuple):
+        return _are_of(value, kind)
+    if origin is bool:
+        return isinstance(value, bool | np.bool_) or isinstance(value, Integral) and value in (0, 1)
+    if origin in (int, float, complex):
+        if isinstance(value, bool):
+            return False
+        if origin is int and not isinstance(value, Integral):
+            return isinstance(value, Real) and float(value).is_integer()
+        return isinstance(value, Complex if origin is complex else Real)
+    return isinstance(value, origin)
+
+
+def _are_of(values: Any, kind: Any) -> bool:
+    """Whether values are a list, tuple or array of the items that are annotated."""
+    if not isinstance(values, Sequence | np.ndarray) or isinstance(values, str | bytes):
+        return False
+    items = get_args(kind)
+    if get_origin(kind) is tuple and len(values) != len(items):
+        return False
+    return all(_is_of(value, items[0]) for value in values)
+
+
+def _words(kind: Any) -> tuple[str, str]:
+    origin = get_origin(kind) or kind
+    if origin is Sequence:
+        return f"a list of {_words(get_args(kind)[0])[1]}", "lists"
+    if origin is tuple:
+        return f"{len(get_args(kind))} {_words(get_args(kind)[0])[1]}", "lists"
+    return _WORDS.get(origin, (f"a {origin.__name__}", f"{origin.__name__}s"))
