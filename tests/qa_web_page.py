@@ -95,8 +95,8 @@ def test_page_shows_what_was_published(window, reader):
         assert location["lines"]["ys"] == [[40.0] * 5]
         assert len(location["bands"]["xs"][0]) == 10
         # A doubtful reading says so, and an untouched sensor carries no force.
-        reader.publish(untouched(1.8, "leg"), touched(1.8, flags=("weak",)))
-        texts = window.wait(f"return page.newest === 1.8 && {TEXTS}")
+        reader.publish(touched(1.8, flags=("weak",)), untouched(1.8, "leg"))
+        texts = window.wait(f"return page.tracks.get('leg')?.latest?.time === 1.8 && {TEXTS}")
         assert texts["flags"] == "weak" and texts["doubtful"] and texts["leg"] == "0 N"
         # Another run begins with an empty history.
         reader.publish(untouched(0.5), run="another")

@@ -6,6 +6,7 @@ import json
 import os
 import socket
 import subprocess
+import threading
 import time
 import urllib.error
 import urllib.request
@@ -18,12 +19,13 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.readings import COLUMNS, SURFACE_COLUMNS
 from gnuradio.wiforce.io.writers import open_writer
 from web_pages import RUN, RawViewer, free_port, publishing, serving, touched, untouched
-from wiforce_app.web import live_page
+from wiforce_app.web import connections, live_page
 from wiforce_app.web import server as server_module
 from wiforce_app.web.address import PageAddress
 from wiforce_app.web.file_source import FileSource
+from wiforce_app.web.messages import loaded, status_of
 from wiforce_app.web.page_state import ROW, PageState, page_row
-from wiforce_app.web.zmq_source import ZmqSource, _loaded
+from wiforce_app.web.zmq_source import ZmqSource
 
 TOKEN = "a-token-of-a-test"
 
@@ -316,7 +318,7 @@ def test_file_source_refuses_a_file_that_holds_no_readings(tmp_path):
 
 def test_stalled_viewer_is_dropped_and_others_get_every_reading(monkeypatch):
     """One laptop that was closed must not fill the memory of the robot."""
-    monkeypatch.setattr(server_module, "_STALLED_S", 0.5)
+    monkeypatch.setattr(connections, "STALLED_S", 0.5)
 
     with serving(Flood(), history_s=1000.0) as (url, page):
         with (
@@ -350,6 +352,115 @@ def test_viewer_that_pings_and_does_not_read_is_dropped():
                 time.sleep(0.01)
 
 
+@pytest.mark.parametrize(
+    "frames",
+    [
+        pytest.param(bytes([0x8A, 0x80, 0, 0, 0, 0]), id="pongs"),
+        pytest.param(bytes([0x81, 0x81, 0, 0, 0, 0, 0x78]), id="texts"),
+        pytest.param(bytes([0x00, 0x80, 0, 0, 0, 0]), id="fragments"),
+    ],
+)
+def test_viewer_that_sends_without_a_pause_does_not_delay_others(frames):
+    """One viewer kept the page from sending anything to anybody, and from ending."""
+    ending = threading.Event()
+
+    def flood(viewer):
+        viewer.send_raw(bytes([0x01, 0x80, 0, 0, 0, 0]) if frames[0] == 0 else b"")
+        with contextlib.suppress(OSError):
+            while not ending.is_set():
+                viewer.send_raw(frames * 20_000)
+
+    with serving(Flood()) as (url, _):
+        with closing(RawViewer(url)) as flooding, closing(RawViewer(url)) as one:
+            one.message()
+            thread = threading.Thread(target=flood, args=(flooding,))
+            thread.start()
+            try:
+                time.sleep(0.5)
+                end = time.monotonic() + 3
+                messages = 0
+                while messages < 10 and time.monotonic() < end:
+                    one.message()
+                    messages += 1
+                assert messages == 10
+            finally:
+                ending.set()
+                flooding.shut()
+                thread.join()
+
+
+@pytest.mark.parametrize("request_line", ["GET /bokeh/bokeh.min.js", "POST /"])
+def test_connection_that_neither_reads_nor_sends_is_closed(request_line, monkeypatch):
+    """Some hundred of them kept everybody else out, as long as they were open."""
+    monkeypatch.setattr(connections, "STALLED_S", 0.5)
+    monkeypatch.setattr(server_module, "_IDLE_S", 0.5)
+    with serving(NoSource()) as (url, _):
+        before = len(os.listdir("/proc/self/fd"))
+        with closing(socket.socket()) as client:
+            client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
+            client.connect((urlsplit(url).hostname, urlsplit(url).port))
+            head = f"{request_line} HTTP/1.1\r\nHost: localhost\r\n".encode()
+            if "POST" in request_line:
+                client.sendall(head + b"Content-Length: 9\r\n\r\n")
+            else:
+                client.sendall((head + b"\r\n") * 8)  # more than the system stores
+            deadline = time.monotonic() + 2
+            while len(os.listdir("/proc/self/fd")) <= before + 1 and time.monotonic() < deadline:
+                time.sleep(0.01)
+            deadline = time.monotonic() + 15
+            while len(os.listdir("/proc/self/fd")) > before + 1:
+                assert time.monotonic() < deadline, "the connection is still there"
+                time.sleep(0.05)
+
+
+def test_history_is_sent_in_parts_of_limited_size():
+    """Of each viewer that stalls, one message waits: megabytes where groups are short."""
+    page_state = PageState(history_s=1e9)
+    for step in range(5000):
+        page_state.add({"sensor": "arm", "time_s": float(step), "run": RUN})
+    position, times, parts = (-1, 0), [], []
+    while position != page_state.position:
+        message = json.loads(page_state.message(position, status=False))
+        position = page_state.position_after(position)
+        times += [row[1] for row in message["rows"]]
+        parts.append((message["restart"], len(message["rows"])))
+    assert parts == [(True, 2000), (False, 2000), (False, 1000)]
+    assert times == [float(step) for step in range(5000)]
+
+
+def test_viewers_that_ask_and_leave_are_forgotten():
+    """They were kept until the reader answered, for up to a minute."""
+
+    class Silent(NoSource):
+        asked = 0
+
+        def tare(self, answer):
+            self.asked += 1
+            self.answer = answer
+
+    source = Silent()
+    with serving(source) as (url, page):
+        for _ in range(5):
+            with closing(RawViewer(url)) as viewer:
+                viewer.send("tare")
+                deadline = time.monotonic() + 10
+                while not page._asking:
+                    assert time.monotonic() < deadline, "not asked"
+                    time.sleep(0.01)
+            while page._asking:
+                assert time.monotonic() < deadline, "the viewer is still kept"
+                time.sleep(0.01)
+        assert source.asked == 1
+        with closing(RawViewer(url)) as viewer:
+            viewer.send("tare")
+            while not page._asking:
+                time.sleep(0.01)
+            source.answer({"ok": True})
+            while "answer" not in (message := viewer.message()):
+                pass
+        assert message["answer"]["ok"] is True
+
+
 def test_viewers_beyond_the_limit_are_refused_with_the_reason(monkeypatch):
     monkeypatch.setattr(server_module, "_MOST_VIEWERS", 2)
     with serving(NoSource()) as (url, page):
@@ -362,17 +473,21 @@ def test_viewers_beyond_the_limit_are_refused_with_the_reason(monkeypatch):
             assert third.message() is None and len(page.viewers) == 2
 
 
-def test_connections_beyond_the_descriptors_are_closed_and_others_served(monkeypatch):
+@pytest.mark.parametrize("limited", ["descriptors", "connections"])
+def test_connections_beyond_the_limit_are_closed_and_others_served(limited, monkeypatch):
     """Whoever opened a thousand connections filled the journal with tracebacks, without a token."""
     with serving(NoSource(), TOKEN) as (url, _):
         # Of each connection, this process has both ends. Free descriptors below are taken first.
         most = max(int(name) for name in os.listdir("/proc/self/fd")) + 20
-        monkeypatch.setattr(server_module.resource, "getrlimit", lambda _: (2 * most, 2 * most))
+        descriptors = 2 * most if limited == "descriptors" else 1 << 20  # as in containers
+        monkeypatch.setattr(connections.resource, "getrlimit", lambda _: (descriptors,) * 2)
+        if limited == "connections":
+            monkeypatch.setattr(connections, "_MOST_DESCRIPTORS", most)
         place = (urlsplit(url).hostname, urlsplit(url).port)
-        with ExitStack() as connections:
+        with ExitStack() as stack:
             opened = []
             for _ in range(most // 2 + 20):
-                opened.append(connections.enter_context(socket.create_connection(place, 10)))
+                opened.append(stack.enter_context(socket.create_connection(place, 10)))
                 if len(opened) == 1:
                     fetch(url)  # accepted behind the first, which has a low descriptor then
             assert opened[-1].recv(1) == b""
@@ -427,6 +542,89 @@ def test_zmq_source_keeps_the_end_of_a_run_after_the_reader_is_silent():
 def test_zmq_source_ignores_messages_of_another_kind(data):
     page_state = PageState(30.0)
     with publishing() as reader, closing(ZmqSource(reader.readings)) as source:
-        source._take(_loaded(data), page_state)
+        source._take(loaded(data), page_state)
         source.poll(page_state)
         assert json.loads(page_state.message((-1, 0), status=True))["rows"] == []
+
+
+@pytest.mark.parametrize("name", ["time_s", "force_n"])
+@pytest.mark.parametrize("suffix", ["csv", "jsonl"])
+def test_number_beyond_all_floats_does_not_end_the_page(name, suffix, tmp_path):
+    """One such message or row ended the process of the page."""
+    values = {"message": "reading", "time_s": 1.0, "sensor": "arm", "force_n": 1.0} | {
+        name: 10**400
+    }
+    shown = [] if name == "time_s" else [[1.0, None]]
+    page_state = PageState(30.0)
+    with closing(ZmqSource("5999")) as source:
+        source._take(loaded(json.dumps(values).encode()), page_state)
+    rows = json.loads(page_state.message((-1, 0), status=False))["rows"]
+    assert [[row[1], row[3]] for row in rows] == shown
+    path, page_state = tmp_path / f"readings.{suffix}", PageState(30.0)
+    header = ",".join(values) + "\n" + ",".join(str(value) for value in values.values())
+    path.write_text((header if suffix == "csv" else json.dumps(values)) + "\n")
+    with closing(FileSource(path)) as source:
+        source.poll(page_state)
+    rows = json.loads(page_state.message((-1, 0), status=False))["rows"]
+    assert [[row[1], row[3]] for row in rows] == shown
+
+
+def test_heartbeat_of_any_depth_does_not_end_the_page():
+    """A list that could just be read could not be written any more, which ended the page."""
+    for depth in range(900, 1000):
+        data = b'{"message": "heartbeat", "sensors": ' + b"[" * depth + b"]" * depth + b"}"
+        page_state = PageState(30.0)
+        with closing(ZmqSource("5999")) as source:
+            source._take(loaded(data), page_state)
+            source.poll(page_state)
+        assert json.loads(page_state.message((-1, 0), status=True))["status"]["sensors"] == {}
+
+
+def test_heartbeat_of_wrong_types_is_shown_without_them():
+    """The browser stopped at the first status that it could not draw."""
+    surface = {"name": "skin", "strips": [{"x_mm": [0, 80], "y_mm": 5}], "y_span_mm": [0, 10]}
+    good = {
+        "state": "reading",
+        "reason": "",
+        "time_s": 1.0,
+        "tare": {"state": "refused", "forced": True, "reason": "arm is touched", "time_s": 1.0},
+        "sensors": {"arm": {"age_s": 0.1, "received": True, "doubt": "", "length_mm": 80.0}},
+        "surface": surface,
+        "gaps": 1,
+        "groups": {"dropped": 2},
+    }
+    assert status_of(good) == good
+    for bad in (5, "text", [[]], {"arm": 5, "strips": 5}, True, None):
+        shown = status_of(dict.fromkeys(good, bad))
+        assert isinstance(shown["state"], str) and isinstance(shown["reason"], str)
+        assert all(health == {} for health in shown["sensors"].values())
+        assert shown["surface"] is None
+    assert (
+        status_of({"surface": {**surface, "strips": [{"x_mm": [0], "y_mm": 5}]}})["surface"] is None
+    )
+    long = status_of({"reason": "x" * 100_000, "sensors": {str(i): {} for i in range(10_000)}})
+    assert len(json.dumps(long)) < 10_000
+
+
+@pytest.mark.parametrize("text", ["x" * 5000, ["arm"], {"a": 1}])
+def test_reading_with_another_text_is_ignored(text):
+    """The history would hold, and send to all viewers, whatever was published."""
+    assert page_row({"sensor": text, "time_s": 1.0}) is None
+    assert page_row({"sensor": "arm", "time_s": 1.0, "flags": text}) is None
+
+
+def test_sensors_beyond_the_limit_are_ignored():
+    """Names without end filled the memory, and every status had all of them."""
+    page_state = PageState(30.0)
+    for number in range(1000):
+        page_state.add({"sensor": f"s{number}", "time_s": 1.0})
+    page_state.add({"sensor": "s0", "time_s": 2.0})
+    message = json.loads(page_state.message((-1, 0), status=True))
+    assert len(message["status"]["ages"]) == 256 and len(message["rows"]) == 257
+
+
+def test_run_that_is_no_text_does_not_begin_a_new_history():
+    page_state = PageState(30.0)
+    for step in range(3):
+        page_state.add({"sensor": "arm", "time_s": float(step), "run": 5})
+    assert len(json.loads(page_state.message((-1, 0), status=False))["rows"]) == 3

@@ -50,6 +50,8 @@ def watch(source, web, web_token, control, zmq_keys, history, length):
     with address.listen() as listening:
         from .web.server import PageServer, serve_until_signal
 
+        if not _is_endpoint(source) and not Path(source).exists():
+            log.info(f"waiting for {source}, which does not exist yet")
         log.info(address.notice)
         if isinstance(opened, FileSource) and not Path(source).exists():
             log.info(f"waiting for {source}, which does not exist yet")
@@ -61,10 +63,14 @@ def _open_source(source, control, zmq_keys):
     from .web.file_source import FileSource
     from .web.zmq_source import ZmqSource
 
-    if source.startswith(("tcp://", "ipc://")) or source.isdecimal():
+    if _is_endpoint(source):
         keys = None if zmq_keys is None else ClientKeys.load(zmq_keys)
         return ZmqSource(source, control, keys)
     for option, value in (("--control", control), ("--zmq-keys", zmq_keys)):
         if value is not None:
             raise InputError(option, "needs a ZMQ endpoint as SOURCE, not a file", value)
     return FileSource(source)
+
+
+def _is_endpoint(source):
+    return source.startswith(("tcp://", "ipc://")) or source.isdecimal()

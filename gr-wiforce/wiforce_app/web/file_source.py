@@ -12,6 +12,7 @@ from typing import Any
 
 from gnuradio.wiforce.errors import InputError
 
+from .messages import MOST_SENSORS
 from .page_state import PageState, page_row
 
 # Of a long file only the end is read: half a minute of eight sensors takes 1 MB.
@@ -119,7 +120,8 @@ class FileSource:
         values = self._values(line)
         if (row := page_row(values)) is not None:
             page_state.add(values)
-            self._sensors.setdefault(row[0], {})
+            if len(self._sensors) < MOST_SENSORS:
+                self._sensors.setdefault(row[0], {})
 
     def _values(self, line: str) -> dict[str, Any]:
         if not self._lines:

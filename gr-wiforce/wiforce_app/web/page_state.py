@@ -2,15 +2,18 @@
 """What all viewers are shown: the readings of the last seconds, and the state of their source."""
 
 import json
-import math
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from itertools import islice
 from typing import Any
 
+from .messages import LONGEST_TEXT, MOST_SENSORS, number
+
 # Whatever the length of a group, so that memory and messages stay small.
 _MOST_ROWS = 50_000
+# Of a message, some 200 kB; more follow when it has left. Each viewer that reads slowly holds one.
+_MOST_ROWS_SENT = 2000
 # The columns of a row as the page gets it, in this order.
 ROW = (
     "sensor",
@@ -48,18 +51,11 @@ def page_row(values: Mapping[str, Any]) -> list[Any] | None:
     >>> page_row({"sensor": "arm", "time_s": "0.018", "touch": "0", "flags": "gap"})
     ['arm', 0.018, 0.0, None, None, None, None, None, None, 'gap', None, None, None]
     """
-    row = [
-        str(values.get(name) or "") if name in _TEXTS else _number(values.get(name)) for name in ROW
-    ]
-    return row if row[0] and row[1] is not None else None
-
-
-def _number(value: Any) -> float | None:
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
+    row = [(values.get(name) or "") if name in _TEXTS else number(values.get(name)) for name in ROW]
+    texts = [row[ROW.index(name)] for name in _TEXTS]
+    if not all(isinstance(each, str) and len(each) <= LONGEST_TEXT for each in texts):
         return None
-    return number if math.isfinite(number) else None
+    return row if row[0] and row[1] is not None else None
 
 
 class PageState:
@@ -115,6 +111,8 @@ class PageState:
             return
         sensor, time_s = row[0], row[1]
         self.follow(values.get("run"))
+        if sensor not in self._newest and len(self._newest) >= MOST_SENSORS:
+            return
         if time_s < self._newest.get(sensor, time_s):
             self._restart()
         self._newest[sensor] = time_s
@@ -125,16 +123,16 @@ class PageState:
             self._rows.popleft()
         self._texts.clear()
 
-    def follow(self, run: str | None) -> None:
+    def follow(self, run: Any) -> None:
         """Begin a new history where another run has begun.
 
         Parameters
         ----------
         run : str or None
-            Its identifier; None where it is not known.
+            Its identifier; anything else where it is not known.
         """
-        if run and run != self._run:
-            self._run = str(run)
+        if isinstance(run, str) and run and (run := run[:LONGEST_TEXT]) != self._run:
+            self._run = run
             self._restart()
 
     def _restart(self) -> None:
@@ -160,7 +158,7 @@ class PageState:
         self._texts.clear()
 
     def message(self, position: tuple[int, int], status: bool) -> str:
-        """What a viewer lacks; made once for all viewers that are equally far.
+        """What a viewer lacks, or the first part of it; made once for all that are equally far.
 
         Parameters
         ----------
@@ -176,13 +174,32 @@ class PageState:
         """
         key = (position, status)
         if key not in self._texts:
-            runs, count = position
-            kept = self._count - len(self._rows)
-            restart = runs != self._runs or count < kept
-            first = 0 if restart else count - kept
-            rows = list(islice(self._rows, first, None))
+            restart, first = self._lacking(position)
+            rows = list(islice(self._rows, first, first + _MOST_ROWS_SENT))
             message: dict[str, Any] = {"restart": restart, "rows": rows}
             if status:
                 message["status"] = {**self._status, "run": self._run, "ages": self.ages()}
             self._texts[key] = json.dumps(message, separators=(",", ":"), allow_nan=False)
         return self._texts[key]
+
+    def position_after(self, position: tuple[int, int]) -> tuple[int, int]:
+        """How far a viewer is that gets the message for a position.
+
+        Parameters
+        ----------
+        position : tuple of (int, int)
+
+        Returns
+        -------
+        tuple of (int, int)
+        """
+        _, first = self._lacking(position)
+        kept = self._count - len(self._rows)
+        return self._runs, min(self._count, kept + first + _MOST_ROWS_SENT)
+
+    def _lacking(self, position: tuple[int, int]) -> tuple[bool, int]:
+        """Whether a viewer begins anew, and the first row that it lacks."""
+        runs, count = position
+        kept = self._count - len(self._rows)
+        restart = runs != self._runs or count < kept
+        return restart, 0 if restart else count - kept

@@ -7,7 +7,6 @@ import ipaddress
 import json
 import logging
 import math
-import resource
 import signal
 import socket
 import time
@@ -20,6 +19,7 @@ import tornado.iostream
 import tornado.web
 import tornado.websocket
 
+from . import connections
 from .address import PageAddress
 from .page import bokeh_scripts, figures
 from .page_state import PageState
@@ -29,13 +29,8 @@ _ASSETS = Path(__file__).with_name("assets")
 # server, and those of short groups are collected.
 _SHORTEST_S, _LONGEST_S = 0.02, 0.04
 _STATUS_S = 0.5  # as often as heartbeats come
-# A viewer whose last message has not left this machine for so long is disconnected.
-_STALLED_S = 20.0
 # Of connections that have died without a word; Tornado ends them after three of these.
 _PING_S = 20.0
-# Of messages that wait in the system, for each viewer. Its own limit is some megabytes, and a
-# viewer that stalls would be noticed after minutes only.
-_KERNEL_BYTES = 32 << 10
 _MOST_VIEWERS = 200
 _LONGEST_REQUEST = 1024
 _IDLE_S = 60.0
@@ -100,6 +95,8 @@ class PageServer:
         self._status_s = -math.inf
         self._settings = {"history_s": history_s, "length_mm": length_mm}
         self._ending = asyncio.Event()
+        self._asking: set[_Viewer] = set()
+        self._asked = False
 
     async def serve(self, ended: Callable[[], bool] = lambda: False) -> None:
         """Serve until `end` is called.
@@ -109,8 +106,11 @@ class PageServer:
         ended : callable
             Asked now and then; the page also ends when this is true, after everything was sent.
         """
-        server = _LimitedServer(
-            self._application(), idle_connection_timeout=_IDLE_S, max_body_size=_LONGEST_REQUEST
+        server = connections.LimitedServer(
+            self._application(),
+            idle_connection_timeout=_IDLE_S,
+            body_timeout=_IDLE_S,
+            max_body_size=_LONGEST_REQUEST,
         )
         server.add_sockets([self._listening])
         try:
@@ -132,6 +132,37 @@ class PageServer:
     def end(self) -> None:
         """End soon; may be called from a signal handler of the loop."""
         self._ending.set()
+
+    def tare(self, viewer: "_Viewer") -> None:
+        """Request a tare; viewers who do so meanwhile get the same answer.
+
+        Parameters
+        ----------
+        viewer : _Viewer
+        """
+        ask = getattr(self.source, "tare", None)
+        if ask is None:
+            return
+        self._asking.add(viewer)
+        if not self._asked:
+            ask(self._take_answer)
+            self._asked = bool(self._asking)
+
+    def forget(self, viewer: "_Viewer") -> None:
+        """Keep nothing of a viewer who has gone.
+
+        Parameters
+        ----------
+        viewer : _Viewer
+        """
+        self.viewers.discard(viewer)
+        self._asking.discard(viewer)
+
+    def _take_answer(self, answer: dict[str, Any]) -> None:
+        text = json.dumps({"answer": {key: answer.get(key) for key in ("ok", "error")}})
+        asking, self._asking, self._asked = self._asking, set(), False
+        for viewer in asking:
+            viewer.answer = text
 
     def _tick(self, final: bool = False) -> None:
         self.source.poll(self.page_state)
@@ -189,22 +220,6 @@ class PageServer:
     def cookie(self) -> str:
         """Name of the cookie with the token; browsers share cookies between ports."""
         return f"gr-wiforce-{self.address.port}"
-
-
-class _LimitedServer(tornado.httpserver.HTTPServer):
-    """A server that refuses connections before the process has no descriptor left.
-
-    Tornado would try to accept them again and again, and print a traceback each time, for
-    everybody who opens a thousand connections, with or without the token.
-    """
-
-    def handle_stream(self, stream: tornado.iostream.IOStream, address: Any) -> None:
-        # A new descriptor is the lowest that is free. The upper half is for files that are sent.
-        most, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
-        if stream.socket.fileno() > most // 2:
-            stream.close()
-        else:
-            super().handle_stream(stream, address)
 
 
 class _Guarded(tornado.web.RequestHandler):
@@ -278,8 +293,7 @@ class _Viewer(_Guarded, tornado.websocket.WebSocketHandler):
     """
 
     sent: "asyncio.Future[None] | None" = None
-    _asked = False
-    _answer: str | None = None
+    answer: str | None = None
 
     def open(self, *_: str) -> None:
         self._position, self._sent_s = _NEW, 0.0
@@ -287,19 +301,19 @@ class _Viewer(_Guarded, tornado.websocket.WebSocketHandler):
             self.close(_TOO_MANY, f"{_MOST_VIEWERS} viewers are connected already")
             return
         self.set_nodelay(True)
-        buffer = self.ws_connection.stream.socket
-        buffer.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _KERNEL_BYTES)
+        stream = self.ws_connection.stream
+        # Tornado reads frames as long as there are any, and would do nothing else for a viewer who
+        # sends them without a pause.
+        stream.read_bytes = connections.in_turn(stream.read_bytes)  # type: ignore[method-assign]
         self.page.viewers.add(self)
         self.update(status=True)
 
     def on_close(self) -> None:
-        self.page.viewers.discard(self)
+        self.page.forget(self)
 
     def on_message(self, message: str | bytes) -> None:
-        tare = getattr(self.page.source, "tare", None)
-        if message == "tare" and tare is not None and not self._asked:
-            self._asked = True
-            tare(self._take_answer)
+        if message == "tare":
+            self.page.tare(self)
 
     def on_ping(self, data: bytes) -> None:
         if self._waits:  # an answer to each would have to be stored
@@ -309,14 +323,14 @@ class _Viewer(_Guarded, tornado.websocket.WebSocketHandler):
         """Send what the browser lacks, unless it has not taken the last message yet."""
         page_state = self.page.page_state
         if self._waits:
-            if time.monotonic() - self._sent_s > _STALLED_S:
+            if time.monotonic() - self._sent_s > connections.STALLED_S:
                 self.drop()
-        elif self._answer is not None:
-            self._send(self._answer)
-            self._answer = None
+        elif self.answer is not None:
+            self._send(self.answer)
+            self.answer = None
         elif self._position != page_state.position or status:
             text = page_state.message(self._position, status or self._position == _NEW)
-            self._position = page_state.position
+            self._position = page_state.position_after(self._position)
             self._send(text)
 
     @property
@@ -324,22 +338,18 @@ class _Viewer(_Guarded, tornado.websocket.WebSocketHandler):
         """Whether the last message has not left yet."""
         return self.sent is not None and not self.sent.done()
 
-    def _take_answer(self, answer: dict[str, Any]) -> None:
-        self._asked = False
-        self._answer = json.dumps({"answer": {key: answer.get(key) for key in ("ok", "error")}})
-
     def _send(self, text: str) -> None:
         try:
             written = self.write_message(text)
         except tornado.websocket.WebSocketClosedError:
-            self.page.viewers.discard(self)
+            self.page.forget(self)
             return
         self._sent_s = time.monotonic()
         self.sent = asyncio.ensure_future(_done(written))
 
     def drop(self) -> None:
         """Disconnect at once: a handshake at the end would wait for the browser."""
-        self.page.viewers.discard(self)
+        self.page.forget(self)
         if self.ws_connection is not None:
             self.ws_connection.stream.close()
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Readings and health that a live reader publishes over ZMQ, as a source of the page."""
 
-import json
-import math
 import time
 from collections.abc import Callable
 from typing import Any
@@ -12,6 +10,7 @@ from gnuradio.wiforce.io.optional import optional_module
 from gnuradio.wiforce.io.zmq_keys import ClientKeys
 from gnuradio.wiforce.io.zmq_sockets import endpoint_of
 
+from .messages import loaded, status_of, text
 from .page_state import PageState
 
 # Heartbeats come every 0.5 s; after four that are missing, the reader counts as lost.
@@ -20,9 +19,9 @@ _SILENT_S = 2.0
 _ANSWER_S = 60.0
 # Most messages that one call takes, so that viewers are served meanwhile.
 _MOST_MESSAGES = 2000
-_LONGEST_MESSAGE = 1 << 20
-# What the page shows of a heartbeat.
-_SHOWN = ("state", "reason", "time_s", "tare", "sensors", "surface", "gaps", "groups")
+_LONGEST_POLL_S = 0.05
+# ZMQ keeps up to 1000 messages that wait. A heartbeat has 150 bytes for each sensor.
+_LONGEST_MESSAGE = 64 << 10
 
 
 class ZmqSource:
@@ -87,10 +86,11 @@ class ZmqSource:
         ----------
         page_state : PageState
         """
+        end_s = time.monotonic() + _LONGEST_POLL_S
         for _ in range(_MOST_MESSAGES):
-            if not self._subscriber.poll(0):
+            if not self._subscriber.poll(0) or time.monotonic() > end_s:
                 break
-            self._take(_loaded(self._subscriber.recv()), page_state)
+            self._take(loaded(self._subscriber.recv()), page_state)
         self._take_answer()
         page_state.show(self._status())
 
@@ -107,11 +107,11 @@ class ZmqSource:
         if self._control is None:
             answer({"ok": False, "error": "tare refused: the page has no --control endpoint"})
             return
-        self._answers.append(answer)
         if self._asked is None:
             self._asked = self._connected(zmq.REQ, self._control, "--control")
             self._asked.send_string("tare")
             self._asked_s = self._now()
+        self._answers.append(answer)
 
     def give_up(self, reason: str) -> None:
         """Expect no more messages.
@@ -156,13 +156,14 @@ class ZmqSource:
             page_state.add(message)
             return
         page_state.follow(message.get("run"))
-        self._shown = {name: message.get(name) for name in _SHOWN}
+        self._shown = status_of(message)
 
     def _take_answer(self) -> None:
         if self._asked is None:
             return
         if self._asked.poll(0):
-            self._finish(_loaded(self._asked.recv()))
+            answer = loaded(self._asked.recv())
+            self._finish({"ok": answer.get("ok") is True, "error": text(answer.get("error"))})
         elif self._now() - self._asked_s > _ANSWER_S:
             self._finish({"ok": False, "error": f"no answer from the reader in {_ANSWER_S:g} s"})
 
@@ -182,17 +183,3 @@ class ZmqSource:
         elif status.get("state", "waiting") == "waiting" and not status.get("reason"):
             status["state"] = "reading"  # a publisher of readings without heartbeats
         return status
-
-
-def _loaded(data: bytes) -> dict[str, Any]:
-    """A JSON object; empty where it is none. Numbers that JSON cannot hold become None."""
-    try:
-        values = json.loads(data, parse_constant=lambda _: None, parse_float=_finite)
-    except (ValueError, RecursionError):
-        return {}
-    return values if isinstance(values, dict) else {}
-
-
-def _finite(text: str) -> float | None:
-    value = float(text)
-    return value if math.isfinite(value) else None

@@ -11,6 +11,8 @@ const DEFAULT_LENGTH_MM = 80;
 // Numbers of sensors from which on each gets a lower picture.
 const SEVERAL = 3, CROWDED = 5;
 const TOO_MANY = 4001;
+// A run has at most 256; names of former runs are forgotten before they fill the window.
+const MOST_TRACKS = 512;
 
 const page = {
   tracks: new Map(), // by sensor: readings of the history, and its view
@@ -34,6 +36,10 @@ const byId = (id) => document.getElementById(id);
 
 function trackOf(sensor) {
   if (!page.tracks.has(sensor)) {
+    if (page.tracks.size >= MOST_TRACKS) {
+      for (const { view } of page.tracks.values()) view.root.remove();
+      page.tracks.clear();
+    }
     const view = new SensorView(sensor, page.tracks.size, byId("sensors"), () => {
       page.changed = true;
     });
