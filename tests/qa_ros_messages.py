@@ -34,7 +34,7 @@ HEALTH = {
     "state": "reading",
     "reason": "",
     "tare": {"state": "none", "reason": ""},
-    "sensors": {"arm": {"age_s": 0.04, "received": True, "doubt": ""}},
+    "sensors": {"arm": {"age_s": 0.04, "received": True, "reference_problem": ""}},
     "gaps": 3,
 }
 
@@ -127,8 +127,11 @@ def test_wrench_flagged_readings_have_a_topic_of_their_own(changes, expected):
         ({"state": "lost", "reason": "no samples for 2.0 s"}, [2, 0]),
         ({"state": "reference"}, [1, 0]),
         ({"reason": "not received: arm"}, [1, 0]),
-        ({"sensors": {"arm": {"age_s": 3.0, "received": False, "doubt": ""}}}, [0, 2]),
-        ({"sensors": {"arm": {"age_s": 0.1, "received": True, "doubt": "forced"}}}, [0, 1]),
+        ({"sensors": {"arm": {"age_s": 3.0, "received": False, "reference_problem": ""}}}, [0, 2]),
+        (
+            {"sensors": {"arm": {"age_s": 0.1, "received": True, "reference_problem": "forced"}}},
+            [0, 1],
+        ),
         ({"state": "ended", "reason": "signal", "exit_status": 0}, [0, 0]),
         ({"state": "ended", "reason": "disk full", "exit_status": 1}, [2, 0]),
     ],

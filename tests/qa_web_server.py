@@ -588,7 +588,9 @@ def test_heartbeat_of_wrong_types_is_shown_without_them():
         "reason": "",
         "time_s": 1.0,
         "tare": {"state": "refused", "forced": True, "reason": "arm is touched", "time_s": 1.0},
-        "sensors": {"arm": {"age_s": 0.1, "received": True, "doubt": "", "length_mm": 80.0}},
+        "sensors": {
+            "arm": {"age_s": 0.1, "received": True, "reference_problem": "", "length_mm": 80.0}
+        },
         "surface": surface,
         "gaps": 1,
         "groups": {"dropped": 2},

@@ -87,7 +87,7 @@ class Publisher:
             name: {
                 "age_s": 0.01,
                 "received": True,
-                "doubt": "",
+                "reference_problem": "",
                 "clock_offset_ppm": 40.12 - 17.0 * number,
                 "length_mm": 80.0,
             }

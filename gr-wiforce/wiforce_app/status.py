@@ -65,7 +65,7 @@ def problems_of(answer: dict, max_age_s: float) -> list[str]:
 
     Examples
     --------
-    >>> sensors = {"arm": {"age_s": 3.0, "received": True, "doubt": ""}}
+    >>> sensors = {"arm": {"age_s": 3.0, "received": True, "reference_problem": ""}}
     >>> problems_of({"state": "reading", "reason": "", "sensors": sensors}, 2.0)
     ['arm: last reading 3.0 s ago']
     """
@@ -78,8 +78,8 @@ def problems_of(answer: dict, max_age_s: float) -> list[str]:
             problems.append(f"{name}: no reading yet")
         elif not sensor["received"] or sensor["age_s"] > max_age_s:
             problems.append(f"{name}: last reading {sensor['age_s']:.1f} s ago")
-        if sensor["doubt"]:
-            problems.append(f"{name}: {sensor['doubt']}")
+        if sensor["reference_problem"]:
+            problems.append(f"{name}: {sensor['reference_problem']}")
     return problems
 
 

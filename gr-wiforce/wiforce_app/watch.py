@@ -43,17 +43,14 @@ def watch(source, web, web_token, control, zmq_keys, history, length):
     `live --zmq`: PORT or tcp://ADDRESS:PORT.
     """
     from .web.address import PageAddress
-    from .web.file_source import FileSource
 
     address = PageAddress.of(web, web_token)
     opened = _open_source(source, control, zmq_keys)
     with address.listen() as listening:
         from .web.server import PageServer, serve_until_signal
 
-        if not _is_endpoint(source) and not Path(source).exists():
-            log.info(f"waiting for {source}, which does not exist yet")
         log.info(address.notice)
-        if isinstance(opened, FileSource) and not Path(source).exists():
+        if not _is_endpoint(source) and not Path(source).exists():
             log.info(f"waiting for {source}, which does not exist yet")
         serve_until_signal(lambda: PageServer(opened, address, listening, history, length))
     return 0

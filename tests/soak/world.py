@@ -298,7 +298,7 @@ class World:
         self.checks += 1
         said = {
             "tare": report["tare"]["state"],
-            "reference_problem": report["sensors"]["arm"]["doubt"],
+            "reference_problem": report["sensors"]["arm"]["reference_problem"],
         }
         right = report["state"] == state and reason in report["reason"]
         for key, wanted in more.items():

@@ -120,7 +120,7 @@ def test_live_tare_is_refused_fails_or_completes_and_its_reply_says_so(scene, de
         until(subscriber, touching(1))
         forced = ask(client, "tare force")
         assert forced["ok"] and forced["forced"]
-        assert "forced" in ask(client, "status")["sensors"]["arm"]["doubt"]
+        assert "forced" in ask(client, "status")["sensors"]["arm"]["reference_problem"]
         assert run_command("status", control_port).returncode == 1
         device.command("release arm")
         until(subscriber, settled(0))

@@ -92,10 +92,12 @@ def test_live_network_cut_in_a_packet_continues_the_run_and_its_outputs(
                 wait_until(lambda gaps=loss + 1: ask(client, "status")["gaps"] == gaps)
                 holds.append(held(process))
             # The clock of the tag is found, and then a tare makes the reference valid.
-            wait_until(lambda: "opened" in ask(client, "status")["sensors"]["arm"]["doubt"])
+            wait_until(
+                lambda: "opened" in ask(client, "status")["sensors"]["arm"]["reference_problem"]
+            )
             wait_until(lambda: ask(client, "tare")["ok"])
             # The first group that is compared with the new reference shows it.
-            wait_until(lambda: not ask(client, "status")["sensors"]["arm"]["doubt"])
+            wait_until(lambda: not ask(client, "status")["sensors"]["arm"]["reference_problem"])
             tared_s = received_s(client)
             wait_until(lambda: received_s(client) > tared_s + 1.2)
         process.send_signal(signal.SIGTERM)

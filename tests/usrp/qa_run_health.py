@@ -175,11 +175,11 @@ def test_clock_comparison_without_an_answer_gives_none():
         ({"state": "lost", "reason": "no samples for 2.0 s"}, "state: lost (no samples for 2.0 s)"),
         ({"age_s": 2.1}, "arm: last reading 2.1 s ago"),
         ({"age_s": None}, "arm: no reading yet"),
-        ({"doubt": "it moved"}, "arm: it moved"),
+        ({"reference_problem": "it moved"}, "arm: it moved"),
     ],
 )
 def test_status_names_what_is_wrong(change, problem):
-    sensor = {"age_s": 0.1, "received": True, "doubt": ""}
+    sensor = {"age_s": 0.1, "received": True, "reference_problem": ""}
     answer = {"state": "reading", "reason": "", "sensors": {"arm": sensor}}
     (sensor if change.keys() & sensor.keys() else answer).update(change)
     assert problems_of(answer, 2.0) == ([] if problem is None else [problem])

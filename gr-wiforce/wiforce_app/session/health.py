@@ -202,7 +202,7 @@ class RunHealth:
             name: {
                 "age_s": None if tag.arrived_s is None else round(now - tag.arrived_s, 3),
                 "received": tag.arrived_s is not None and not tag.silent,
-                "doubt": self._stream.reference_problem(name),
+                "reference_problem": self._stream.reference_problem(name),
                 "clock_offset_ppm": clocks_ppm.get(name),
                 "length_mm": tag.length_mm,
             }

@@ -201,7 +201,7 @@ def health_message(report: Mapping[str, Any]) -> RosMessage:
 
     Examples
     --------
-    >>> sensors = {"arm": {"age_s": 0.04, "received": True, "doubt": ""}}
+    >>> sensors = {"arm": {"age_s": 0.04, "received": True, "reference_problem": ""}}
     >>> health = health_message({"run": "r", "state": "reading", "reason": "", "sensors": sensors})
     >>> [(each["name"], each["level"]) for each in health.fields["status"]]
     [('gr-wiforce: reader', 0), ('gr-wiforce: arm', 0)]
@@ -268,7 +268,9 @@ def built(
 def _sensor_state(health: Mapping[str, Any]) -> tuple[int, str]:
     if not health["received"]:
         return _ERROR, "not received"
-    return (_WARN, health["doubt"]) if health["doubt"] else (_OK, "received")
+    return (
+        (_WARN, health["reference_problem"]) if health["reference_problem"] else (_OK, "received")
+    )
 
 
 def _status(

@@ -68,7 +68,7 @@ class SensorView {
     this.clock = element("span", "clock", details);
     this.interference = element("span", "interference", details);
     this.age = element("span", "age", details);
-    this.doubt = element("span", "doubt warning", details);
+    this.problem = element("span", "problem warning", details);
     this.picture = document.createElementNS(SVG, "svg");
     this.picture.classList.add("picture");
     this.picture.setAttribute("role", "img");
@@ -118,8 +118,8 @@ class SensorView {
     const share = stale || reading.interference === null ? null : reading.interference;
     setText(this.interference, `interference ${share === null ? "–" : `${Math.round(100 * share)} %`}`);
     setText(this.age, Number.isFinite(ageS) ? `last reading ${ageText(ageS)} ago` : "");
-    const doubt = health.received === false && health.age_s !== null ? "not received" : "";
-    setText(this.doubt, health.doubt || doubt);
+    const silence = health.received === false && health.age_s !== null ? "not received" : "";
+    setText(this.problem, health.reference_problem || silence);
   }
 
   drawPicture(press, lengthMm, width, height) {
