@@ -61,6 +61,7 @@ class SlowTare:
         self._count = self._next = 0
         self._recent: deque[_Group] = deque()
         self._outliers: list[_Group] = []
+        self._touched = False
         self.drift_deg = (0.0, 0.0)
 
     def reset(self) -> None:
@@ -74,11 +75,19 @@ class SlowTare:
         self._outliers.clear()
         self._count = self._next = 0
 
-    def discard_newest(self, forget_outliers: bool = False) -> None:
-        """Discard the groups that are not used yet: a touch may have begun in them."""
+    def discard_newest(self, touched: bool = False) -> None:
+        """Discard the groups that are not used yet: a touch may have begun in them.
+
+        Parameters
+        ----------
+        touched : bool
+            It has begun for certain: outliers are forgotten, and the group after it may hold
+            its end.
+        """
         self._recent.clear()
-        if forget_outliers:
+        if touched:
             self._outliers.clear()
+            self._touched = True
 
     def follow(
         self, time_s: float, phases_deg: tuple[float, float], std_deg: tuple[float, float]
@@ -95,9 +104,13 @@ class SlowTare:
         first, second = self.drift_deg
         change1 = wrapped(phases_deg[0] - first)
         change2 = wrapped(phases_deg[1] - second)
+        limit = max(_OUTLIER_STDS * math.hypot(*std_deg), _OUTLIER_DEG)
+        after_touch, self._touched = self._touched, False
+        if after_touch and max(abs(change1), abs(change2)) > limit:
+            return  # the mean of a touch and the untouched phases
         variance = max(std_deg[0] ** 2 + std_deg[1] ** 2, 1e-12)
         group = (time_s, first + change1, second + change2, variance**-0.5)
-        if abs(change1 - change2) > max(_OUTLIER_STDS * math.hypot(*std_deg), _OUTLIER_DEG):
+        if abs(change1 - change2) > limit:
             self._outliers.append(group)
             if len(self._outliers) < _OUTLIERS:
                 return

@@ -136,7 +136,8 @@ class TouchDetector:
         self._drift = DriftRate(group_period_s, drift_deg_per_sqrt_s)
         self._untouched_s = 0.0
         self._moving = False
-        self._settled = True
+        # Untouched phases before what seems to be a motion, until untouched groups confirm it.
+        self._former_deg: tuple[float, float] | None = None
         self._reference = _ReferenceCheck()
         self._unverified: UnverifiedReference | None = None
         self._touch = 0
@@ -154,7 +155,7 @@ class TouchDetector:
         self._tare.reset()
         self._reference = _ReferenceCheck()
         self._unverified = unverified
-        self._touch, self._settled = 0, True
+        self._touch, self._former_deg = 0, None
 
     @property
     def touch(self) -> int:
@@ -210,9 +211,11 @@ class TouchDetector:
         if not (math.isfinite(std_deg[0]) and math.isfinite(std_deg[1])):
             return TouchDecision(None, False, tare.drift_deg, self.reference_problem != "")
         self._note_silence(time_s, in_reference)
+        spreads = [math.hypot(std, _STATE_SPREAD_DEG) for std in std_deg]
+        if max(std_deg) <= WEAK_PHASE_DEG:
+            self._return_to_former(phases_deg, spreads)
         drift = tare.drift_deg
         first, second = wrapped(phases_deg[0] - drift[0]), wrapped(phases_deg[1] - drift[1])
-        spreads = [math.hypot(std, _STATE_SPREAD_DEG) for std in std_deg]
         untouched = (first / spreads[0]) ** 2 + (second / spreads[1]) ** 2
         # Squared standard deviations by which the changes of the ends differ.
         common = wrapped(first - second) ** 2 / (spreads[0] ** 2 + spreads[1] ** 2)
@@ -238,16 +241,16 @@ class TouchDetector:
                 tare.discard_newest()
             return self._decision(moved, released)
         if moved and self._moving:
+            self._former_deg = self._former_deg or drift
             tare.shift((first, second))
-            self._settled = False
         if self._touch or moved:
             self._drift.interrupt()
         else:
-            self._settled = True
+            self._former_deg = None
             self._untouched_s = time_s
             self._drift.follow(time_s, phases_deg, std_deg)
         if self._touch:
-            tare.discard_newest(forget_outliers=True)
+            tare.discard_newest(touched=True)
         elif self._moving or not moved:
             tare.follow(time_s, phases_deg, std_deg)
         # A single group may be a press that began inside it; the tare moves with the second.
@@ -258,8 +261,21 @@ class TouchDetector:
         drift = self._tare.drift_deg
         # Two groups in which a touch ends and the next one begins look like a motion; what the tare
         # was shifted to is known only when an untouched group shows the same.
-        moved |= self._touch == 1 and not self._settled
+        moved |= self._touch == 1 and self._former_deg is not None
         return TouchDecision(self._touch, moved, drift, self.reference_problem != "", released)
+
+    def _return_to_former(self, phases_deg: tuple[float, float], spreads: list[float]) -> None:
+        """Undo a motion that is not confirmed when the phases before it explain the group."""
+        if self._former_deg is None:
+            return
+        change = (
+            wrapped(phases_deg[0] - self._former_deg[0]),
+            wrapped(phases_deg[1] - self._former_deg[1]),
+        )
+        untouched = distance_squared(change, (spreads[0], spreads[1])) < _EVIDENCE
+        if untouched or self._image.is_within(_EVIDENCE, change, spreads):
+            drift = self._tare.drift_deg
+            self._tare.shift((self._former_deg[0] - drift[0], self._former_deg[1] - drift[1]))
 
     def _note_silence(self, time_s: float, in_reference: bool) -> None:
         """Require that the reference is verified when the tag returns after it was silent."""
