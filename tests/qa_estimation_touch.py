@@ -168,6 +168,23 @@ def test_tare_after_motion_leaves_out_the_group_in_which_a_touch_ends(detector):
     assert decisions[40].drift_deg == pytest.approx((25.0, 25.0), abs=0.3)
 
 
+def test_touch_right_after_a_motion_states_the_error_of_the_tare(detector):
+    """The tare extrapolates the motion beyond its end, and the press was read from there."""
+    phases = np.zeros((100, 2))
+    phases[40:] += np.clip(0.9 * np.arange(60)[:, None], 0, 9)
+    phases[63:] += turned(3.0, 25.0)
+    decisions = run(detector, phases, 0.1, np.random.default_rng(5), reference=13)
+    error = np.abs(np.array(decisions[63].drift_deg) - 9.0)
+    std = np.array(detector.drift_std_deg(63.5 * PERIOD_S))
+    assert np.all(error > 1) and np.all(error < 2 * std) and not decisions[63].moved
+
+
+@pytest.mark.parametrize("std_deg", [0.05, 0.5, 2.0])
+def test_touch_of_a_still_tag_states_no_error_of_the_tare(detector, std_deg):
+    run(detector, np.zeros((40, 2)), std_deg, np.random.default_rng(5), reference=13)
+    assert detector.drift_std_deg(40 * PERIOD_S) == (0, 0)
+
+
 def test_touch_without_phases_is_unknown(detector):
     run(detector, np.zeros((30, 2)), 0.2)
     decision = detector.update(1.2, (0.0, 0.0), (0.2, np.inf))

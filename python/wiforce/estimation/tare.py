@@ -25,7 +25,11 @@ _OUTLIER_STDS = 4.0
 _OUTLIER_DEG = 0.3
 _OUTLIERS = 5
 
-_Group = tuple[float, float, float, float]
+# Groups over which the error of the tare is averaged.
+_ERROR_GROUPS = 4
+
+# Time, both phases, root of the weight, and both changes against the tare of the group before.
+_Group = tuple[float, float, float, float, float, float]
 
 
 class SlowTare:
@@ -62,6 +66,8 @@ class SlowTare:
         self._recent: deque[_Group] = deque()
         self._outliers: list[_Group] = []
         self._touched = False
+        # Changes against the tare and variance of their difference, of the newest groups used.
+        self._errors: deque[tuple[float, float, float]] = deque(maxlen=_ERROR_GROUPS)
         self.drift_deg = (0.0, 0.0)
 
     def reset(self) -> None:
@@ -73,6 +79,7 @@ class SlowTare:
         self.drift_deg = (self.drift_deg[0] + change_deg[0], self.drift_deg[1] + change_deg[1])
         self._recent.clear()
         self._outliers.clear()
+        self._errors.clear()
         self._count = self._next = 0
 
     def discard_newest(self, touched: bool = False) -> None:
@@ -109,7 +116,7 @@ class SlowTare:
         if after_touch and max(abs(change1), abs(change2)) > limit:
             return  # the mean of a touch and the untouched phases
         variance = max(std_deg[0] ** 2 + std_deg[1] ** 2, 1e-12)
-        group = (time_s, first + change1, second + change2, variance**-0.5)
+        group = (time_s, first + change1, second + change2, variance**-0.5, change1, change2)
         if abs(change1 - change2) > limit:
             self._outliers.append(group)
             if len(self._outliers) < _OUTLIERS:
@@ -120,11 +127,29 @@ class SlowTare:
             self._recent.append(group)
         self._outliers.clear()
         while len(self._recent) > _DELAY_GROUPS:
-            self._keep(*self._recent.popleft())
+            used = self._recent.popleft()
+            self._keep(*used[:4])
+            self._errors.append((used[4], used[5], used[3] ** -2))
             self._next = (self._next + 1) % self._untouched.shape[1]
             self._count = min(self._count + 1, self._untouched.shape[1])
         if self._count:
             self.drift_deg = self._extrapolate(time_s)
+
+    @property
+    def error_deg(self) -> tuple[float, float]:
+        """By how much the tare misses the newest groups it used; 0 where noise explains it.
+
+        It lags behind a motion that begins, and overshoots one that ends.
+        """
+        if not self._errors:
+            return 0.0, 0.0
+        count = len(self._errors)
+        first, second, variance = (sum(values) / count for values in zip(*self._errors, strict=True))
+        limit = max(_OUTLIER_STDS * math.sqrt(variance / count), _OUTLIER_DEG)
+        return (
+            abs(first) if abs(first) > limit else 0.0,
+            abs(second) if abs(second) > limit else 0.0,
+        )
 
     def _keep(self, time_s: float, first: float, second: float, root: float) -> None:
         """Put a group into the ring, in place of the oldest."""

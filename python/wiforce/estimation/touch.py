@@ -314,6 +314,8 @@ class TouchDetector:
     def drift_std_deg(self, time_s: float) -> tuple[float, float]:
         """Standard deviation of what the phases may have drifted since the last untouched group.
 
+        It is at least the error of the tare there.
+
         Parameters
         ----------
         time_s : float
@@ -324,7 +326,9 @@ class TouchDetector:
         (float, float)
             In degrees, for both ends.
         """
-        return self._drift.std_deg(time_s - self._untouched_s + _TARE_AGE_S)
+        drift = self._drift.std_deg(time_s - self._untouched_s + _TARE_AGE_S)
+        error = self._tare.error_deg
+        return max(drift[0], error[0]), max(drift[1], error[1])
 
     def _decide(
         self, change: tuple[float, float], spreads: list[float], untouched: float, common: float
