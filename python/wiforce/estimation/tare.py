@@ -25,6 +25,9 @@ _OUTLIER_STDS = 4.0
 _OUTLIER_DEG = 0.3
 _OUTLIERS = 5
 
+# The group in which a touch ends is the mean of it and of the untouched phases: the first group
+# after a touch is left out if it differs from the tare by this, or the tare is not known well yet.
+_MIXED_STDS = 3.0
 # Groups over which the error of the tare is averaged.
 _ERROR_GROUPS = 4
 
@@ -111,10 +114,11 @@ class SlowTare:
         first, second = self.drift_deg
         change1 = wrapped(phases_deg[0] - first)
         change2 = wrapped(phases_deg[1] - second)
-        limit = max(_OUTLIER_STDS * math.hypot(*std_deg), _OUTLIER_DEG)
         after_touch, self._touched = self._touched, False
-        if after_touch and max(abs(change1), abs(change2)) > limit:
-            return  # the mean of a touch and the untouched phases
+        differs = abs(change1) > _MIXED_STDS * std_deg[0] or abs(change2) > _MIXED_STDS * std_deg[1]
+        if after_touch and (differs or self._count < _DRIFT_GROUPS):
+            return
+        limit = max(_OUTLIER_STDS * math.hypot(*std_deg), _OUTLIER_DEG)
         variance = max(std_deg[0] ** 2 + std_deg[1] ** 2, 1e-12)
         group = (time_s, first + change1, second + change2, variance**-0.5, change1, change2)
         if abs(change1 - change2) > limit:

@@ -245,7 +245,7 @@ class TouchDetector:
             return self._decision(moved, released)
         if moved and self._moving:
             if self._former is None:
-                tare.discard_newest(touched=True)
+                tare.discard_newest()
                 self._former = copy.deepcopy(tare)
             tare.shift((first, second))
         if self._touch or moved:
