@@ -148,7 +148,9 @@ class SlowTare:
         if not self._errors:
             return 0.0, 0.0
         count = len(self._errors)
-        first, second, variance = (sum(values) / count for values in zip(*self._errors, strict=True))
+        first, second, variance = (
+            sum(values) / count for values in zip(*self._errors, strict=True)
+        )
         limit = max(_OUTLIER_STDS * math.sqrt(variance / count), _OUTLIER_DEG)
         return (
             abs(first) if abs(first) > limit else 0.0,
