@@ -4,7 +4,7 @@
 import pytest
 from press_sequences import Sequence
 
-SEEDS, LONG_SEEDS = 12, 500
+SEEDS, LONG_SEEDS = 12, 200
 
 
 @pytest.mark.timeout(3000)
