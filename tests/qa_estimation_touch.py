@@ -140,6 +140,51 @@ def test_touch_after_what_only_looked_like_motion_is_flagged_until_untouched(det
     assert decisions[-1].drift_deg == pytest.approx((0, 0), abs=0.2)
 
 
+@pytest.mark.parametrize("share", [(0.2, 0.6), (0.3, 0.7), (0.25, 0.5, 0.75)])
+def test_touch_at_mid_line_that_begins_over_several_groups_is_no_motion(detector, share):
+    """Both phases change alike from group to group; the tare followed them into the press."""
+    press = turned(4.0, 40.0)
+    phases = np.zeros((60, 2))
+    phases[20:40] = press
+    for group, part in enumerate(share, 20):
+        phases[group] = np.degrees(np.angle(1 - part + part * np.exp(1j * np.radians(press))))
+    decisions = run(detector, phases, 0.3, np.random.default_rng(5), reference=13)
+    whole = slice(20 + len(share), 40)
+    assert np.all(touches(decisions)[whole] == 1)
+    assert all(d.moved for d in decisions[20:40])
+    assert not np.any(touches(decisions)[40:]) and not any(d.moved for d in decisions[40:])
+    assert decisions[-1].drift_deg == pytest.approx((0, 0), abs=0.3)
+
+
+def test_tare_after_motion_leaves_out_the_group_in_which_a_touch_ends(detector):
+    """It was the only group of the tare, and the next press was read from it."""
+    phases = np.zeros((60, 2))
+    phases[20:] += 25.0
+    phases[22:30] += turned(3.0, 25.0)
+    phases[30] += 3.0
+    phases[34:] += turned(3.0, 25.0)
+    decisions = run(detector, phases, 0.05, np.random.default_rng(5), reference=13)
+    assert np.all(touches(decisions)[34:] == 1)
+    assert decisions[40].drift_deg == pytest.approx((25.0, 25.0), abs=0.3)
+
+
+def test_touch_right_after_a_motion_states_the_error_of_the_tare(detector):
+    """The tare extrapolates the motion beyond its end, and the press was read from there."""
+    phases = np.zeros((100, 2))
+    phases[40:] += np.clip(0.9 * np.arange(60)[:, None], 0, 9)
+    phases[63:] += turned(3.0, 25.0)
+    decisions = run(detector, phases, 0.1, np.random.default_rng(5), reference=13)
+    error = np.abs(np.array(decisions[63].drift_deg) - 9.0)
+    std = np.array(detector.drift_std_deg(63.5 * PERIOD_S))
+    assert np.all(error > 1) and np.all(error < 2 * std) and not decisions[63].moved
+
+
+@pytest.mark.parametrize("std_deg", [0.05, 0.5, 2.0])
+def test_touch_of_a_still_tag_states_no_error_of_the_tare(detector, std_deg):
+    run(detector, np.zeros((40, 2)), std_deg, np.random.default_rng(5), reference=13)
+    assert detector.drift_std_deg(40 * PERIOD_S) == (0, 0)
+
+
 def test_touch_without_phases_is_unknown(detector):
     run(detector, np.zeros((30, 2)), 0.2)
     decision = detector.update(1.2, (0.0, 0.0), (0.2, np.inf))

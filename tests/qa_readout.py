@@ -118,6 +118,18 @@ def test_readout_magnitude_dip_is_flagged_transition():
     assert "transition" in flags[30] and flags[29] == flags[31] == ()
 
 
+@pytest.mark.parametrize("at_once", [False, True])
+def test_readout_second_of_two_groups_that_dip_is_flagged_transition(at_once):
+    """A press that is replaced within two groups by another was read between them."""
+    groups = press(20, 39, 40)
+    for g, level in ((30, 0.75), (31, 0.85)):
+        groups[g] = groups[g].having(ratios=level * groups[g].ratios)
+    groups = [Groups.concatenate(groups)] if at_once else groups
+    flags = [r.flags for r in readings_of(make_readout(), groups)]
+    changed = [g for g in range(21, 39) if "transition" in flags[g]]
+    assert changed == [30, 31] and flags[29] == flags[32] == ()
+
+
 def test_readout_magnitude_dip_within_the_noise_is_not_flagged():
     groups = press(20, 39, 40, std_deg=2.5)
     groups[30] = groups[30].having(ratios=0.9 * groups[30].ratios)

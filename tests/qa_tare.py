@@ -182,6 +182,17 @@ def test_tare_forced_during_a_press_flags_readings_until_the_release(force_n, lo
     assert np.mean([r.location_mm for r in pressed]) == pytest.approx(35.0, abs=0.3)
 
 
+def test_press_that_begins_right_after_a_forced_tare_ends_is_read_from_the_former_reference():
+    """The third group after the release holds the begin of the press, and became the tare."""
+    bench = Bench().run(8, (5.0, 20.0))
+    bench.receiver.tare(force=True)
+    bench.run(20, (5.0, 20.0)).run(2).run(1, turned_deg=-3.0).run(10, (2.0, 48.0)).run(5)
+    pairs = bench.finished()
+    assert not wrong(pairs)
+    read = [r.force_n for press, r in pairs[-15:] if press and not r.flags]
+    assert len(read) > 6 and read == pytest.approx([2.0] * len(read), abs=0.1)
+
+
 def test_tare_forced_during_a_press_that_changes_stays_flagged():
     """5 N, 7 N and 5 N again look like a press and a release from the wrong reference."""
     bench = Bench().run(8, (5.0, 40.0))

@@ -25,7 +25,14 @@ _OUTLIER_STDS = 4.0
 _OUTLIER_DEG = 0.3
 _OUTLIERS = 5
 
-_Group = tuple[float, float, float, float]
+# The group in which a touch ends is the mean of it and of the untouched phases: the first group
+# after a touch is left out if it differs from the tare by this, or the tare is not known well yet.
+_MIXED_STDS = 3.0
+# Groups over which the error of the tare is averaged.
+_ERROR_GROUPS = 4
+
+# Time, both phases, root of the weight, and both changes against the tare of the group before.
+_Group = tuple[float, float, float, float, float, float]
 
 
 class SlowTare:
@@ -61,6 +68,9 @@ class SlowTare:
         self._count = self._next = 0
         self._recent: deque[_Group] = deque()
         self._outliers: list[_Group] = []
+        self._touched = False
+        # Changes against the tare and variance of their difference, of the newest groups used.
+        self._errors: deque[tuple[float, float, float]] = deque(maxlen=_ERROR_GROUPS)
         self.drift_deg = (0.0, 0.0)
 
     def reset(self) -> None:
@@ -72,13 +82,22 @@ class SlowTare:
         self.drift_deg = (self.drift_deg[0] + change_deg[0], self.drift_deg[1] + change_deg[1])
         self._recent.clear()
         self._outliers.clear()
+        self._errors.clear()
         self._count = self._next = 0
 
-    def discard_newest(self, forget_outliers: bool = False) -> None:
-        """Discard the groups that are not used yet: a touch may have begun in them."""
+    def discard_newest(self, touched: bool = False) -> None:
+        """Discard the groups that are not used yet: a touch may have begun in them.
+
+        Parameters
+        ----------
+        touched : bool
+            It has begun for certain: outliers are forgotten, and the group after it may hold
+            its end.
+        """
         self._recent.clear()
-        if forget_outliers:
+        if touched:
             self._outliers.clear()
+            self._touched = True
 
     def follow(
         self, time_s: float, phases_deg: tuple[float, float], std_deg: tuple[float, float]
@@ -95,9 +114,14 @@ class SlowTare:
         first, second = self.drift_deg
         change1 = wrapped(phases_deg[0] - first)
         change2 = wrapped(phases_deg[1] - second)
+        after_touch, self._touched = self._touched, False
+        differs = abs(change1) > _MIXED_STDS * std_deg[0] or abs(change2) > _MIXED_STDS * std_deg[1]
+        if after_touch and (differs or self._count < _DRIFT_GROUPS):
+            return
+        limit = max(_OUTLIER_STDS * math.hypot(*std_deg), _OUTLIER_DEG)
         variance = max(std_deg[0] ** 2 + std_deg[1] ** 2, 1e-12)
-        group = (time_s, first + change1, second + change2, variance**-0.5)
-        if abs(change1 - change2) > max(_OUTLIER_STDS * math.hypot(*std_deg), _OUTLIER_DEG):
+        group = (time_s, first + change1, second + change2, variance**-0.5, change1, change2)
+        if abs(change1 - change2) > limit:
             self._outliers.append(group)
             if len(self._outliers) < _OUTLIERS:
                 return
@@ -107,11 +131,31 @@ class SlowTare:
             self._recent.append(group)
         self._outliers.clear()
         while len(self._recent) > _DELAY_GROUPS:
-            self._keep(*self._recent.popleft())
+            used = self._recent.popleft()
+            self._keep(*used[:4])
+            self._errors.append((used[4], used[5], used[3] ** -2))
             self._next = (self._next + 1) % self._untouched.shape[1]
             self._count = min(self._count + 1, self._untouched.shape[1])
         if self._count:
             self.drift_deg = self._extrapolate(time_s)
+
+    @property
+    def error_deg(self) -> tuple[float, float]:
+        """By how much the tare misses the newest groups it used; 0 where noise explains it.
+
+        It lags behind a motion that begins, and overshoots one that ends.
+        """
+        if not self._errors:
+            return 0.0, 0.0
+        count = len(self._errors)
+        first, second, variance = (
+            sum(values) / count for values in zip(*self._errors, strict=True)
+        )
+        limit = max(_OUTLIER_STDS * math.sqrt(variance / count), _OUTLIER_DEG)
+        return (
+            abs(first) if abs(first) > limit else 0.0,
+            abs(second) if abs(second) > limit else 0.0,
+        )
 
     def _keep(self, time_s: float, first: float, second: float, root: float) -> None:
         """Put a group into the ring, in place of the oldest."""

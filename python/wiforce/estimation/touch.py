@@ -9,6 +9,7 @@ from 1.2 N are detected from their first group to their last. docs/estimation.md
 
 from __future__ import annotations
 
+import copy
 import math
 from collections import deque
 from typing import NamedTuple
@@ -136,7 +137,8 @@ class TouchDetector:
         self._drift = DriftRate(group_period_s, drift_deg_per_sqrt_s)
         self._untouched_s = 0.0
         self._moving = False
-        self._settled = True
+        # The tare before what seems to be a motion, until an untouched group confirms it.
+        self._former: SlowTare | None = None
         self._reference = _ReferenceCheck()
         self._unverified: UnverifiedReference | None = None
         self._touch = 0
@@ -154,7 +156,7 @@ class TouchDetector:
         self._tare.reset()
         self._reference = _ReferenceCheck()
         self._unverified = unverified
-        self._touch, self._settled = 0, True
+        self._touch, self._former = 0, None
 
     @property
     def touch(self) -> int:
@@ -206,13 +208,15 @@ class TouchDetector:
         -------
         TouchDecision
         """
-        tare = self._tare
         if not (math.isfinite(std_deg[0]) and math.isfinite(std_deg[1])):
-            return TouchDecision(None, False, tare.drift_deg, self.reference_problem != "")
+            return TouchDecision(None, False, self._tare.drift_deg, self.reference_problem != "")
         self._note_silence(time_s, in_reference)
+        spreads = [math.hypot(std, _STATE_SPREAD_DEG) for std in std_deg]
+        if max(std_deg) <= WEAK_PHASE_DEG:
+            self._return_to_former(phases_deg, spreads)
+        tare = self._tare
         drift = tare.drift_deg
         first, second = wrapped(phases_deg[0] - drift[0]), wrapped(phases_deg[1] - drift[1])
-        spreads = [math.hypot(std, _STATE_SPREAD_DEG) for std in std_deg]
         untouched = (first / spreads[0]) ** 2 + (second / spreads[1]) ** 2
         # Squared standard deviations by which the changes of the ends differ.
         common = wrapped(first - second) ** 2 / (spreads[0] ** 2 + spreads[1] ** 2)
@@ -226,9 +230,11 @@ class TouchDetector:
             self._touch, moved = self._decide((first, second), spreads, untouched, common)
         released = False
         if self._unverified is not None and not in_reference:
+            former = self._unverified.untouched_deg
             released = self._verify(self._unverified, time_s, phases_deg, (first, second), std_deg)
-            if released and (self._touch or moved):
-                tare.shift((first, second))
+            if released and former is not None and (self._touch or moved):
+                # The phases of the group itself may hold the beginning of the next press.
+                tare.shift((former[0] - drift[0], former[1] - drift[1]))
                 self._touch, moved = 0, False
         self._last_deg = (phases_deg[0], phases_deg[1])
         if max(std_deg) > WEAK_PHASE_DEG:
@@ -238,16 +244,18 @@ class TouchDetector:
                 tare.discard_newest()
             return self._decision(moved, released)
         if moved and self._moving:
+            if self._former is None:
+                tare.discard_newest()
+                self._former = copy.deepcopy(tare)
             tare.shift((first, second))
-            self._settled = False
         if self._touch or moved:
             self._drift.interrupt()
         else:
-            self._settled = True
+            self._former = None
             self._untouched_s = time_s
             self._drift.follow(time_s, phases_deg, std_deg)
         if self._touch:
-            tare.discard_newest(forget_outliers=True)
+            tare.discard_newest(touched=True)
         elif self._moving or not moved:
             tare.follow(time_s, phases_deg, std_deg)
         # A single group may be a press that began inside it; the tare moves with the second.
@@ -258,8 +266,18 @@ class TouchDetector:
         drift = self._tare.drift_deg
         # Two groups in which a touch ends and the next one begins look like a motion; what the tare
         # was shifted to is known only when an untouched group shows the same.
-        moved |= self._touch == 1 and not self._settled
+        moved |= self._touch == 1 and self._former is not None
         return TouchDecision(self._touch, moved, drift, self.reference_problem != "", released)
+
+    def _return_to_former(self, phases_deg: tuple[float, float], spreads: list[float]) -> None:
+        """Undo a motion that is not confirmed when the phases before it explain the group."""
+        if self._former is None:
+            return
+        drift = self._former.drift_deg
+        change = wrapped(phases_deg[0] - drift[0]), wrapped(phases_deg[1] - drift[1])
+        untouched = distance_squared(change, (spreads[0], spreads[1])) < _EVIDENCE
+        if untouched or self._image.is_within(_EVIDENCE, change, spreads):
+            self._tare = copy.deepcopy(self._former)
 
     def _note_silence(self, time_s: float, in_reference: bool) -> None:
         """Require that the reference is verified when the tag returns after it was silent."""
@@ -298,6 +316,8 @@ class TouchDetector:
     def drift_std_deg(self, time_s: float) -> tuple[float, float]:
         """Standard deviation of what the phases may have drifted since the last untouched group.
 
+        It is at least the error of the tare there.
+
         Parameters
         ----------
         time_s : float
@@ -308,7 +328,9 @@ class TouchDetector:
         (float, float)
             In degrees, for both ends.
         """
-        return self._drift.std_deg(time_s - self._untouched_s + _TARE_AGE_S)
+        drift = self._drift.std_deg(time_s - self._untouched_s + _TARE_AGE_S)
+        error = self._tare.error_deg
+        return max(drift[0], error[0]), max(drift[1], error[1])
 
     def _decide(
         self, change: tuple[float, float], spreads: list[float], untouched: float, common: float

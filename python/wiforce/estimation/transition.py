@@ -41,7 +41,7 @@ class TransitionFlags:
 
     def __init__(self) -> None:
         self._waiting: Groups | None = None
-        # The last group that was given and the one that waits, as far as there are any.
+        # The last two groups that were given and the one that waits, as far as there are any.
         self._window: _Window | None = None
 
     def process(self, groups: Groups) -> Groups:
@@ -55,11 +55,11 @@ class TransitionFlags:
         # One group at a time is given as it was kept, without copies of its arrays.
         if window.begins():
             given, self._waiting = Groups.concatenate([*kept, groups]), None
-            known = 1
+            known = 2
         else:
             before = [*kept, groups[:-1]] if len(groups) > 1 else kept
             given, self._waiting = Groups.concatenate(before), groups[-1:]
-            known = 2
+            known = 3
         first = len(window) - len(kept) - len(groups)
         self._window = window.last(known)
         return _flagged(given, window, first) if len(given) else given
@@ -143,10 +143,12 @@ def _changes(groups: _Window) -> Array:
     known = beside & (touches >= 0)  # (2, G, S)
     edge = (known & (touches != touch)).any(axis=0) & (touch == 1)
     of_ends = np.repeat(known, 2, axis=2)
-    lowest = np.min(levels, axis=0, initial=np.inf, where=of_ends)
-    with np.errstate(invalid="ignore"):
-        dip = (level < _DIP * lowest) & (lowest - level > _DIP_STDS * np.radians(std) * lowest)
-    dip &= of_ends.any(axis=0)
+    dip = _dips(level, std, np.min(levels, axis=0, initial=np.inf, where=of_ends))
+    # Of two groups in a row that dip, the second may be above the first.
+    after_dip = np.zeros((count, groups.sensors), bool)
+    after_dip[1:] = _any_end(dip)[:-1] & beside[0, 1:]
+    following = np.where(of_ends[1], levels[1], np.inf)
+    dip |= np.repeat(after_dip, 2, axis=1) & _dips(level, std, following)
     changed = edge | (_any_end(dip) & (touch >= 0))
     untouched = (touch == 0) | (known & (touches == 0)).any(axis=0)
     touched = (touch == 1) | (known & (touches == 1)).any(axis=0)
@@ -155,6 +157,14 @@ def _changes(groups: _Window) -> Array:
     disturbed = _any_end((beside & (std > _DISTURBED * stds)).any(axis=0))
     transition: Array = (changed | (anything & disturbed)) & (touch >= 0)
     return transition
+
+
+def _dips(level: Array, std: Array, lowest: Array) -> Array:
+    """Whether magnitudes are below those of the neighbours, infinite where there is none."""
+    with np.errstate(invalid="ignore"):
+        deep = (level < _DIP * lowest) & (lowest - level > _DIP_STDS * np.radians(std) * lowest)
+    dips: Array = deep & np.isfinite(lowest)
+    return dips
 
 
 def _any_end(of_ends: Array) -> Array:

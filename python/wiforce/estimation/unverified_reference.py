@@ -68,7 +68,7 @@ class UnverifiedReference:
         self.reason = reason
         self.released_to_former = False
         self._distance = distance
-        self._untouched_deg, self._before_deg = untouched_deg, before_deg
+        self.untouched_deg, self._before_deg = untouched_deg, before_deg
         self._wanted, self._at_former = groups, 0
         self._pressed = self._released = 0
 
@@ -92,7 +92,7 @@ class UnverifiedReference:
         -------
         bool
         """
-        former = self._untouched_deg
+        former = self.untouched_deg
         if former is not None:
             own = distance_squared(_difference(phases_deg, former), spreads_deg)
             here = distance_squared(change_deg, spreads_deg)
@@ -112,8 +112,8 @@ class UnverifiedReference:
         if touch:
             self._released = 0
             explained = self._distance(change_deg, spreads_deg) < _KNOWN
-            if explained and self._untouched_deg is not None:
-                former = _difference(phases_deg, self._untouched_deg)
+            if explained and self.untouched_deg is not None:
+                former = _difference(phases_deg, self.untouched_deg)
                 explained = (
                     distance_squared(former, spreads_deg) > _KNOWN
                     and self._distance(former, spreads_deg) > _KNOWN
