@@ -198,6 +198,22 @@ def test_drift_across_a_touch_is_learned():
     assert rate.std_deg(elapsed_s)[0] == pytest.approx(1.0, abs=0.15)
 
 
+def test_drift_is_learned_between_presses_in_quick_succession():
+    """Only one or two groups between them are away from both, never the four of a mean."""
+    rng, learned = np.random.default_rng(12), []
+    for _ in range(40):
+        rate = DriftRate(PERIOD_S)
+        walk = np.cumsum(0.5 * np.sqrt(PERIOD_S) * rng.standard_normal((600, 2)), axis=0)
+        measured = walk + 0.1 * rng.standard_normal((600, 2))
+        for group, phases in enumerate(measured.tolist()):
+            if group % 30 < 6:
+                rate.follow(PERIOD_S * group, phases, (0.1, 0.1))
+            else:
+                rate.interrupt()
+        learned.append(rate.std_deg(1.0))
+    assert np.quantile(learned, (0.1, 0.9)) == pytest.approx([0.4, 0.6], abs=0.1)
+
+
 def compressed_frames(share, offset=0.0, before=True, delay=0.0, frames=3):
     """Frames of three static paths through a third-order receiver; and the linear symbol."""
     spectrum, cycles = np.fft.fft(WAVEFORM.frame()), np.fft.fftfreq(WAVEFORM.frame_length)

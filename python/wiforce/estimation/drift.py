@@ -28,7 +28,7 @@ _CERTAIN = 0.5
 _UPPER = 2.0
 # Groups next to a touch that are not used.
 _MARGIN_GROUPS = 2
-# Untouched groups before and after a touch that are compared.
+# Untouched groups before and after a touch that are compared, at most.
 _ACROSS_GROUPS = 4
 # A change beyond this, in degrees, is an event and not drift.
 _EVENT_DEG = 5.0
@@ -80,8 +80,11 @@ class DriftRate:
 
     def interrupt(self) -> None:
         """Do not compare the next groups with those before: a touch lies between."""
-        if len(self._recent) >= _ACROSS_GROUPS:
-            self._before = self._newest()
+        if self._recent:  # fewer groups than usual, where presses follow each other quickly
+            after = self._newest()
+            if self._before is not None:
+                self._compare_across(self._before, after)
+            self._before = after
         self._recent.clear()
         self._margin.touch()
 
