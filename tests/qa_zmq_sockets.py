@@ -10,6 +10,7 @@ import time
 
 import pytest
 import zmq
+from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.readings import Reading
 from gnuradio.wiforce.io.zmq_request import request
@@ -178,3 +179,26 @@ def test_publisher_memory_is_bounded_whatever_peers_subscribe_to(free_port, leng
         received = json.loads(subscriber.recv())
         assert (received["message"], received["sensor"], received["run"]) == ("reading", "arm", "1")
     publisher.close()
+
+
+@pytest.mark.parametrize(
+    ("answer", "status", "words"),
+    [
+        (b"READY", 2, "must be the --control endpoint of a reader of this version"),
+        (b'["reading"]', 2, "must be the --control endpoint of a reader of this version"),
+        (b'{"ok": true, "state": "reading", "sensors": {"arm": {}}}', 2, "it answers otherwise"),
+        (b'{"ok": false, "error": "100 requests wait"}', 1, "status refused: 100 requests wait"),
+    ],
+)
+def test_status_of_what_is_no_reader_is_one_line(free_port, answer, status, words):
+    """A port that was mixed up must not look like a fault of the program."""
+    with zmq.Context() as context, context.socket(zmq.REP) as server:
+        server.setsockopt(zmq.LINGER, 0)
+        server.bind(f"tcp://127.0.0.1:{free_port}")
+        answering = threading.Thread(target=lambda: server.recv() and server.send(answer))
+        answering.start()
+        done = run_command("status", str(free_port))
+        answering.join()
+    said = done.stderr if status == 2 else done.stdout
+    assert done.returncode == status and words in said
+    assert len(said.splitlines()) == 1

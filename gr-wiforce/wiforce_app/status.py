@@ -4,6 +4,7 @@
 import json
 
 import click
+from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.zmq_keys import ClientKeys
 from gnuradio.wiforce.io.zmq_request import request
 
@@ -39,13 +40,16 @@ def status(endpoint, as_json, max_age, timeout, zmq_keys):
     """
     keys = None if zmq_keys is None else ClientKeys.load(zmq_keys)
     text = request(endpoint, "status", timeout, keys=keys)
-    answer = {} if text is None else json.loads(text)
-    problems = problems_of(answer, max_age) if answer else [f"no answer within {timeout:g} s"]
+    try:
+        answer = {} if text is None else json.loads(text)
+        problems = problems_of(answer, max_age) if answer else [f"no answer within {timeout:g} s"]
+        lines = list(_lines(answer, problems))
+    except (ValueError, LookupError, TypeError, AttributeError) as error:
+        rule = "must be the --control endpoint of a reader of this version; it answers otherwise"
+        raise InputError(endpoint, rule, text) from error
     if as_json:
-        click.echo(json.dumps({**answer, "healthy": not problems, "problems": problems}))
-    else:
-        for line in _lines(answer, problems):
-            click.echo(line)
+        lines = [json.dumps({**answer, "healthy": not problems, "problems": problems})]
+    click.echo("\n".join(lines))
     return int(bool(problems))
 
 
@@ -69,6 +73,8 @@ def problems_of(answer: dict, max_age_s: float) -> list[str]:
     >>> problems_of({"state": "reading", "reason": "", "sensors": sensors}, 2.0)
     ['arm: last reading 3.0 s ago']
     """
+    if answer.get("ok") is False:
+        return [f"status refused: {answer['error']}"]
     problems = []
     if answer.get("state") != "reading":
         reason = f" ({answer['reason']})" if answer.get("reason") else ""
@@ -84,7 +90,7 @@ def problems_of(answer: dict, max_age_s: float) -> list[str]:
 
 
 def _lines(answer, problems):
-    if answer:
+    if answer and answer.get("ok") is not False:
         groups = ", ".join(f"{count} {kind}" for kind, count in answer["groups"].items())
         yield f"run {answer['run']}: {answer['state']}, {answer['time_s']:.1f} s, groups: {groups}"
         tare = answer["tare"]
