@@ -117,8 +117,8 @@ def test_version_option_prints_version_of_build():
         (["bench", "stress", "--page", "no/page.md"], "folder does not exist"),
     ],
 )
-def test_command_bad_usage_gives_one_line_and_status_2(arguments, message):
-    done = run_command(*arguments)
+def test_command_bad_usage_gives_one_line_and_status_2(tmp_path, arguments, message):
+    done = run_command(*arguments, cwd=tmp_path)  # elsewhere, there may be a folder demo
     assert done.returncode == 2 and done.stdout == ""
     assert done.stderr.startswith("gr-wiforce: ") and message in done.stderr
     assert done.stderr.count("\n") == 1
