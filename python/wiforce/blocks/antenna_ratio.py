@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Block: ratio of two receive antennas, as folded vectors."""
 
-from pathlib import Path
-
 import numpy as np
 import pmt
 from gnuradio import gr
@@ -10,10 +8,8 @@ from gnuradio import gr
 from .. import names
 from ..estimation.antennas import folded_ratio, ratio_noise
 from ..estimation.groups import Array
-from ..scene import Scene
-from ..signal.waveform import Waveform
 from .argument_types import typed
-from .frame_settings import frames_of
+from .frame_settings import WaveformOrScene, frames_of
 from .noise_tags import NoiseTags, noise_value
 
 _NOISE = pmt.intern(names.NOISE)
@@ -55,7 +51,7 @@ class antenna_ratio(gr.sync_block):
     @typed
     def __init__(
         self,
-        waveform: str | Path | Waveform | Scene = "repeated",
+        waveform: WaveformOrScene = "repeated",
         frame_length: int = 720,
         sample_rate: float = 12.5e6,
         symbol_length: int = 0,

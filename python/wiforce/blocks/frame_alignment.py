@@ -1,18 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Block: aligns the start of a stream of samples with the first whole frame."""
 
-from pathlib import Path
-
 from gnuradio import gr
 
 from ..errors import InputError
 from ..estimation.groups import Array
 from ..io.samples import item_type_named
-from ..scene import Scene
-from ..signal.waveform import Waveform
 from .argument_types import typed
 from .frame_search import FrameSearch, Tag
-from .frame_settings import frames_of
+from .frame_settings import WaveformOrScene, frames_of
 
 
 class frame_alignment(gr.basic_block):
@@ -65,7 +61,7 @@ class frame_alignment(gr.basic_block):
     @typed
     def __init__(
         self,
-        waveform: str | Path | Waveform | Scene = "repeated",
+        waveform: WaveformOrScene = "repeated",
         frame_length: int = 720,
         sample_rate: float = 12.5e6,
         item_type: str = "fc32",

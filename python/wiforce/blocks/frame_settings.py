@@ -9,11 +9,13 @@ from ..scene import Scene, load_scene
 from ..signal.symbols import LONGEST_SYMBOL
 from ..signal.waveform import WAVEFORMS, Waveform, sounding_waveform
 
+# What the parameter ``waveform`` of blocks takes.
+WaveformOrScene = str | Path | Waveform | Scene
 # Samples that hold five repetitions of any symbol.
 LONGEST_PREAMBLE = 5 * LONGEST_SYMBOL
 
 
-def scene_meant(waveform: str | Path | Waveform | Scene) -> Scene | None:
+def scene_meant(waveform: WaveformOrScene) -> Scene | None:
     """The scene that is given in place of a waveform, so that its section `sounding` counts.
 
     Parameters
@@ -44,7 +46,7 @@ def scene_meant(waveform: str | Path | Waveform | Scene) -> Scene | None:
 
 
 def frames_of(
-    waveform: str | Path | Waveform | Scene,
+    waveform: WaveformOrScene,
     frame_length: int,
     sample_rate: float,
     symbol_length: int = 0,
@@ -95,7 +97,7 @@ def frames_of(
     return sounding_waveform(str(waveform), frame_length, sample_rate, **given)
 
 
-def symbol_length_of(waveform: str | Path | Waveform | Scene, symbol_length: int = 0) -> int:
+def symbol_length_of(waveform: WaveformOrScene, symbol_length: int = 0) -> int:
     """Samples of the symbol of a waveform or of a scene: the length of folded vectors.
 
     Parameters

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Block: transmit samples, the sounding frame repeated."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,10 +9,8 @@ from gnuradio import blocks, gr
 from ..errors import InputError
 from ..estimation.groups import Array
 from ..io.samples import item_type_named
-from ..scene import Scene
-from ..signal.waveform import Waveform
 from .argument_types import typed
-from .frame_settings import frames_of
+from .frame_settings import WaveformOrScene, frames_of
 
 
 def largest_amplitude(frame: Array) -> float:
@@ -72,7 +69,7 @@ class sounding_source(gr.hier_block2):
     @typed
     def __init__(
         self,
-        waveform: str | Path | Waveform | Scene = "repeated",
+        waveform: WaveformOrScene = "repeated",
         frame_length: int = 720,
         sample_rate: float = 12.5e6,
         amplitude: float = 0.5,
