@@ -125,9 +125,10 @@ def _clock_warnings(scene: Scene, plan: Plan) -> Iterator[str]:
         )
     nyquist_hz = 0.5 / plan.waveform.snapshot_period_s
     for clock, name in zip(plan.clocks, names, strict=True):
-        if HIGHEST_LINE * clock.clock_hz > NYQUIST_MARGIN * nyquist_hz:
+        line_hz = HIGHEST_LINE * clock.clock_hz
+        if line_hz > NYQUIST_MARGIN * nyquist_hz:
             yield (
-                f"Nyquist: line 4 of '{name}' ({4 * clock.clock_hz:g} Hz) lies close to half the "
+                f"Nyquist: line {HIGHEST_LINE} of '{name}' ({line_hz:g} Hz) lies close to half the "
                 f"snapshot rate ({nyquist_hz:.0f} Hz)"
             )
     levels = [tag.level_db for tag in scene.simulation.tags]
