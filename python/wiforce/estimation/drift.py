@@ -81,10 +81,8 @@ class DriftRate:
     def interrupt(self) -> None:
         """Do not compare the next groups with those before: a touch lies between."""
         if self._recent:  # fewer groups than usual, where presses follow each other quickly
-            after = self._newest()
-            if self._before is not None:
-                self._compare_across(self._before, after)
-            self._before = after
+            self._compare_across()
+            self._before = self._newest()
         self._recent.clear()
         self._margin.touch()
 
@@ -125,9 +123,8 @@ class DriftRate:
             sums[2] = keep * sums[2] + change2 * change2
             sums[3] = keep * sums[3] + noise1 + noise[0] ** 2
             sums[4] = keep * sums[4] + noise2 + noise[1] ** 2
-        if self._before is not None and len(self._recent) == _ACROSS_GROUPS:
-            self._compare_across(self._before, self._newest())
-            self._before = None
+        if len(self._recent) == _ACROSS_GROUPS:
+            self._compare_across()
 
     def _newest(self) -> tuple[float, list[float], list[float]]:
         """Mean time and phases of the newest groups, and the variance of these phases."""
@@ -140,12 +137,11 @@ class DriftRate:
             variances.append(sum(std[end] ** 2 for _, _, std in newest) / len(newest) ** 2)
         return sum(time_s for time_s, _, _ in newest) / len(newest), means, variances
 
-    def _compare_across(
-        self,
-        before: tuple[float, list[float], list[float]],
-        after: tuple[float, list[float], list[float]],
-    ) -> None:
-        """Learn from what a touch hid: a change of the untouched phases from before to after."""
+    def _compare_across(self) -> None:
+        """Learn once from what a touch hid: a change of the untouched phases across it."""
+        if self._before is None:
+            return
+        before, after, self._before = self._before, self._newest(), None
         changes = [wrapped(after[1][i] - before[1][i]) for i in (0, 1)]
         if max(map(abs, changes)) > _EVENT_DEG:
             return  # the tag was moved
