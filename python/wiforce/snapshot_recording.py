@@ -87,9 +87,8 @@ class SnapshotReader:
         with self._blas.limit(limits=1, user_api="blas"):
             channel = _without_oscillator(recording, untouched, plan.group_period_s, free)
             self.plan = self._fitted(plan, time_s, channel)
-            division = None
-            if free:
-                division = Division(channel[untouched].mean(axis=0), recording.antennas - 1)
+            others = recording.antennas - 1
+            division = Division(channel[untouched].mean(axis=0), others) if free else None
             table = self.plan.table
             assert isinstance(table, TimedTable)  # as _check requires packets
             self.source = PacketGroups(table, time_s, channel, division)
