@@ -64,21 +64,23 @@ def captures(tmp_path_factory):
 @pytest.fixture(scope="module")
 def groups(captures):
     """Collected groups of both rooms, by name."""
+    return {name: collected(captures / name) for name in ("quiet", "busy")}
+
+
+def collected(capture):
+    """The groups of a capture."""
     settings = wiforce.plan(SCENE)
-    length, found = settings.group_length, {}
-    for name in ("quiet", "busy"):
-        frames = frame_settings(open_capture(captures / name), settings.waveform, 0)
-        got = folded_reader(**frames).read(10**6)
-        found[name] = [
-            SnapshotGroup(
-                g,
-                got["folded"][g * length :][:length],
-                got["noise"][g * length :][:length],
-                np.ones(length, bool),
-            )
-            for g in range(len(got["folded"]) // length)
-        ]
-    return found
+    length = settings.group_length
+    got = folded_reader(**frame_settings(open_capture(capture), settings.waveform, 0)).read(10**6)
+    return [
+        SnapshotGroup(
+            g,
+            got["folded"][g * length :][:length],
+            got["noise"][g * length :][:length],
+            np.ones(length, bool),
+        )
+        for g in range(len(got["folded"]) // length)
+    ]
 
 
 def stream(settings, received, tare=None, batch=1, again_s=10.0):
@@ -318,6 +320,35 @@ def test_stream_touched_groups_are_never_a_new_reference(groups):
     assert all(plan is settings for plan in plans) and reader.findings == []
     assert any(r.touch for r in readings[46:])
     assert not any("reference" in r.flags for r in readings[20:])
+
+
+@pytest.fixture(scope="module")
+def held(tmp_path_factory):
+    """A press of three seconds, in both rooms, and before it a tag that is not received."""
+    folder = tmp_path_factory.mktemp("held")
+    press = {**SCENE["simulation"]["presses"][0], "start_s": 0.7, "hold_s": 2.6}
+    settings = SCENE["simulation"] | {"presses": [press], "duration_s": 4.0}
+    effects = {"quiet": {}, "busy": ROOM, "silent": {"snr_db": -60, "static_clutter_db": 120}}
+    for name, effect in effects.items():
+        simulate(load_scene({**SCENE, "simulation": settings | effect}), folder / name)
+    return {name: collected(folder / name) for name in effects}
+
+
+@pytest.mark.parametrize("how", ["tare forced", "reference lost", "tag silent"])
+def test_stream_doubtful_reference_is_not_replaced_by_pressed_phases(held, how):
+    """Lamps switched on under a press must not turn 4 N into 'untouched', without a flag."""
+    begin, change, reader = 22, 40, StreamReader(wiforce.plan(SCENE), survey_again_s=0.25)
+    first = {"tare forced": held["quiet"], "reference lost": [], "tag silent": held["silent"]}
+    received = first[how][:begin] + held["quiet"][begin:change] + held["busy"][change:]
+    readings = []
+    for group in received:
+        if how == "tare forced" and group.index == begin + 5:
+            reader.tares.request(force=True)
+        readings += reader.process([group])
+    readings += reader.finish()
+    pressed = [r for r in readings if 24 <= r.group < 103]
+    assert len(pressed) == 79
+    assert [r.group for r in pressed if r.touch == 0 and not r.flags] == []
 
 
 def test_stream_room_is_not_surveyed_across_lost_groups(groups):

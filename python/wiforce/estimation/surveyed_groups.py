@@ -14,8 +14,9 @@ from .snapshot_group import SnapshotGroup
 # A survey without a request waits for so many more groups: a press that begins slowly is
 # recognised as a touch only after its first groups, and readings are one group late.
 _MORE_GROUPS = 3
-# Flags of untouched groups in which the tag or the receiver may have changed.
-_UNSTEADY = {"gap", "moved", "saturated", "transition"}
+# Flags of untouched groups in which the tag or the receiver may have changed, or the sensor may be
+# touched after all, as while a reference is unverified.
+_UNSTEADY = {"ambiguous", "gap", "inconsistent", "moved", "saturated", "transition"}
 
 
 class SurveyedGroups:
