@@ -196,9 +196,25 @@ def test_rows_that_cannot_be_are_refused_by_number(own_table, rows, row, message
     refused(own_table, message)
 
 
-def test_the_same_measurement_twice_is_refused(own_table, rows):
-    rows.append(rows[40])
-    refused(own_table, "row 254: must not repeat row 41")
+def test_repeated_sweeps_with_equal_rounded_phases_are_repeats(tmp_path):
+    """Phases are rounded: whoever measures carefully, and again, gets equal ones."""
+    header, *first = vna_rows(LAWS[0], 900e6, FORCES, 0.2, np.random.default_rng(4))
+    sweeps = [*first]
+    for seed in (5, 6):
+        sweeps += vna_rows(LAWS[0], 900e6, FORCES, 0.2, np.random.default_rng(seed))[1:]
+    errors, stds = [], []
+    for rows in (first, sweeps):
+        rounded = [f"{before},{float(phase):.1f}" for before, phase in map(by_phase, rows)]
+        model = calibrate(read_vna_csv(written(tmp_path / "vna.csv", [header, *rounded])), "own")
+        errors.append(model.phases_deg(FORCES, 40.0) - LAWS[0].phases_deg(FORCES, 40.0, 900e6))
+        stds.append(model.carrier_std_deg(FORCES, 40.0, 0))
+    assert len(set(rounded)) < len(rounded)
+    once, thrice = (np.sqrt(np.mean(wrap(error) ** 2)) for error in errors)
+    assert thrice < 0.8 * once and np.mean(stds[1]) < 0.8 * np.mean(stds[0])
+
+
+def by_phase(row):
+    return row.rsplit(",", 1)
 
 
 def test_a_jump_that_is_neither_a_turn_nor_in_the_force_is_refused(own_table, rows):

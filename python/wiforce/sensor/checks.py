@@ -60,8 +60,11 @@ def check_table(table: CalibrationTable, length_mm: float) -> None:
     Raises
     ------
     InputError
-        Naming row, rule and value: a force of the other sign, a location outside the line, or the
-        same measurement twice.
+        Naming row, rule and value: a force of the other sign, or a location outside the line.
+
+    Notes
+    -----
+    Equal rows are repeated measurements: rounded phases of repeated sweeps are often equal.
 
     Examples
     --------
@@ -81,24 +84,6 @@ within the line, 0 to 60 mm, got 70.0
     for index in np.flatnonzero(outside):
         rule = f"must lie within the line, 0 to {length_mm:g} mm"
         raise InputError(f"{table.at(index)}: location_mm", rule, float(table.location_mm[index]))
-    _check_duplicates(table)
-
-
-def _check_duplicates(table: CalibrationTable) -> None:
-    seen: dict[tuple, int] = {}
-    for index in np.flatnonzero(~table.untouched):
-        key = (
-            table.frequency_hz[index],
-            table.location_mm[index],
-            table.port[index],
-            table.press[index],
-            table.force_n[index],
-            table.phase_deg[index],
-        )
-        if key in seen:
-            rule = f"must not repeat row {seen[key]}"
-            raise InputError(table.at(index), rule)
-        seen[key] = table.row[index]
 
 
 def check_places(table: CalibrationTable) -> None:
