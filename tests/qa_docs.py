@@ -96,16 +96,26 @@ def code_blocks(page, language):
     return re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL)
 
 
-def test_readme_notebook_selects_touched_readings(tmp_path, monkeypatch):
-    """On the scene that is simulated fastest."""
-    (code,) = [c for c in code_blocks("../README.md", "python") if "wiforce.read(" in c]
-    program = (
-        "from gnuradio import wiforce\n"
-        "wiforce.simulate(wiforce.load_scene('tabletop'), 'press')\n"
-        f"{code.replace('demo', 'tabletop')}\nassert len(clear) > 50"
-    )
+def test_readme_notebook_draws_presses_and_nothing_between_them(tmp_path, monkeypatch):
+    """A line through the time in which nobody touches shows a force that is not there."""
+    import matplotlib.pyplot as plt
+    import numpy as np
+    from gnuradio import wiforce
+
     monkeypatch.chdir(tmp_path)
-    exec(program, {})
+    wiforce.simulate("demo", "press")
+    (code,) = [c for c in code_blocks("../README.md", "python") if "wiforce.read(" in c]
+    exec(code, {})
+    time_s, force_n = plt.gca().get_lines()[0].get_xydata().T
+    plt.close("all")
+    truth = np.genfromtxt("press.truth.csv", delimiter=",", names=True)
+    applied_n = np.interp(time_s, truth["time_s"], np.nan_to_num(truth["force_n"]))
+    edge_s = truth["time_s"][np.flatnonzero(np.diff(truth["touch"]))]
+    steady = np.abs(time_s[:, None] - edge_s).min(axis=1) > 0.1
+    untouched = steady & (applied_n == 0)
+    assert untouched.sum() > 20 and (steady & ~untouched).sum() > 20
+    assert (force_n[untouched] == 0).all()
+    assert np.median(np.abs(force_n - applied_n)[steady & ~untouched]) < 0.15
 
 
 def test_waveform_page_scene_is_planned_with_its_symbol(tmp_path, monkeypatch):

@@ -22,7 +22,7 @@ from .estimation.survey import Survey
 from .io.capture import Capture, open_capture
 from .io.capture_files import is_snapshots, second_antenna
 from .io.channel_snapshots import ChannelSnapshots, open_snapshots
-from .io.readings import COLUMNS, NUMBERS, GroupCounts, Reading
+from .io.readings import COLUMNS, NUMBERS, Flag, GroupCounts, Reading
 from .planning.plan import Plan, PlanOrScene, as_plan
 from .planning.plan import plan as plan_of
 from .planning.reference_survey import survey_reference, surveyed_snapshots
@@ -72,7 +72,7 @@ def read(
         ``sensor``, ``touch``, ``force_n``, ``force_std_n``, ``location_mm``, ``location_std_mm``,
         ``phase1_deg``, ``phase2_deg``, ``snr_db``, ``flags`` (words with spaces between), ``group``
         (index of the group), ``interference`` (share of the group that was left out because of
-        it). A scene with a surface adds a row for it to each group, and the columns ``y_mm``,
+        it), ``ok`` (whether no flag but ``reference`` is set). A scene with a surface adds a row for it to each group, and the columns ``y_mm``,
         ``y_std_mm``, ``cov_force_x``, ``cov_force_y``, ``cov_x_y``. Numbers are not rounded;
         unknown values are NaN.
 
@@ -91,7 +91,7 @@ def read(
     ...     readings = wiforce.read(f"{folder}/press")
     >>> list(readings.columns[:4])
     ['time_s', 'sensor', 'touch', 'force_n']
-    >>> good = readings[(readings["touch"] == 1) & (readings["flags"] == "")]
+    >>> good = readings[readings["ok"] & (readings["touch"] == 1)]
     >>> bool(len(good) > 50)
     True
     """
@@ -114,7 +114,8 @@ def read(
         for suspicion in suspicions:
             warnings.warn(f"{recording.path}: {name}: {suspicion.text}", stacklevel=2)
     frame = pandas.DataFrame(rows, columns=list(columns))
-    return frame.astype(dict.fromkeys(("touch", *NUMBERS, *also), float))
+    frame = frame.astype(dict.fromkeys(("touch", *NUMBERS, *also), float))
+    return frame.assign(ok=frame["flags"].isin(["", Flag.REFERENCE.words[0]]))
 
 
 def _opened(
