@@ -69,12 +69,13 @@ def read(
     -------
     pandas.DataFrame
         A row per phase group and sensor with the columns of a readings file: ``time_s``,
-        ``sensor``, ``touch``, ``force_n``, ``force_std_n``, ``location_mm``, ``location_std_mm``,
-        ``phase1_deg``, ``phase2_deg``, ``snr_db``, ``flags`` (words with spaces between), ``group``
-        (index of the group), ``interference`` (share of the group that was left out because of
-        it), ``ok`` (whether no flag but ``reference`` is set). A scene with a surface adds a row for it to each group, and the columns ``y_mm``,
-        ``y_std_mm``, ``cov_force_x``, ``cov_force_y``, ``cov_x_y``. Numbers are not rounded;
-        unknown values are NaN.
+        ``sensor``, ``touch``, ``force_n``, ``force_std_n``, ``location_mm``,
+        ``location_std_mm``, ``phase1_deg``, ``phase2_deg``, ``snr_db``, ``flags`` (words
+        with spaces between), ``group`` (index of the group), ``interference`` (share of the
+        group that was left out because of it), ``ok`` (whether no flag but ``reference`` is
+        set). A scene with a surface adds a row for it to each group, and the columns
+        ``y_mm``, ``y_std_mm``, ``cov_force_x``, ``cov_force_y``, ``cov_x_y``. Numbers are
+        not rounded; unknown values are NaN.
 
     Raises
     ------
