@@ -4,6 +4,7 @@
 import numpy as np
 import pmt
 import pytest
+from chain_runs import Chain, readings_of_chain
 from device_times import rx_time
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce import names
@@ -44,38 +45,20 @@ def run(*chain):
     flowgraph.run()
 
 
-def readings_of_blocks(plan, source, tracked, port=names.INCOMPLETE):
+def readings_and_ratios_of_chain(plan, source, tracked):
     """Readings by one block per step, and the ratios between the last two."""
-    doppler = wiforce.phase_group_doppler(plan.table.weights, plan.group_length)
-    separation, average = wiforce.end_separation(plan), wiforce.subcarrier_average(plan)
     readings, sink = [], blocks.vector_sink_c(2)
-    inversion = wiforce.force_inversion(plan, tracked, on_reading=readings.append)
-    # Python blocks live as long as something in Python refers to them.
-    chain = [
-        source,
-        wiforce.preamble_fold(frame_length=720, item_type="sc16"),
-        doppler,
-        wiforce.ofdm_channel_estimator(
-            plan.waveform.equalizer(),
-            len(plan.table.tones),
-            plan.table.derotation(SAMPLE_RATE_HZ),
-        ),
-        separation,
-        wiforce.conjugate_difference(plan),
-        average,
-        inversion,
-    ]
+    chain = Chain(plan, readings.append, tracked)
     flowgraph = gr.top_block()
-    flowgraph.connect(*chain)
-    flowgraph.connect(average, sink)
-    if port:
-        flowgraph.msg_connect(doppler, port, separation, port)
+    fold = wiforce.preamble_fold(frame_length=720, item_type="sc16")
+    chain.connect(flowgraph, source, fold)
+    flowgraph.connect(chain.average, sink)
     flowgraph.run()
-    assert inversion.failure is None and inversion.ended.is_set()
+    assert chain.failures == [] and chain.inversion.ended.is_set()
     return readings, np.reshape(sink.data(), (-1, 2))
 
 
-def readings_of_reader(plan, source, tracked):
+def readings_and_ratios_of_reader(plan, source, tracked):
     readings = []
     tap = Tap()
     reader = wiforce.reader(plan, "sc16", tracked=tracked, on_reading=readings.append)
@@ -117,7 +100,7 @@ def test_chain_blocks_reader_and_receiver_give_equal_readings(codes, plan, lost,
         tags = [rx_time(0, 0.0), rx_time(lost.start, lost.stop / SAMPLE_RATE_HZ)]
     expected, ratios = readings_of_receiver(plan, codes, lost, tracked)
     assert len(expected) == 25 and sum(r.touch == 1 for r in expected) >= 8
-    for way in (readings_of_blocks, readings_of_reader):
+    for way in (readings_and_ratios_of_chain, readings_and_ratios_of_reader):
         found, found_ratios = way(plan, array_source(kept, tags), tracked)
         # Single precision in the C++ blocks and between the Python ones.
         np.testing.assert_allclose(found_ratios, ratios, atol=5e-5)
@@ -135,7 +118,8 @@ def test_chain_gap_without_its_message_affects_only_its_group(codes, plan):
     lost = slice(18 * GROUP + 100_000, 18 * GROUP + 136_000)
     tags = [rx_time(0, 0.0), rx_time(lost.start, lost.stop / SAMPLE_RATE_HZ)]
     source = array_source(np.delete(codes, lost, axis=0), tags)
-    readings, _ = readings_of_blocks(plan, source, tracked=False, port=None)
+    fold = wiforce.preamble_fold(frame_length=720, item_type="sc16")
+    readings = readings_of_chain(plan, source, fold, port=None)
     assert [r.touch for r in readings[16:21]] == [1, 1, None, 1, 1]
     assert readings[18].flags == ("gap",) and readings[18].force_n is None
 

@@ -59,5 +59,8 @@ class conjugate_difference(GroupBlock):
         ends = occupied_subcarriers(items, self._ends, self._bins)
         return len(items), self.stage.process(groups_of(tags).having(ends=ends))
 
+    def flush(self) -> Groups:
+        return self.stage.flush()
+
     def vectors(self, groups: Groups) -> Array:
         return whole_spectra(groups.changes, self._bins, self._width)
