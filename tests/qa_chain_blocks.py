@@ -4,11 +4,13 @@
 import numpy as np
 import pmt
 import pytest
-from chain_runs import Chain, readings_of_chain
+from chain_runs import Chain, assert_equal_readings, readings_of_chain
 from device_times import rx_time
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce import names
 from gnuradio.wiforce.estimation.groups import Groups
+from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.recording import RecordingReader
 from plain import make_air
 from press_capture import GROUP, SCENE, array_source, press_codes
 from wiforce_app.bench.air import TagOnAir
@@ -112,6 +114,36 @@ def test_chain_blocks_reader_and_receiver_give_equal_readings(codes, plan, lost,
             if b.force_n is not None:
                 assert a.force_n == pytest.approx(b.force_n, abs=0.04 * b.force_std_n)
                 assert a.location_mm == pytest.approx(b.location_mm, abs=0.04 * b.location_std_mm)
+
+
+# What the survey adapts the plan to: lamps, and a receiver that compresses.
+ROOMS = {
+    "lamps": {
+        "radio": {"sample_rate_hz": 2.5e6},
+        "sounding": {"frame_length": 400},
+        "phase_group": {"snapshots": 200},
+        "sensors": [{"name": "arm", "model": "line-900mhz", "clock_hz": 440}],
+        "simulation": SCENE["simulation"] | {"lamps": {"mains_hz": 50, "level_db": 0}},
+    },
+    "compression": {"simulation": SCENE["simulation"] | {"front_end": {"compression": 0.01}}},
+}
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_chain_with_the_plan_for_a_capture_reads_as_the_recording_reader(tmp_path, room):
+    """The blocks do not survey the room: with the scene's own plan they read it otherwise."""
+    scene = wiforce.load_scene(SCENE | ROOMS[room])
+    wiforce.simulate(scene, tmp_path / "press")
+    capture = open_capture(tmp_path / "press")
+    expected = [reading for batch in RecordingReader(capture, scene) for reading in batch]
+    found, unadapted = (
+        readings_of_chain(used, wiforce.capture_source(capture, scene))
+        for used in (wiforce.plan_for_capture(capture, scene), wiforce.plan(scene))
+    )
+    assert sum(reading.touch == 1 for reading in expected) >= 8
+    assert_equal_readings(found, expected)
+    changed = [abs(a.phase2_deg - b.phase2_deg) for a, b in zip(found, unadapted, strict=True)]
+    assert max(changed) > 0.1
 
 
 def test_chain_gap_without_its_message_affects_only_its_group(codes, plan):

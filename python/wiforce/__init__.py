@@ -45,6 +45,7 @@ _MODULES = {
     "plan": "planning.plan",
     "read": "recording",
     "simulate": "simulation.simulator",
+    "plan_for_capture": "recording",
     "calibrate": "sensor",
     "phase_bound_deg": "signal.bound",
     "sounding_waveform": "signal.waveform",
