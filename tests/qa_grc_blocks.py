@@ -287,6 +287,8 @@ REFUSED = [
     ("variable_wiforce_plan_for_capture", {"recording": "/nowhere/press.sigmf-meta"}),
     ("wiforce_clock_offset", {"sensors": 0}),
     ("wiforce_clock_offset", {"length": 0}),
+    ("wiforce_doppler_display", {"snapshots": 1}),
+    ("wiforce_phase_display", {"history_s": 0}),
     ("wiforce_trend_display", {"labels": []}),
     ("wiforce_trend_display", {"rate": 0}),
     ("wiforce_trend_display", {"history_s": -1}),
