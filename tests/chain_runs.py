@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The chain of one block per step and the reader, on the same samples."""
 
+from chain_from_file import Chain
 from gnuradio import gr, wiforce
 
 # Between the blocks of the chain items have single precision.
@@ -18,41 +19,15 @@ CLOSE = {
 }
 
 
-class Chain:
-    """One block per step, from snapshots to readings."""
-
-    def __init__(self, plan, on_reading, tracked=False, port="incomplete"):
-        self._port = port
-        self.doppler = wiforce.phase_group_doppler(plan.table.weights, plan.group_length)
-        self.channel = wiforce.ofdm_channel_estimator(
-            plan.waveform.equalizer(),
-            len(plan.table.tones),
-            plan.table.derotation(plan.waveform.sample_rate_hz),
-        )
-        self.separation = wiforce.end_separation(plan)
-        self.difference = wiforce.conjugate_difference(plan)
-        self.average = wiforce.subcarrier_average(plan)
-        self.inversion = wiforce.force_inversion(plan, tracked, on_reading=on_reading)
-        self.in_python = [self.separation, self.difference, self.average, self.inversion]
-
-    def connect(self, flowgraph, *before):
-        flowgraph.connect(*before, self.doppler, self.channel, *self.in_python)
-        if self._port:
-            flowgraph.msg_connect(self.doppler, self._port, self.separation, self._port)
-
-    @property
-    def failures(self):
-        return [block.failure for block in self.in_python if block.failure is not None]
-
-
-def readings_of_chain(plan, *before, runs=1, **options):
-    """Readings by one block per step, behind blocks that give snapshots."""
+def readings_of_chain(plan, *before, runs=1):
+    """Readings by one block per step, as in the examples, behind blocks that give snapshots."""
     readings, flowgraph = [], gr.top_block()
-    chain = Chain(plan, readings.append, **options)
+    chain = Chain(plan, readings.append)
     chain.connect(flowgraph, *before)
     for _ in range(runs):
         flowgraph.run()
-    assert chain.failures == [] and chain.inversion.ended.is_set()
+    chain.check()
+    assert chain.to_force[-1].ended.is_set()
     return readings
 
 

@@ -4,7 +4,8 @@
 import numpy as np
 import pmt
 import pytest
-from chain_runs import Chain, assert_equal_readings, readings_of_chain
+from chain_from_file import Chain
+from chain_runs import assert_equal_readings, readings_of_chain, readings_of_reader
 from device_times import rx_time
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce import names
@@ -50,13 +51,15 @@ def run(*chain):
 def readings_and_ratios_of_chain(plan, source, tracked):
     """Readings by one block per step, and the ratios between the last two."""
     readings, sink = [], blocks.vector_sink_c(2)
-    chain = Chain(plan, readings.append, tracked)
+    chain = Chain(plan, readings.append)
+    chain.to_force[-1] = wiforce.force_inversion(plan, tracked, on_reading=readings.append)
     flowgraph = gr.top_block()
     fold = wiforce.preamble_fold(frame_length=720, item_type="sc16")
     chain.connect(flowgraph, source, fold)
-    flowgraph.connect(chain.average, sink)
+    flowgraph.connect(chain.to_force[-2], sink)
     flowgraph.run()
-    assert chain.failures == [] and chain.inversion.ended.is_set()
+    chain.check()
+    assert chain.to_force[-1].ended.is_set()
     return readings, np.reshape(sink.data(), (-1, 2))
 
 
@@ -146,12 +149,27 @@ def test_chain_with_the_plan_for_a_capture_reads_as_the_recording_reader(tmp_pat
     assert max(changed) > 0.1
 
 
+def test_chain_of_two_sensors_reads_as_the_reader(tmp_path):
+    scene = wiforce.load_scene("tabletop_two").as_dict()
+    scene["simulation"] |= {"duration_s": 3.0}
+    wiforce.simulate(scene, tmp_path / "presses")
+    scene = wiforce.load_scene(scene)
+    capture = open_capture(tmp_path / "presses")
+    expected = readings_of_reader(scene, wiforce.capture_source(capture, scene), "folded")
+    assert {reading.sensor for reading in expected if reading.touch} == {"left", "right"}
+    found = readings_of_chain(wiforce.plan(scene), wiforce.capture_source(capture, scene))
+    assert_equal_readings(found, expected)
+
+
 def test_chain_gap_without_its_message_affects_only_its_group(codes, plan):
     lost = slice(18 * GROUP + 100_000, 18 * GROUP + 136_000)
     tags = [rx_time(0, 0.0), rx_time(lost.start, lost.stop / SAMPLE_RATE_HZ)]
     source = array_source(np.delete(codes, lost, axis=0), tags)
+    readings = []
+    chain = Chain(plan, readings.append)
     fold = wiforce.preamble_fold(frame_length=720, item_type="sc16")
-    readings = readings_of_chain(plan, source, fold, port=None)
+    run(source, fold, chain.tones, chain.channel, *chain.to_force)
+    chain.check()
     assert [r.touch for r in readings[16:21]] == [1, 1, None, 1, 1]
     assert readings[18].flags == ("gap",) and readings[18].force_n is None
 

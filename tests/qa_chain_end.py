@@ -3,7 +3,8 @@
 
 import numpy as np
 import pytest
-from chain_runs import Chain, assert_equal_readings, readings_of_chain, readings_of_reader
+from chain_from_file import Chain
+from chain_runs import assert_equal_readings, readings_of_chain, readings_of_reader
 from device_times import rx_time
 from gnuradio import blocks, gr, wiforce
 from press_capture import GROUP, SCENE, array_source, press_codes
@@ -83,10 +84,12 @@ def test_chain_exception_at_the_end_of_a_stream_ends_the_flowgraph(codes, plan, 
 
     readings, flowgraph = [], gr.top_block()
     chain, source = Chain(plan, readings.append), array_source(codes[: 5 * GROUP])
-    monkeypatch.setattr(chain.separation.stage, "flush", fail)
+    monkeypatch.setattr(chain.to_force[0].stage, "flush", fail)
     chain.connect(flowgraph, source, fold())
     flowgraph.run()
-    assert [str(failure) for failure in chain.failures] == ["no clock"] and readings == []
+    with pytest.raises(RuntimeError, match="no clock"):
+        chain.check()
+    assert readings == []
 
 
 def test_chain_that_is_stopped_ends_without_its_stream(plan):
@@ -96,11 +99,12 @@ def test_chain_that_is_stopped_ends_without_its_stream(plan):
     head = fold()
     chain.connect(flowgraph, dead_air, head)
     flowgraph.start()
-    while chain.separation.nitems_read(0) < 2:
-        assert not chain.inversion.ended.wait(0.02)
+    while chain.to_force[0].nitems_read(0) < 2:
+        assert not chain.to_force[-1].ended.wait(0.02)
     flowgraph.stop()
     flowgraph.wait()
-    assert chain.failures == [] and chain.inversion.ended.is_set()
+    chain.check()
+    assert chain.to_force[-1].ended.is_set()
 
 
 def test_chain_ended_by_another_branch_gives_its_readings_in_order(codes, plan):
@@ -109,8 +113,9 @@ def test_chain_ended_by_another_branch_gives_its_readings_in_order(codes, plan):
     chain, source = Chain(plan, readings.append), array_source(codes)
     chain.connect(flowgraph, source, fold())
     size = 128 * gr.sizeof_gr_complex
-    flowgraph.connect(chain.separation, blocks.head(size, 14), blocks.null_sink(size))
+    flowgraph.connect(chain.to_force[0], blocks.head(size, 14), blocks.null_sink(size))
     flowgraph.run()
-    assert chain.failures == [] and chain.inversion.ended.is_set()
+    chain.check()
+    assert chain.to_force[-1].ended.is_set()
     groups = [reading.group for reading in readings]
     assert groups == list(range(len(groups)))

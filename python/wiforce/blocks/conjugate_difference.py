@@ -19,7 +19,7 @@ class conjugate_difference(GroupBlock):
 
     Input and output: vectors 2S x N, tagged ``state``. Scaled so that the average over
     subcarriers with the noise weights is R with its magnitude. The groups of the reference are
-    held back until it is complete.
+    held back until it is complete, or the stream ends.
     Message port ``tare``: any message takes a new reference from the groups that follow.
 
     Parameters
