@@ -241,6 +241,8 @@ static py::object rx_time_or_none(const pmt::pmt_t& value)
 // GNU Radio's own bindings do not give a buffer's state to Python.
 static bool input_has_ended(const gr::block& block)
 {
+    if (!block.detail())
+        return false;
     const auto input = block.detail()->input(0);
     gr::thread::scoped_lock guard(*input->mutex());
     return input->done() && input->items_available() == 0;
@@ -264,6 +266,6 @@ PYBIND11_MODULE(wiforce_python, m)
           &input_has_ended,
           "block"_a,
           py::call_guard<py::gil_scoped_release>(),
-          "Whether the first input of a running block has ended and all its items are "
-          "consumed.");
+          "Whether the first input of a block has ended and all its items are consumed; "
+          "false while no flowgraph runs.");
 }
