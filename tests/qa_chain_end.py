@@ -67,6 +67,14 @@ def test_chain_gap_at_the_end_of_a_stream_is_read_as_by_the_reader(codes, plan):
     assert_equal_readings(found, readings_of_reader(plan, array_source(kept, tags)))
 
 
+def test_chain_flags_clipped_groups_as_the_reader(codes, plan):
+    clipped = codes[: 14 * GROUP].copy()
+    clipped[12 * GROUP + 100 :: 720][:7] = 32767
+    found = readings_of_chain(plan, array_source(clipped), fold())
+    assert [r.group for r in found if "saturated" in r.flags] == [12]
+    assert_equal_readings(found, readings_of_reader(plan, array_source(clipped)))
+
+
 @pytest.mark.parametrize("groups", [(4, 25), (ACQUISITION, 16.5, 25)])
 def test_chain_flowgraph_that_is_run_again_goes_on_as_the_reader(codes, plan, groups):
     ends = [int(end * GROUP) for end in groups]

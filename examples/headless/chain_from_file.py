@@ -74,14 +74,8 @@ def steps_to_force(plan, on_reading):
     ]
 
 
-def samples_of(capture):
-    """Blocks from the file of a capture to complex samples with a full scale of 1."""
-    if capture.datatype == "cf32_le":
-        return [blocks.file_source(gr.sizeof_gr_complex, str(capture.path), repeat=False)]
-    return [
-        blocks.file_source(gr.sizeof_short, str(capture.path), repeat=False),
-        blocks.interleaved_short_to_complex(scale_factor=32768.0),
-    ]
+# Bytes of a sample and its type in the blocks, by the type that SigMF states.
+SAMPLES = {"ci16_le": (2 * gr.sizeof_short, "sc16"), "cf32_le": (gr.sizeof_gr_complex, "fc32")}
 
 
 def main(capture, output):
@@ -90,13 +84,17 @@ def main(capture, output):
     plan = wiforce.plan_for_capture(capture)
     flowgraph = gr.top_block("chain_from_file", catch_exceptions=False)
     with wiforce.open_writer(output, capture.files) as writer:
+        size, item_type = SAMPLES[capture.datatype]
+        recorded = blocks.file_source(size, str(capture.path), repeat=False)
+
         # Preambles (section 3.2): each frame repeats one symbol; the mean of the repetitions is a
         # snapshot of the channel.
         fold = wiforce.preamble_fold(
-            **plan.waveform.folding, sample_rate=plan.waveform.sample_rate_hz
+            **plan.waveform.folding, sample_rate=plan.waveform.sample_rate_hz, item_type=item_type
         )
+
         chain = Chain(plan, writer.write)
-        chain.connect(flowgraph, *samples_of(capture), fold)
+        chain.connect(flowgraph, recorded, fold)
         flowgraph.run()
         chain.check()
 
