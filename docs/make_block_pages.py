@@ -29,6 +29,12 @@ def name_of(description):
     return description["id"].replace("variable_", "").removeprefix("wiforce_")
 
 
+def block_named(name):
+    """The block, function or class of the package; None for a module, whose name it may share."""
+    found = getattr(wiforce, name, None)
+    return None if inspect.ismodule(found) else found
+
+
 def parameters_in_docstring(text):
     """{name: description} of a numpy docstring's section Parameters."""
     match = re.search(r"\n\s*Parameters\n\s*-+\n(.*?)(?=\n\s*\w+\n\s*-{3,}|\Z)", text, re.S)
@@ -58,7 +64,7 @@ def parameters_in_header(name):
 
 def source_text(name):
     """(docstring, parameters) of the block, from Python or from its C++ header."""
-    block = getattr(wiforce, name, None)
+    block = block_named(name)
     text = inspect.getdoc(block) or "" if block is not None else ""
     parameters = parameters_in_docstring("\n" + text) or parameters_in_header(name)
     return text, parameters
@@ -96,7 +102,7 @@ def page(description):
     name = name_of(description)
     _, known = source_text(name)
     lines = [f"# {description['label']}", "", f"GRC: `{description['id']}`"]
-    if getattr(wiforce, name, None) is not None:
+    if block_named(name) is not None:
         lines[-1] += f", Python: `gnuradio.wiforce.{name}`"
     lines += ["", *_documentation(description["documentation"])]
     ports = list(port_rows(description))

@@ -76,7 +76,8 @@ def platform_for(flowgraphs):
             files += [folder / name for name in DOMAINS if (folder / name).is_file()]
             for path in folder.rglob("*.block.yml"):
                 found = re.search(r"^id: *(\S+)", path.read_text(), re.M)
-                if found and found[1] in used:
+                # A name that Python reserves has an underscore there, but not in flowgraphs.
+                if found and found[1].rstrip("_") in used:
                     files.append(path)
     platform.build_library([*map(str, files), str(OWN)])
     return platform

@@ -4,10 +4,14 @@
 import numpy as np
 import pmt
 import pytest
+from chain_from_file import Chain
+from chain_runs import assert_equal_readings, readings_of_chain, readings_of_reader
 from device_times import rx_time
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce import names
 from gnuradio.wiforce.estimation.groups import Groups
+from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.recording import RecordingReader
 from plain import make_air
 from press_capture import GROUP, SCENE, array_source, press_codes
 from wiforce_app.bench.air import TagOnAir
@@ -44,38 +48,22 @@ def run(*chain):
     flowgraph.run()
 
 
-def readings_of_blocks(plan, source, tracked, port=names.INCOMPLETE):
+def readings_and_ratios_of_chain(plan, source, tracked):
     """Readings by one block per step, and the ratios between the last two."""
-    doppler = wiforce.phase_group_doppler(plan.table.weights, plan.group_length)
-    separation, average = wiforce.end_separation(plan), wiforce.subcarrier_average(plan)
     readings, sink = [], blocks.vector_sink_c(2)
-    inversion = wiforce.force_inversion(plan, tracked, on_reading=readings.append)
-    # Python blocks live as long as something in Python refers to them.
-    chain = [
-        source,
-        wiforce.preamble_fold(frame_length=720, item_type="sc16"),
-        doppler,
-        wiforce.ofdm_channel_estimator(
-            plan.waveform.equalizer(),
-            len(plan.table.tones),
-            plan.table.derotation(SAMPLE_RATE_HZ),
-        ),
-        separation,
-        wiforce.conjugate_difference(plan),
-        average,
-        inversion,
-    ]
+    chain = Chain(plan, readings.append)
+    chain.to_force[-1] = wiforce.force_inversion(plan, tracked, on_reading=readings.append)
     flowgraph = gr.top_block()
-    flowgraph.connect(*chain)
-    flowgraph.connect(average, sink)
-    if port:
-        flowgraph.msg_connect(doppler, port, separation, port)
+    fold = wiforce.preamble_fold(frame_length=720, item_type="sc16")
+    chain.connect(flowgraph, source, fold)
+    flowgraph.connect(chain.to_force[-2], sink)
     flowgraph.run()
-    assert inversion.failure is None and inversion.ended.is_set()
+    chain.check()
+    assert chain.to_force[-1].ended.is_set()
     return readings, np.reshape(sink.data(), (-1, 2))
 
 
-def readings_of_reader(plan, source, tracked):
+def readings_and_ratios_of_reader(plan, source, tracked):
     readings = []
     tap = Tap()
     reader = wiforce.reader(plan, "sc16", tracked=tracked, on_reading=readings.append)
@@ -117,7 +105,7 @@ def test_chain_blocks_reader_and_receiver_give_equal_readings(codes, plan, lost,
         tags = [rx_time(0, 0.0), rx_time(lost.start, lost.stop / SAMPLE_RATE_HZ)]
     expected, ratios = readings_of_receiver(plan, codes, lost, tracked)
     assert len(expected) == 25 and sum(r.touch == 1 for r in expected) >= 8
-    for way in (readings_of_blocks, readings_of_reader):
+    for way in (readings_and_ratios_of_chain, readings_and_ratios_of_reader):
         found, found_ratios = way(plan, array_source(kept, tags), tracked)
         # Single precision in the C++ blocks and between the Python ones.
         np.testing.assert_allclose(found_ratios, ratios, atol=5e-5)
@@ -131,11 +119,57 @@ def test_chain_blocks_reader_and_receiver_give_equal_readings(codes, plan, lost,
                 assert a.location_mm == pytest.approx(b.location_mm, abs=0.04 * b.location_std_mm)
 
 
+# What the survey adapts the plan to: lamps, and a receiver that compresses.
+ROOMS = {
+    "lamps": {
+        "radio": {"sample_rate_hz": 2.5e6},
+        "sounding": {"frame_length": 400},
+        "phase_group": {"snapshots": 200},
+        "sensors": [{"name": "arm", "model": "line-900mhz", "clock_hz": 440}],
+        "simulation": SCENE["simulation"] | {"lamps": {"mains_hz": 50, "level_db": 0}},
+    },
+    "compression": {"simulation": SCENE["simulation"] | {"front_end": {"compression": 0.01}}},
+}
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_chain_with_the_plan_for_a_capture_reads_as_the_recording_reader(tmp_path, room):
+    """The blocks do not survey the room: with the scene's own plan they read it otherwise."""
+    scene = wiforce.load_scene(SCENE | ROOMS[room])
+    wiforce.simulate(scene, tmp_path / "press")
+    capture = open_capture(tmp_path / "press")
+    expected = [reading for batch in RecordingReader(capture, scene) for reading in batch]
+    found, unadapted = (
+        readings_of_chain(used, wiforce.capture_source(capture, scene))
+        for used in (wiforce.plan_for_capture(capture, scene), wiforce.plan(scene))
+    )
+    assert sum(reading.touch == 1 for reading in expected) >= 8
+    assert_equal_readings(found, expected)
+    changed = [abs(a.phase2_deg - b.phase2_deg) for a, b in zip(found, unadapted, strict=True)]
+    assert max(changed) > 0.1
+
+
+def test_chain_of_two_sensors_reads_as_the_reader(tmp_path):
+    scene = wiforce.load_scene("tabletop_two").as_dict()
+    scene["simulation"] |= {"duration_s": 3.0}
+    wiforce.simulate(scene, tmp_path / "presses")
+    scene = wiforce.load_scene(scene)
+    capture = open_capture(tmp_path / "presses")
+    expected = readings_of_reader(scene, wiforce.capture_source(capture, scene), "folded")
+    assert {reading.sensor for reading in expected if reading.touch} == {"left", "right"}
+    found = readings_of_chain(wiforce.plan(scene), wiforce.capture_source(capture, scene))
+    assert_equal_readings(found, expected)
+
+
 def test_chain_gap_without_its_message_affects_only_its_group(codes, plan):
     lost = slice(18 * GROUP + 100_000, 18 * GROUP + 136_000)
     tags = [rx_time(0, 0.0), rx_time(lost.start, lost.stop / SAMPLE_RATE_HZ)]
     source = array_source(np.delete(codes, lost, axis=0), tags)
-    readings, _ = readings_of_blocks(plan, source, tracked=False, port=None)
+    readings = []
+    chain = Chain(plan, readings.append)
+    fold = wiforce.preamble_fold(frame_length=720, item_type="sc16")
+    run(source, fold, chain.tones, chain.channel, *chain.to_force)
+    chain.check()
     assert [r.touch for r in readings[16:21]] == [1, 1, None, 1, 1]
     assert readings[18].flags == ("gap",) and readings[18].force_n is None
 

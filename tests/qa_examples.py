@@ -6,6 +6,7 @@ import csv
 import importlib.util
 import io
 import json
+import re
 import runpy
 import shutil
 import subprocess
@@ -14,9 +15,11 @@ import threading
 import time
 from pathlib import Path
 
+import chain_simulated
 import numpy as np
 import pmt
 import pytest
+from chain_runs import assert_equal_readings
 from gnuradio import gr, wiforce
 
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
@@ -245,8 +248,7 @@ def capture(tmp_path_factory):
 
 def assert_true(path, truth):
     """Compare every row of a readings file with the truth: touch, force, location."""
-    with open(path, newline="") as stream:
-        rows = list(csv.DictReader(stream))
+    rows = rows_of(path)
     assert len(rows) == len(truth)
     errors = []
     for row, true in zip(rows, truth, strict=True):
@@ -278,30 +280,69 @@ def test_read_recording_writes_every_reading(generated, capture, tmp_path):
     assert flowgraph.display.widget.sensors() == ["arm"]
 
 
-def test_channel_and_doppler_shows_lines_and_clock_offset(generated, running):
-    flowgraph = generated("channel_and_doppler").channel_and_doppler()
-    running(flowgraph)
-    while not len(flowgraph.clock_plot.widget.series(0)[1]) >= 2:
+def test_chain_simulated_shows_lines_clock_and_phases_of_both_estimators(generated, running):
+    flowgraph = generated("chain_simulated").chain_simulated()
+    collector = running(flowgraph, flowgraph.inversion)
+    ours, paper = (block.widget for block in (flowgraph.phases, flowgraph.paper_phases))
+    count = 40
+    while min(len(plot.series(1)[1]) for plot in (ours, paper)) < count:
         threading.Event().wait(0.05)
-    found = flowgraph.clock_plot.widget.series(0)[1]
+    seconds = (count - 1) * flowgraph.scene.group_period_s
+    for end, harmonic in enumerate((1, 4)):
+        rotation = 360 * harmonic * flowgraph.scene.sensors[0].clock_hz * 40e-6 * seconds
+        step = 0.15 * rotation + 1.0
+        assert paper.series(end)[1][count - 1] == pytest.approx(rotation, abs=step)
+        assert ours.series(end)[1][count - 1] == pytest.approx(0.0, abs=1.0)
+    hertz, level_db = flowgraph.doppler.widget.series()
+    noise_db = np.median(level_db)
+    lines_hz = flowgraph.doppler.widget.lines_hz
+    assert lines_hz == {"end 1": 400, "end 2": 1600}
+    for line_hz in lines_hz.values():
+        assert level_db[np.argmin(np.abs(hertz - line_hz))] > noise_db + 30
     # The tracker's standard deviation is well below 1 ppm here.
-    assert found[-1] == pytest.approx(40.0, abs=2.0)
-    lines = [int(np.argmax(marks)) for marks in flowgraph.marks]
-    assert lines == [64, 256]
+    assert flowgraph.clock_plot.widget.series(0)[1][-1] == pytest.approx(40.0, abs=2.0)
+    flowgraph.set_force_n(4.0)
+    assert_follows(settled(collector, flowgraph, flowgraph.tag), 4.0, 45.0)
 
 
-def test_paper_chain_phase_rotates_only_with_untracked_clock(generated, running):
-    flowgraph = generated("paper_chain").paper_chain()
-    running(flowgraph)
-    plots = (flowgraph.end_1_plot.widget, flowgraph.end_2_plot.widget)
-    while min(len(plots[1].series(line)[1]) for line in (0, 1)) < 40:
-        threading.Event().wait(0.05)
-    seconds = 39 * flowgraph.scene.group_period_s
-    for plot, harmonic in zip(plots, (1, 4), strict=True):
-        paper, ours = (plot.series(line)[1][39] for line in (0, 1))
-        rotation = 360 * harmonic * flowgraph.clock_hz * 40e-6 * seconds
-        assert paper == pytest.approx(rotation, abs=0.15 * rotation + 1.0)
-        assert ours == pytest.approx(0.0, abs=1.0)
+def rows_of(path):
+    with open(path, newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def assert_equal_files(path, other):
+    """Compare readings files: words exactly, numbers to the last digit that is written."""
+    rows, expected = rows_of(path), rows_of(other)
+    assert len(rows) == len(expected)
+    for row, wanted in zip(rows, expected, strict=True):
+        for key in wanted:
+            if key in ("sensor", "touch", "flags", "group") or "" in (row[key], wanted[key]):
+                assert row[key] == wanted[key], (key, wanted["group"])
+            else:
+                assert float(row[key]) == pytest.approx(float(wanted[key]), abs=1.1e-4)
+
+
+@pytest.fixture(scope="module")
+def of_the_reader(capture, tmp_path_factory):
+    """The file that the reader makes of the recording."""
+    path = tmp_path_factory.mktemp("expected") / "readings.csv"
+    headless("read_recording.py", capture[0], "tabletop", path)
+    return path
+
+
+def test_chain_from_file_writes_the_readings_of_the_reader(
+    generated, capture, of_the_reader, tmp_path
+):
+    output = tmp_path / "readings.csv"
+    flowgraph = generated("chain_from_file").chain_from_file(
+        recording=f"{capture[0]}.sigmf-data", readings=str(output), speed=100.0
+    )
+    flowgraph.run()
+    assert_equal_files(output, of_the_reader)
+    assert_true(output, capture[1])
+    flowgraph.display.widget.refresh()
+    assert flowgraph.display.widget.sensors() == ["arm"]
+    assert len(flowgraph.phases.widget.series(0)[1]) == len(rows_of(output))
 
 
 def headless(script, *arguments):
@@ -318,7 +359,7 @@ def headless(script, *arguments):
 
 def test_headless_press_simulation_prints_applied_presses():
     lines = headless("press_simulation.py").splitlines()
-    touched = [line.split() for line in lines if " mm" in line and "press:" not in line]
+    touched = [line.split() for line in lines if " mm" in line]
     clean = [words for words in touched if len(words) == 7]
     for force_n, location_mm in ((3.0, 33.0), (5.5, 47.0)):
         near = [w for w in clean if abs(float(w[5]) - location_mm) < LOCATION_LIMIT_MM]
@@ -349,15 +390,37 @@ def test_headless_read_recording_refuses_to_replace_the_scene(capture, tmp_path)
     assert "sensors:" in scene.read_text()
 
 
-def test_headless_channel_and_doppler_prints_clock_offset():
-    output = headless("channel_and_doppler.py")
-    found = float(output.split("tag clock: ")[1].split()[0])
-    assert found == pytest.approx(40.0, abs=2.0)
+def test_headless_chain_from_file_writes_the_readings_of_the_reader(
+    capture, of_the_reader, tmp_path
+):
+    headless("chain_from_file.py", capture[0], tmp_path / "out.csv")
+    assert_equal_files(tmp_path / "out.csv", of_the_reader)
 
 
-@pytest.mark.long
-def test_headless_paper_chain_prints_rotation_of_paper_only():
-    lines = headless("paper_chain.py").splitlines()
-    paper, ours = ([float(w) for w in line.split() if w[0] in "+-"] for line in lines)
-    assert np.max(np.abs(ours)) < 1.0
-    assert paper[1] > 20.0
+def test_chain_simulated_reads_as_the_reader_and_the_paper_does_not(capsys):
+    scene, expected = wiforce.load_scene("tabletop"), []
+    flowgraph = chain_simulated.ChainSimulated(scene)
+    reader = wiforce.reader(scene, on_reading=expected.append)
+    flowgraph.connect(flowgraph.simulated.tag, reader)
+    flowgraph.run()
+    flowgraph.chain.check()
+    assert sum(reading.touch == 1 for reading in expected) > 40
+    assert_equal_readings(flowgraph.readings, expected)
+    assert len(flowgraph.readings_of_paper) == len(expected)
+    capsys.readouterr()
+    chain_simulated.print_spectrum(flowgraph, scene)
+    chain_simulated.print_comparison(flowgraph)
+    printed = capsys.readouterr().out
+    found_ppm = float(printed.split("tag clock: ")[1].split()[0])
+    assert found_ppm == pytest.approx(40.0, abs=2.0)
+    powers = [float(value) for value in re.findall(r"([-.0-9]+) dB", printed)]
+    room, end_1, _, end_2, noise = powers
+    assert room - 40 > end_1 > end_2 > noise + 30
+    forces = [float(value) for value in re.findall(r": +([.0-9]+) N at", printed)]
+    assert forces[1::2] == pytest.approx([3.0, 5.5], abs=FORCE_LIMIT_N)
+    assert abs(forces[0] - 3.0) > 1.0
+    phases = re.findall(r"end 1 +([-+.0-9]+) deg, end 2 +([-+.0-9]+) deg", printed)
+    paper, ours = ([float(value) for value in ends] for ends in phases)
+    # 40 ppm of 400 Hz and 1600 Hz, for 3 s.
+    assert paper == pytest.approx([17.3, 69.1], abs=2.0)
+    assert ours == pytest.approx([0.0, 0.0], abs=0.3)

@@ -46,15 +46,26 @@ def platform():
     return platform
 
 
+@pytest.fixture(scope="module")
+def needed(tmp_path_factory):
+    """Parameters without which a block cannot be created, by its ID."""
+    scene = wiforce.load_scene("tabletop").as_dict()
+    scene["simulation"] |= {"duration_s": 1.0, "presses": []}
+    name = tmp_path_factory.mktemp("capture") / "untouched"
+    wiforce.simulate(scene, name)
+    capture = {"recording": name.with_suffix(".sigmf-meta"), "scene": "tabletop"}
+    return NEEDED | {"variable_wiforce_plan_for_capture": capture}
+
+
 @pytest.fixture
-def make_block(platform, qt):
+def make_block(platform, qt, needed):
     """Create a GRC block with parameters; return it and the error messages of GRC."""
 
     def make(block_id, **parameters):
         graph = platform.make_flow_graph()
         block = graph.new_block(block_id)
         block.params["id"].set_value("block_under_test")
-        for name, value in {**NEEDED.get(block_id, {}), **parameters}.items():
+        for name, value in {**needed.get(block_id, {}), **parameters}.items():
             block.params[name].set_value(str(value))
         graph.rewrite()
         graph.validate()
@@ -272,8 +283,12 @@ REFUSED = [
     ("wiforce_capture_source", {"recording": __file__, "datatype": "auto"}),
     ("wiforce_capture_source", {"scene": "dome"}),
     ("wiforce_capture_source", {"frame_offset": -1}),
+    ("variable_wiforce_plan_for_capture", {"scene": "dome"}),
+    ("variable_wiforce_plan_for_capture", {"recording": "/nowhere/press.sigmf-meta"}),
     ("wiforce_clock_offset", {"sensors": 0}),
     ("wiforce_clock_offset", {"length": 0}),
+    ("wiforce_doppler_display", {"snapshots": 1}),
+    ("wiforce_phase_display", {"history_s": 0}),
     ("wiforce_trend_display", {"labels": []}),
     ("wiforce_trend_display", {"rate": 0}),
     ("wiforce_trend_display", {"history_s": -1}),

@@ -5,6 +5,7 @@
 The same as press_simulation.grc, without a window.
 """
 
+import numpy as np
 from gnuradio import blocks, channels, gr, wiforce
 
 # Time (s), force (N) and location (mm from port 1). The first 0.5 s are the untouched reference.
@@ -12,43 +13,63 @@ PRESSES = [(0.8, 3.0, 33.0), (1.6, 5.5, 47.0), (2.4, 0.0, 47.0)]
 DURATION_S = 3.0
 
 
-class PressSimulation(gr.top_block):
-    def __init__(self):
-        gr.top_block.__init__(self, "press_simulation", catch_exceptions=False)
-        scene = wiforce.load_scene("tabletop")
-        self.sample_rate = scene.radio.sample_rate_hz
-        frame_length = scene.sounding.frame_length
-        self.sounder = wiforce.sounding_source(
-            frame_length=frame_length, sample_rate=self.sample_rate
-        )
-        self.stop_after = blocks.head(gr.sizeof_gr_complex, int(DURATION_S * self.sample_rate))
+class SimulatedSensor:
+    """What a receiver hears of a sensor that is pressed: sounder, room and tag."""
+
+    def __init__(self, scene, clock_offset_ppm=0.0):
+        rate, frame_length = scene.radio.sample_rate_hz, scene.sounding.frame_length
+        self.sounder = wiforce.sounding_source(frame_length=frame_length, sample_rate=rate)
+        self.stop_after = blocks.head(gr.sizeof_gr_complex, int(DURATION_S * rate))
         self.room = channels.channel_model(taps=[0.9, 0.2 - 0.3j, 0, 0.1j])
         self.tag = wiforce.backscatter_tag(
             model="line-900mhz",
             clock_hz=scene.sensors[0].clock_hz,
+            clock_offset_ppm=clock_offset_ppm,
             snr_db=20,
             static_clutter_db=50,
-            sample_rate=self.sample_rate,
+            sample_rate=rate,
             frame_length=frame_length,
         )
-        self.reader = wiforce.reader(scene, on_reading=self.on_reading)
-        self.connect(self.sounder, self.stop_after, self.room, self.tag, self.reader)
-        self.to_come = list(PRESSES)
+        self.finger = Finger(self.tag, rate)
+        self.blocks = [self.sounder, self.stop_after, self.room, self.finger, self.tag]
 
-    def on_reading(self, reading):
-        if reading.touch:
-            print(
-                f"{reading.time_s:6.3f} s  {reading.force_n:5.2f} N  "
-                f"at {reading.location_mm:5.2f} mm  {' '.join(reading.flags)}"
-            )
-        else:
-            print(f"{reading.time_s:6.3f} s  not touched  {' '.join(reading.flags)}")
-        if self.to_come and reading.time_s > self.to_come[0][0]:
-            _, force_n, location_mm = self.to_come.pop(0)
-            print(f"          press: {force_n} N at {location_mm} mm")
-            self.tag.set_location_mm(location_mm)
-            self.tag.set_force_n(force_n)
+
+class Finger(gr.sync_block):
+    """Passes samples on to a tag, and presses its sensor when the time of a press has come."""
+
+    def __init__(self, tag, sample_rate):
+        gr.sync_block.__init__(self, "finger", [np.complex64], [np.complex64])
+        self._tag, self._sample_rate = tag, sample_rate
+        self._to_come = list(PRESSES)
+
+    def work(self, input_items, output_items):
+        output_items[0][:] = input_items[0]
+        time_s = self.nitems_written(0) / self._sample_rate
+        if self._to_come and time_s >= self._to_come[0][0]:
+            _, force_n, location_mm = self._to_come.pop(0)
+            self._tag.set_location_mm(location_mm)
+            self._tag.set_force_n(force_n)
+        return len(output_items[0])
+
+
+def print_reading(reading):
+    if reading.touch:
+        print(
+            f"{reading.time_s:6.3f} s  {reading.force_n:5.2f} N  "
+            f"at {reading.location_mm:5.2f} mm  {' '.join(reading.flags)}"
+        )
+    else:
+        print(f"{reading.time_s:6.3f} s  not touched  {' '.join(reading.flags)}")
+
+
+def main():
+    flowgraph = gr.top_block("press_simulation", catch_exceptions=False)
+    scene = wiforce.load_scene("tabletop")
+    simulated = SimulatedSensor(scene)
+    reader = wiforce.reader(scene, on_reading=print_reading)
+    flowgraph.connect(*simulated.blocks, reader)
+    flowgraph.run()
 
 
 if __name__ == "__main__":
-    PressSimulation().run()
+    main()

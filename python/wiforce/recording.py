@@ -119,6 +119,42 @@ def read(
     return frame.assign(ok=frame["flags"].isin(["", Flag.REFERENCE.words[0]]))
 
 
+def plan_for_capture(
+    recording: str | Path | Capture,
+    scene: str | Path | dict[str, Any] | Scene | None = None,
+    datatype: str | None = None,
+) -> Plan:
+    """Plan of a scene, adapted to the room of a capture as by :func:`read`.
+
+    Parameters
+    ----------
+    recording : str, Path or Capture
+        SigMF pair, by either file's name or their common stem; raw samples with ``datatype``.
+    scene : str, Path, dict or Scene, optional
+        Scene file or the name of a shipped scene; the capture's own when not given.
+    datatype : str, optional
+        ``ci16_le`` or ``cf32_le``: the file is raw samples of this type.
+
+    Returns
+    -------
+    Plan
+        The scene's own where the room does not need another one.
+
+    Raises
+    ------
+    InputError
+        (A ValueError) as for :func:`read`.
+
+    Examples
+    --------
+    >>> from gnuradio import wiforce
+    >>> _ = wiforce.simulate("tabletop", "press")
+    >>> len(wiforce.plan_for_capture("press").table.tones)
+    16
+    """
+    return _opened(recording, scene, False, datatype, None)[1].plan
+
+
 def _opened(
     capture: str | Path | Capture | ChannelSnapshots,
     scene: str | Path | dict[str, Any] | Scene | None,

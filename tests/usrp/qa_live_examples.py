@@ -87,6 +87,13 @@ def test_example_live_uhd_prints_the_press(device, scene):
     assert_pressed(process.lines)
 
 
+def test_example_chain_from_usrp_prints_the_readings_of_the_reader(device, scene):
+    script = Path(__file__).with_name("chain_beside_reader.py")
+    with running(script, args_of(device), scene) as process:
+        read(process, 1.2 / SLOW_GROUP_S)
+    assert_pressed(process.lines)
+
+
 def test_example_record_uhd_recording_can_be_read(device, scene, tmp_path):
     with example("record_uhd.py", args_of(device), scene, tmp_path / "press"):
         heard(device, 1.4)
@@ -123,11 +130,14 @@ def test_example_two_readers_uhd_each_reads_its_own_sensor(device, scene, softwa
 
 
 @pytest.mark.timeout(300)
-def test_example_live_uhd_flowgraph_reads_the_press(device, scene, tmp_path):
+@pytest.mark.parametrize(
+    "name", ["live_uhd", pytest.param("chain_from_usrp", marks=pytest.mark.long)]
+)
+def test_example_uhd_flowgraph_reads_the_press(device, scene, tmp_path, name):
     """As shipped but for its scene, which takes a fifth of the time."""
-    shipped = (EXAMPLES / "live_uhd.grc").read_text()
+    shipped = (EXAMPLES / f"{name}.grc").read_text()
     assert shipped.count("    file: demo\n") == 1
-    flowgraph = tmp_path / "live_uhd.grc"
+    flowgraph = tmp_path / f"{name}.grc"
     flowgraph.write_text(shipped.replace("    file: demo\n", f"    file: {scene}\n"))
     subprocess.run(
         ["grcc", "-o", str(tmp_path), str(flowgraph)],
@@ -136,7 +146,7 @@ def test_example_live_uhd_flowgraph_reads_the_press(device, scene, tmp_path):
         timeout=100,
     )
     screenless = {**os.environ, "QT_QPA_PLATFORM": "offscreen"}
-    words = (tmp_path / "live_uhd.py", "--device", args_of(device))
+    words = (tmp_path / f"{name}.py", "--device", args_of(device))
     process = subprocess.Popen([sys.executable, *map(str, words)], cwd=tmp_path, env=screenless)
     try:
         heard(device, 1.5, limit=200)

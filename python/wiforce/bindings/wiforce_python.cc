@@ -4,6 +4,8 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <gnuradio/block_detail.h>
+#include <gnuradio/buffer_reader.h>
 #include <gnuradio/wiforce/ofdm_channel_estimator.h>
 #include <gnuradio/wiforce/phase_group_doppler.h>
 #include <gnuradio/wiforce/preamble_fold.h>
@@ -236,6 +238,16 @@ static py::object rx_time_or_none(const pmt::pmt_t& value)
     return time ? py::make_tuple(time->seconds, time->fraction) : py::object(py::none());
 }
 
+// GNU Radio's own bindings do not give a buffer's state to Python.
+static bool input_has_ended(const gr::block& block)
+{
+    if (!block.detail())
+        return false;
+    const auto input = block.detail()->input(0);
+    gr::thread::scoped_lock guard(*input->mutex());
+    return input->done() && input->items_available() == 0;
+}
+
 PYBIND11_MODULE(wiforce_python, m)
 {
     py::register_local_exception_translator(translate_refusal);
@@ -250,4 +262,10 @@ PYBIND11_MODULE(wiforce_python, m)
           &rx_time_or_none,
           "value"_a,
           "(whole seconds, fraction) in the value of an `rx_time` tag, or None.");
+    m.def("input_has_ended",
+          &input_has_ended,
+          "block"_a,
+          py::call_guard<py::gil_scoped_release>(),
+          "Whether the first input of a block has ended and all its items are consumed; "
+          "false while no flowgraph runs.");
 }

@@ -19,7 +19,7 @@ class conjugate_difference(GroupBlock):
 
     Input and output: vectors 2S x N, tagged ``state``. Scaled so that the average over
     subcarriers with the noise weights is R with its magnitude. The groups of the reference are
-    held back until it is complete.
+    held back until it is complete, or the stream ends.
     Message port ``tare``: any message takes a new reference from the groups that follow.
 
     Parameters
@@ -58,6 +58,9 @@ class conjugate_difference(GroupBlock):
     def take(self, items: Array, tags: Tags) -> tuple[int, Groups]:
         ends = occupied_subcarriers(items, self._ends, self._bins)
         return len(items), self.stage.process(groups_of(tags).having(ends=ends))
+
+    def flush(self) -> Groups:
+        return self.stage.flush()
 
     def vectors(self, groups: Groups) -> Array:
         return whole_spectra(groups.changes, self._bins, self._width)

@@ -46,6 +46,7 @@ class end_separation(GroupBlock):
     def __init__(self, plan: Plan, derotated: bool = True) -> None:
         plan.check_clocks()
         self._bins, self._width = plan.waveform.bins, plan.waveform.symbol_length
+        self._compression = plan.compression
         self.stage = estimator_named(plan.estimator).separation(
             plan.table, plan.clocks, plan.waveform, derotated, plan.others
         )
@@ -63,7 +64,13 @@ class end_separation(GroupBlock):
 
     def take(self, items: Array, tags: Tags) -> tuple[int, Groups]:
         count, groups = self._input.collect(items, tags)
-        return count, self.stage.process(groups)
+        return count, self._corrected(self.stage.process(groups))
+
+    def flush(self) -> Groups:
+        return self._corrected(self.stage.flush())
+
+    def _corrected(self, groups: Groups) -> Groups:
+        return groups if self._compression is None else self._compression.correct(groups)
 
     def vectors(self, groups: Groups) -> Array:
         return whole_spectra(groups.ends, self._bins, self._width)

@@ -12,6 +12,7 @@ from gnuradio import gr
 
 from .. import names
 from ..estimation.groups import Array, Groups
+from ..wiforce_python import input_has_ended
 from . import state_tag
 
 # Tags of each item, by name.
@@ -19,6 +20,7 @@ Tags = Sequence[dict[str, Any]]
 
 _STATE = pmt.intern(names.STATE)
 _DONE = -1
+_NOTHING = Groups(np.zeros(0, np.int64))
 _PAGE_BYTES, _LEAST_GROUPS = 4096, 32
 
 
@@ -27,7 +29,9 @@ class GroupBlock(gr.basic_block):
 
     Subclasses implement ``take(items, tags)``, with ``items`` the input's vectors and ``tags`` a
     dict of tags by name for each, and return how many items were taken and a Groups, the rows of
-    which ``vectors(groups)`` turns into items.
+    which ``vectors(groups)`` turns into items. Once the input has ended, ``flush()`` gives the
+    groups that were held back: they are the last items of the output, so the next block has read
+    them before it flushes its own.
 
     An exception in ``take``, or one that a message handler passes to ``fail``, ends the flowgraph
     in order; raised through the scheduler it would hang or abort the process.
@@ -61,11 +65,15 @@ class GroupBlock(gr.basic_block):
             self.set_max_output_buffer(_buffered_groups(self.output_signature()))
         self._ready: deque[tuple[Groups, Array]] = deque()
         self.failure: Exception | None = None
-        self._sends = bool(outputs)
+        self._sends, self._flushed = bool(outputs), False
 
     def take(self, items: Array, tags: Tags) -> tuple[int, Groups]:
         """Process items (G, n); return how many were taken and the groups that are ready."""
         raise NotImplementedError
+
+    def flush(self) -> Groups:
+        """Give the groups that are held back at the end of the input; none by default."""
+        return _NOTHING
 
     def vectors(self, groups: Groups) -> Array:
         """Items (G, n) of a batch."""
@@ -76,29 +84,43 @@ class GroupBlock(gr.basic_block):
         self.failure = error
         gr.log.error(f"{self.name()}: {type(error).__name__}: {error}")
 
+    def start(self) -> bool:
+        self._flushed = False
+        return True
+
     def forecast(self, noutput_items: int, ninputs: int) -> list[int]:
-        return [0 if self._ready else 1] * ninputs
+        # A block that needs input is not called any more when its input has ended.
+        needed = 0 if self._ready or self._must_flush() else 1
+        return [needed] * ninputs
 
     def general_work(self, input_items: list[Array], output_items: list[Array]) -> int:
-        if self.failure is not None:
+        if self.failure is not None or self._flushed and not self._ready:
             return _DONE
         room = len(output_items[0]) if self._sends else 0
-        produced = self._put_out(output_items, 0, room)
-        items = input_items[0]
-        if self._sends and produced == room or not len(items):
-            self.consume(0, 0)
-            return produced
-        try:
-            consumed, groups = self.take(items, self._tags_of(len(items)))
-        except Exception as error:
-            self.fail(error)
-            return _DONE
-        if self._sends and len(groups):
-            rows = self.vectors(groups)
+        produced, consumed = self._put_out(output_items, 0, room), 0
+        if not self._sends or produced < room:
+            try:
+                consumed, groups = self._next(input_items[0])
+                rows = self.vectors(groups) if self._sends and len(groups) else ()
+            except Exception as error:
+                self.fail(error)
+                return _DONE
             self._ready.extend((groups[i : i + 1], row) for i, row in enumerate(rows))
             produced = self._put_out(output_items, produced, room)
         self.consume(0, consumed)
         return produced
+
+    def _next(self, items: Array) -> tuple[int, Groups]:
+        """Take the items; when all are taken and the input has ended, flush."""
+        if len(items) and not self._flushed:
+            return self.take(items, self._tags_of(len(items)))
+        if not self._must_flush():
+            return 0, _NOTHING
+        self._flushed = True
+        return 0, self.flush()
+
+    def _must_flush(self) -> bool:
+        return not self._flushed and input_has_ended(self.gateway)
 
     def _tags_of(self, count: int) -> Tags:
         tags: list[dict[str, Any]] = [{} for _ in range(count)]

@@ -52,7 +52,7 @@ class ReadingPort:
 
     def start(self) -> bool:
         self.ended.clear()
-        return True
+        return bool(super().start())  # type: ignore[misc]
 
     def stop(self) -> bool:
         self.end()

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Readings as short texts."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from ..io.readings import Reading, SurfaceReading
@@ -42,6 +43,27 @@ def _value(value: float | None, std: float | None, decimals: int, unit: str) -> 
 def warning_flags(reading: Reading) -> list[str]:
     """Words of the flags that warn of errors: all but ``reference``."""
     return [flag for flag in reading.flags if flag != "reference"]
+
+
+def end_labels(sensors: Sequence[str]) -> list[str]:
+    """Labels of both ends of every sensor; with its name where there are several.
+
+    Parameters
+    ----------
+    sensors : sequence of str
+        Names.
+
+    Returns
+    -------
+    list of str, length 2S
+
+    Examples
+    --------
+    >>> end_labels(["arm"]), end_labels(["left", "right"])[2]
+    (['end 1', 'end 2'], 'right end 1')
+    """
+    prefixes = [f"{name} " if len(sensors) > 1 else "" for name in sensors]
+    return [f"{prefix}end {end}" for prefix in prefixes for end in (1, 2)]
 
 
 def notes(reading: Reading) -> str:

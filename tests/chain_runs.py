@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The chain of one block per step and the reader, on the same samples."""
+
+from chain_from_file import Chain
+from gnuradio import gr, wiforce
+
+# Between the blocks of the chain items have single precision.
+FORCE_LIMIT_N = LOCATION_LIMIT_MM = PHASE_LIMIT_DEG = 1e-4
+EXACT = ("time_s", "sensor", "touch", "flags", "group")
+CLOSE = {
+    "phase1_deg": PHASE_LIMIT_DEG,
+    "phase2_deg": PHASE_LIMIT_DEG,
+    "force_n": FORCE_LIMIT_N,
+    "force_std_n": FORCE_LIMIT_N,
+    "location_mm": LOCATION_LIMIT_MM,
+    "location_std_mm": LOCATION_LIMIT_MM,
+    "snr_db": 1e-3,
+    "interference": 1e-6,
+}
+
+
+def readings_of_chain(plan, *before, runs=1):
+    """Readings by one block per step, as in the examples, behind blocks that give snapshots."""
+    readings, flowgraph = [], gr.top_block()
+    chain = Chain(plan, readings.append)
+    chain.connect(flowgraph, *before)
+    for _ in range(runs):
+        flowgraph.run()
+    chain.check()
+    assert chain.to_force[-1].ended.is_set()
+    return readings
+
+
+def readings_of_reader(plan, source, input_type="sc16", runs=1, **options):
+    """Readings by the block that holds the whole receiver."""
+    readings, flowgraph = [], gr.top_block()
+    reader = wiforce.reader(plan, input_type, on_reading=readings.append, **options)
+    flowgraph.connect(source, reader)
+    for _ in range(runs):
+        flowgraph.run()
+    assert reader.failure is None
+    return readings
+
+
+def assert_equal_readings(found, expected):
+    """Compare readings group by group: touch, force, location, phases and flags."""
+    assert len(found) == len(expected)
+    for own, other in zip(found, expected, strict=True):
+        assert [getattr(own, name) for name in EXACT] == [getattr(other, name) for name in EXACT]
+        for name, limit in CLOSE.items():
+            value, wanted = getattr(own, name), getattr(other, name)
+            assert (value is None) == (wanted is None), (name, own.group)
+            assert value is None or abs(value - wanted) <= limit, (name, own.group)
