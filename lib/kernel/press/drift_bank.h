@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <array>
+#include <cstddef>
+
+namespace gr::wiforce::kernel {
+
+/*!
+ * \brief A phase that walks randomly at an unknown rate.
+ *
+ * One Kalman filter for each of some rates, weighted by how well they predict. While
+ * nothing is observed the variances go on growing, each at its own rate, so that what is
+ * found afterwards teaches the rate as well.
+ */
+class drift_bank
+{
+public:
+    static constexpr std::size_t most_rates = 6;
+
+    struct moments {
+        double mean, variance;
+    };
+
+    drift_bank() = default; // does not drift
+    //! At the rates of the filter, or at the only one that is stated (rad per sqrt(s)),
+    //! times `scale`.
+    static drift_bank learning(double scale);
+    static drift_bank stated(double rate);
+
+    //! Begins at a phase; what is known of the rate stays.
+    void reset(double phase, double variance);
+    void turn(double by);
+    void widen(double variance);
+    void predict(double seconds);
+    //! Takes a phase; gives the log density that was expected of it. `memory` is the part
+    //! of the evidence for the rates that is kept.
+    double update(double phase, double noise, double memory);
+
+    moments estimate() const;
+    //! Geometric mean of the rates.
+    double usual_rate() const;
+
+private:
+    std::size_t d_count = 1;
+    std::array<double, most_rates> d_rate{}, d_mean{}, d_variance{}, d_log_weight{};
+};
+
+} // namespace gr::wiforce::kernel

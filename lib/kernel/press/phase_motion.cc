@@ -1,0 +1,146 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "phase_motion.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace gr::wiforce::kernel {
+
+namespace {
+
+constexpr double least_determinant = 1e-300;
+
+} // namespace
+
+double log_normal(double x, double variance)
+{
+    return -0.5 * (x * x / variance + std::log(two_pi * variance));
+}
+
+void phase_motion::hold(const pair_of_ends& phase, const phase_covariance& covariance)
+{
+    *this = phase_motion();
+    d_state[0] = phase[0], d_state[1] = phase[1];
+    widen(covariance);
+}
+
+void phase_motion::widen(const phase_covariance& by)
+{
+    d_covariance[0][0] += by.first;
+    d_covariance[1][1] += by.second;
+    d_covariance[0][1] += by.both;
+    d_covariance[1][0] += by.both;
+}
+
+void phase_motion::move(double velocity, double variance)
+{
+    for (int i = 2; i < 4; i++) {
+        d_state[i] = velocity;
+        for (int j = 0; j < 2; j++)
+            d_covariance[i][j] = d_covariance[j][i] = 0;
+        for (int j = 2; j < 4; j++)
+            d_covariance[i][j] = variance;
+    }
+}
+
+void phase_motion::widen_velocity(const pair_of_ends& direction, double along, double across)
+{
+    const double x = direction[0], y = direction[1];
+    d_covariance[2][2] += along * x * x + across * y * y;
+    d_covariance[3][3] += along * y * y + across * x * x;
+    d_covariance[2][3] += (along - across) * x * y;
+    d_covariance[3][2] = d_covariance[2][3];
+}
+
+void phase_motion::bend(const pair_of_ends& from, const pair_of_ends& to)
+{
+    const double cosine = from[0] * to[0] + from[1] * to[1],
+                 sine = from[0] * to[1] - from[1] * to[0];
+    const auto rotate = [&](double& x, double& y) {
+        const double before = x;
+        x = cosine * before - sine * y;
+        y = sine * before + cosine * y;
+    };
+    rotate(d_state[2], d_state[3]);
+    for (int j = 0; j < 4; j++)
+        rotate(d_covariance[2][j], d_covariance[3][j]);
+    for (int i = 0; i < 4; i++)
+        rotate(d_covariance[i][2], d_covariance[i][3]);
+}
+
+void phase_motion::stop(double seconds)
+{
+    // On average in the middle.
+    const double first = d_state[2] * seconds / 2, second = d_state[3] * seconds / 2;
+    const auto reached = covariance();
+    hold({ d_state[0] - first, d_state[1] - second },
+         { reached.first + first * first,
+           reached.second + second * second,
+           reached.both + first * second });
+}
+
+void phase_motion::predict(double seconds)
+{
+    for (int i = 0; i < 2; i++)
+        d_state[i] += seconds * d_state[i + 2];
+    for (int i = 0; i < 2; i++)
+        for (int j = 0; j < 4; j++)
+            d_covariance[i][j] += seconds * d_covariance[i + 2][j];
+    for (int i = 0; i < 4; i++)
+        for (int j = 0; j < 2; j++)
+            d_covariance[i][j] += seconds * d_covariance[i][j + 2];
+}
+
+phase_motion::innovation phase_motion::compare(const pair_of_ends& phase,
+                                               const phase_covariance& noise) const
+{
+    const double first = d_covariance[0][0] + noise.first,
+                 second = d_covariance[1][1] + noise.second,
+                 both = d_covariance[0][1] + noise.both;
+    return { { wrapped(phase[0] - d_state[0]), wrapped(phase[1] - d_state[1]) },
+             first,
+             second,
+             both,
+             std::max(first * second - both * both, least_determinant) };
+}
+
+bool phase_motion::near(const phase_motion& other) const
+{
+    for (int i = 0; i < 4; i++) {
+        const double off = i < 2 ? wrapped(d_state[i] - other.d_state[i])
+                                 : d_state[i] - other.d_state[i];
+        if (off * off > 0.1 * d_covariance[i][i])
+            return false;
+    }
+    return true;
+}
+
+double phase_motion::evidence(const pair_of_ends& phase, const phase_covariance& noise) const
+{
+    const auto c = compare(phase, noise);
+    const double square = c.off[0] * c.off[0] * c.second -
+                          2 * c.off[0] * c.off[1] * c.both + c.off[1] * c.off[1] * c.first;
+    return -0.5 * (square / c.determinant + std::log(c.determinant)) - std::log(two_pi);
+}
+
+void phase_motion::update(const pair_of_ends& phase, const phase_covariance& noise)
+{
+    const auto c = compare(phase, noise);
+    double before[2][4];
+    std::copy_n(&d_covariance[0][0], 8, &before[0][0]);
+    for (int i = 0; i < 4; i++) {
+        const double to_first = d_covariance[i][0], to_second = d_covariance[i][1];
+        const double first = (to_first * c.second - to_second * c.both) / c.determinant,
+                     second = (to_second * c.first - to_first * c.both) / c.determinant;
+        d_state[i] += first * c.off[0] + second * c.off[1];
+        for (int j = 0; j < 4; j++)
+            d_covariance[i][j] -= first * before[0][j] + second * before[1][j];
+    }
+    // Rounding would grow from group to group.
+    for (int i = 0; i < 4; i++)
+        for (int j = 0; j < i; j++)
+            d_covariance[i][j] = d_covariance[j][i] =
+                (d_covariance[i][j] + d_covariance[j][i]) / 2;
+}
+
+} // namespace gr::wiforce::kernel

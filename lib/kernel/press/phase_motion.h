@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include "press_image.h"
+
+namespace gr::wiforce::kernel {
+
+//! Covariance of both phases, rad^2.
+struct phase_covariance {
+    double first = 0, second = 0, both = 0;
+};
+
+//! log N(x; 0, variance).
+double log_normal(double x, double variance);
+
+/*!
+ * \brief Both phases of a press: held, or changing steadily.
+ *
+ * A Kalman filter of the phases and their velocities; while the press is held the
+ * velocities are zero and known.
+ */
+class phase_motion
+{
+public:
+    pair_of_ends phase() const { return { d_state[0], d_state[1] }; }
+    phase_covariance covariance() const
+    {
+        return { d_covariance[0][0], d_covariance[1][1], d_covariance[0][1] };
+    }
+
+    //! Begins at a phase, without velocity.
+    void hold(const pair_of_ends& phase, const phase_covariance& covariance);
+    //! Both phases turn, by this on average.
+    void turn(double by) { d_state[0] += by, d_state[1] += by; }
+    void widen(const phase_covariance& by);
+    //! Both phases turn at this velocity, of this variance.
+    void move(double velocity, double variance);
+    //! Both velocities change by this.
+    void push(double by) { d_state[2] += by, d_state[3] += by; }
+    double common_velocity() const { return (d_state[2] + d_state[3]) / 2; }
+    //! Variances (rad/s)^2 of the velocity along a unit vector and across it.
+    void widen_velocity(const pair_of_ends& direction, double along, double across);
+    //! The velocity turns as far as one unit vector lies from the other.
+    void bend(const pair_of_ends& from, const pair_of_ends& to);
+    //! A steady change ended somewhere in the last `seconds`.
+    void stop(double seconds);
+    void predict(double seconds);
+
+    //! Whether phases and velocities are the same within a third of what is known of them.
+    bool near(const phase_motion& other) const;
+    //! Log density of phases with this noise.
+    double evidence(const pair_of_ends& phase, const phase_covariance& noise) const;
+    void update(const pair_of_ends& phase, const phase_covariance& noise);
+
+private:
+    // Inverse of the covariance of a prediction, and what was seen beside it.
+    struct innovation {
+        pair_of_ends off;
+        double first, second, both, determinant;
+    };
+    innovation compare(const pair_of_ends& phase, const phase_covariance& noise) const;
+
+    double d_state[4] = {}; // phases, velocities
+    double d_covariance[4][4] = {};
+};
+
+} // namespace gr::wiforce::kernel

@@ -1,0 +1,186 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include "drift_bank.h"
+#include "phase_motion.h"
+#include "press_image.h"
+#include "press_parameters.h"
+
+#include <array>
+#include <complex>
+#include <memory>
+#include <utility>
+#include <vector>
+
+namespace gr::wiforce::kernel {
+
+//! A group: R of both ends as phases and amplitudes, and what is known beside them.
+struct press_observation {
+    double time_s = 0;
+    pair_of_ends phase{}, amplitude{}; // rad, Np
+    pair_of_ends variance{};           // of each, by the noise of the group alone
+    double common_variance = 0;        // of a rotation of both ends, rad^2
+    // How the static path turned and grew since the group before, and the variance of what
+    // it does when the receiver does not step.
+    double receiver_phase = 0, receiver_amplitude = 0, receiver_variance = 1;
+    bool retuned = false;  // the receiver's phase is a new one
+    double untouched = 0;  // probability, where the user says so
+};
+
+/*!
+ * \brief What a sensor has shown so far, as a few explanations with weights.
+ *
+ * docs/press.md derives it. Every explanation holds the phases that both ends would show if
+ * nobody touched, and what the press is doing. With every group it branches into what may
+ * have happened next, each branch is weighted by how well it predicts the group, branches
+ * that have come to the same are merged, and unlikely ones are dropped.
+ */
+class press_filter
+{
+public:
+    enum state {
+        untouched,
+        pressed,     // as the model has it
+        unexplained, // touched, but not by any press of the model
+        mixed,       // something changed inside the group
+    };
+
+    //! What an explanation says of one group.
+    struct outcome {
+        state is = untouched, before = untouched;
+        bool known = true;  // the baseline; a first press may have begun before the first group
+        bool turned = false; // the tag turned since the press began
+        pair_of_ends baseline{}; // phases of the untouched line, rad
+        double common_variance = 0, difference_variance = 0; // of their mean and difference
+        double amplitude = 0; // of both ends, Np
+    };
+
+    struct weighted_outcome {
+        double weight;
+        outcome what;
+    };
+
+    press_filter(std::shared_ptr<const press_image> image, const press_parameters& settings);
+
+    //! Takes the next group that was received.
+    void take(const press_observation& group);
+    //! The user says that the newest group is untouched, which is true with this
+    //! probability; then its phases are those of the untouched line.
+    void claim_untouched(double probability);
+    //! Phases and amplitudes are counted from another reference: by how much those of the
+    //! former one seem to have changed.
+    void change_reference(const pair_of_ends& phase, double amplitude);
+
+    //! Of the newest group, as far as is known yet, and of the one before it, now that its
+    //! successor is known; largest weight first.
+    std::vector<weighted_outcome> newest() const;
+    std::vector<weighted_outcome> before_newest() const;
+    //! Turns per second, as learned.
+    double turn_rate() const;
+
+private:
+    using complex = std::complex<double>;
+    using both_ends = std::array<complex, 2>;
+
+    // Mean and difference of the logarithms of both amplitudes of a press.
+    struct press_amplitude {
+        double mean = 0, difference = 0, mean_variance = 0, difference_variance = 0;
+    };
+
+    struct explanation {
+        double log_weight = 0;
+        state is = untouched;
+        double age_s = 0; // of the state
+        // The untouched line.
+        drift_bank common, difference;
+        double amplitude = 0, amplitude_variance = 0;
+        // A hand nearby adds a phasor: the line without it, and its square.
+        double quiet_amplitude = 0, quiet_phase = 0, near_square = 0;
+        bool known = true;
+        // The tag.
+        bool turning = false, turned = false, turned_now = false;
+        bool near = false; // it is a hand that comes near, which changes the amplitude as well
+        double velocity = 0;               // of the turn, rad/s
+        double turns = 0, untouched_s = 0; // turns seen while untouched, in this time
+        // Both phases of the press, or of the untouched line while the tag turns; and whether
+        // the press changes steadily: at a speed, sliding or not.
+        phase_motion motion;
+        press_amplitude strength;
+        bool steady = false, slides = false;
+        bool jolted = false, jumped = false; // suddenly, in this group: it may not be over
+        std::size_t speed = 0;
+        pair_of_ends direction{};
+        // A mixture: what was before, what was seen, and the groups it has lasted.
+        state before = untouched;
+        double age_before_s = 0, log_density = 0;
+        both_ends start{}, seen{};
+        double seen_variance = 0;
+        int groups = 0;
+        outcome now, last;
+    };
+
+    enum class course { begins, goes_on, ends };
+
+    void start(const press_observation& group);
+    void branch(const explanation& from);
+    void branch_untouched(const explanation& from);
+    void branch_touched(const explanation& from);
+    void branch_mixed(const explanation& from);
+    void settle();
+
+    // Each adds the explanation that follows `from` with this probability.
+    void remain_untouched(const explanation& from, double probability);
+    void release(const explanation& from, double probability);
+    void press(const explanation& from, double probability);
+    void touch_unexplained(const explanation& from, double probability);
+    void hold(const explanation& from, double probability);
+    void change_steadily(const explanation& from, double probability, bool slides, std::size_t speed);
+    void jump(const explanation& from, double probability);
+    void turn_suddenly(const explanation& from, double probability);
+    void turn_slowly(const explanation& from, double probability, course how, std::size_t speed, bool near);
+    void begin_turning(const explanation& from, double turns, double hands);
+    void mix(const explanation& from, double probability, double ends = 0);
+
+    std::vector<std::pair<explanation, double>> courses(const explanation& from) const;
+    double turn_probability(const explanation& of) const;
+    double lasting() const;
+    double going_on() const;
+    void part_turn(explanation& to, const pair_of_ends& was, const pair_of_ends& direction) const;
+    void begin_turn(explanation& to) const;
+    double follow_turn(explanation& to, const pair_of_ends& was) const;
+    void give(explanation& next, double log_likelihood);
+    bool hopeless(const explanation& from, double probability) const;
+
+    double turn_rate(const explanation& of) const;
+    void step_receiver(explanation& to) const;
+    double step_probability() const;
+    void reset_baseline(explanation& to) const;
+    void drift(explanation& to) const;
+    double update_baseline(explanation& to) const;
+    void notice_hand(explanation& to) const;
+    double compare_contact(const explanation& with, double spread) const;
+    double update_strength(explanation& to, double steps) const;
+    void begin_press(explanation& to) const;
+    double density(const explanation& of, const pair_of_ends& phase) const;
+    double chord(const explanation& from, const both_ends& to, double variance) const;
+    both_ends untouched_ratio(const explanation& of) const;
+    both_ends seen_ratio() const;
+    pair_of_ends baseline(const explanation& of) const;
+    pair_of_ends press_direction(const explanation& of) const;
+    outcome describe(const explanation& of) const;
+    bool alike(const explanation& a, const explanation& b) const;
+    std::vector<weighted_outcome> collect(outcome explanation::*which) const;
+
+    std::shared_ptr<const press_image> d_image;
+    press_parameters d_set;
+    std::vector<explanation> d_kept, d_next;
+    double d_best = 0, d_peak = 0; // largest log weight so far; largest density of a group
+
+    press_observation d_group;
+    double d_elapsed_s = 0; // since the group before
+    phase_covariance d_noise;
+    double d_common_noise = 0, d_difference_noise = 0, d_amplitude_noise = 0;
+    double d_amplitude = 0, d_amplitude_difference = 0; // mean of both ends
+};
+
+} // namespace gr::wiforce::kernel

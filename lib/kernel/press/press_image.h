@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <vector>
+
+namespace gr::wiforce::kernel {
+
+// Of both ends.
+using pair_of_ends = std::array<double, 2>;
+
+constexpr double two_pi = 6.283185307179586;
+
+//! The angle in [-pi, pi].
+double wrapped(double angle);
+
+/*!
+ * \brief What presses look like: changes of both phases against the untouched line.
+ *
+ * Forces are log-uniform from the onset to 1.3 times the calibrated force, locations
+ * uniform over the line. The density is that of all presses that change the phases alike,
+ * so that presses half a wavelength apart need no treatment of their own.
+ */
+class press_image
+{
+public:
+    /*!
+     * \param change (forces, locations, 2), rad; forces rise by equal ratios
+     * \param log_step logarithm of that ratio
+     * \param spread rad; standard deviation by which models are wrong
+     */
+    press_image(const std::vector<double>& change,
+                std::size_t forces,
+                std::size_t locations,
+                double log_step,
+                double spread);
+
+    //! Per rad^2.
+    double density(const pair_of_ends& change) const;
+    //! Unit vector in which more force moves both phases; equal parts where no press is.
+    pair_of_ends direction(const pair_of_ends& change) const;
+
+private:
+    struct place {
+        std::size_t row, column;
+        double down, right; // parts of a cell
+    };
+
+    static constexpr std::size_t cells = 180; // of 2 deg, around the circle
+    static place locate(const pair_of_ends& change);
+    void add(const double* change, const pair_of_ends& along, double spread);
+
+    std::vector<double> d_density;
+    std::vector<pair_of_ends> d_along;
+};
+
+} // namespace gr::wiforce::kernel
