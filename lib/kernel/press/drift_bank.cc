@@ -87,13 +87,15 @@ drift_bank::moments drift_bank::estimate() const
 {
     double total = 0, first = 0, second = 0;
     for (std::size_t i = 0; i < d_count; i++) {
-        const double weight = std::exp(d_log_weight[i]), off = wrapped(d_mean[i] - d_mean[0]);
+        const double weight = std::exp(d_log_weight[i]),
+                     off = wrapped(d_mean[i] - d_mean[0]);
         total += weight;
         first += weight * off;
         second += weight * (d_variance[i] + off * off);
     }
     first /= total;
-    return { d_mean[0] + first, std::max(second / total - first * first, least_variance) };
+    return { d_mean[0] + first,
+             std::max(second / total - first * first, least_variance) };
 }
 
 double drift_bank::usual_rate() const

@@ -43,7 +43,9 @@ void phase_motion::move(double velocity, double variance)
     }
 }
 
-void phase_motion::widen_velocity(const pair_of_ends& direction, double along, double across)
+void phase_motion::widen_velocity(const pair_of_ends& direction,
+                                  double along,
+                                  double across)
 {
     const double x = direction[0], y = direction[1];
     d_covariance[2][2] += along * x * x + across * y * y;
@@ -115,11 +117,13 @@ bool phase_motion::near(const phase_motion& other) const
     return true;
 }
 
-double phase_motion::evidence(const pair_of_ends& phase, const phase_covariance& noise) const
+double phase_motion::evidence(const pair_of_ends& phase,
+                              const phase_covariance& noise) const
 {
     const auto c = compare(phase, noise);
     const double square = c.off[0] * c.off[0] * c.second -
-                          2 * c.off[0] * c.off[1] * c.both + c.off[1] * c.off[1] * c.first;
+                          2 * c.off[0] * c.off[1] * c.both +
+                          c.off[1] * c.off[1] * c.first;
     return -0.5 * (square / c.determinant + std::log(c.determinant)) - std::log(two_pi);
 }
 

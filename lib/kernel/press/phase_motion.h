@@ -46,7 +46,8 @@ public:
     void stop(double seconds);
     void predict(double seconds);
 
-    //! Whether phases and velocities are the same within a third of what is known of them.
+    //! Whether phases and velocities are the same within a third of what is known of
+    //! them.
     bool near(const phase_motion& other) const;
     //! Log density of phases with this noise.
     double evidence(const pair_of_ends& phase, const phase_covariance& noise) const;

@@ -13,7 +13,8 @@ namespace {
 constexpr std::size_t most_kept = 16;
 constexpr double negligible = -18;
 constexpr double deg = two_pi / 360;
-// Speeds of steady changes, rad/s: a force that creeps, rises, is applied quickly, is a tap.
+// Speeds of steady changes, rad/s: a force that creeps, rises, is applied quickly, is a
+// tap.
 constexpr std::array<double, 4> speeds{ 5 * deg, 50 * deg, 500 * deg, 3000 * deg };
 constexpr std::size_t turning_speeds = 3, near_speeds = 2; // of tags, and of hands nearby
 // Turns keep their speed for about so long.
@@ -54,8 +55,7 @@ const pair_of_ends alike_both{ std::sqrt(0.5), std::sqrt(0.5) };
 
 press_filter::press_filter(std::shared_ptr<const press_image> image,
                            const press_parameters& settings)
-    : d_image(std::move(image)),
-      d_set(settings)
+    : d_image(std::move(image)), d_set(settings)
 {
 }
 
@@ -109,7 +109,8 @@ void press_filter::start(const press_observation& group)
     const double mean = std::sqrt(0.5), apart = std::sqrt(2.0);
     explanation first;
     first.common = stated ? drift_bank::stated(rate * mean) : drift_bank::learning(mean);
-    first.difference = stated ? drift_bank::stated(rate * apart) : drift_bank::learning(apart);
+    first.difference =
+        stated ? drift_bank::stated(rate * apart) : drift_bank::learning(apart);
     reset_baseline(first);
     const double sure = group.untouched > 0 ? group.untouched : 0.5;
     first.log_weight = std::log(sure);
@@ -200,7 +201,8 @@ void press_filter::branch_touched(const explanation& from)
         held.motion.move(from.velocity, squared(from.velocity) / 4);
         turn_slowly(held, ends, course::goes_on, from.speed, from.near);
     } else if (from.turning) {
-        turn_slowly(from, quiet * goes_on * (1 - begins), course::goes_on, from.speed, from.near);
+        turn_slowly(
+            from, quiet * goes_on * (1 - begins), course::goes_on, from.speed, from.near);
         turn_slowly(from, quiet * (1 - goes_on), course::ends, from.speed, from.near);
         for (std::size_t i = 0; i < speeds.size(); i++)
             change_steadily(from, quiet * goes_on * begins / speeds.size(), false, i);
@@ -236,9 +238,9 @@ void press_filter::branch_mixed(const explanation& from)
     const double turns = turn_probability(from);
     const double lasts = lasting();
     const bool touched = from.before != untouched;
-    const double all =
-        (may.all - (touched ? may.steadily : 0) + turns) / (1 - lasts);
-    // What was seen of a single group of change lies between the states before and after it.
+    const double all = (may.all - (touched ? may.steadily : 0) + turns) / (1 - lasts);
+    // What was seen of a single group of change lies between the states before and after
+    // it.
     const bool single = from.groups == 1;
     const double known = single ? from.log_density : 0;
     const double to_this =
@@ -250,10 +252,9 @@ void press_filter::branch_mixed(const explanation& from)
     turn_suddenly(as_before, turns / all);
     touch_unexplained(as_before, may.unexplained / all);
     for (auto& [tag, share] : courses(from)) {
-        const double to_untouched =
-            single && tag.known && !tag.turned_now
-                ? chord(tag, untouched_ratio(tag), 0) - known
-                : to_this;
+        const double to_untouched = single && tag.known && !tag.turned_now
+                                        ? chord(tag, untouched_ratio(tag), 0) - known
+                                        : to_this;
         auto ended = tag;
         ended.log_weight += to_untouched;
         tag.log_weight += to_this;
@@ -292,8 +293,8 @@ double press_filter::lasting() const
 
 double press_filter::going_on() const { return std::exp(-d_elapsed_s / d_set.steady_s); }
 
-// What the tag may do while the press changes: nothing, or turn suddenly; or go on turning, or
-// come to rest.
+// What the tag may do while the press changes: nothing, or turn suddenly; or go on
+// turning, or come to rest.
 std::vector<std::pair<press_filter::explanation, double>>
 press_filter::courses(const explanation& from) const
 {
@@ -356,11 +357,8 @@ void press_filter::turn_suddenly(const explanation& from, double probability)
     give(next, follow_turn(next, was));
 }
 
-void press_filter::turn_slowly(const explanation& from,
-                               double probability,
-                               course how,
-                               std::size_t speed,
-                               bool near)
+void press_filter::turn_slowly(
+    const explanation& from, double probability, course how, std::size_t speed, bool near)
 {
     if (hopeless(from, probability))
         return;
@@ -380,8 +378,10 @@ void press_filter::turn_slowly(const explanation& from,
             squared(speeds[speed]) * d_elapsed_s * std::max(d_elapsed_s, least_turn_s);
     const auto was = next.motion.phase();
     if (how != course::ends)
-        next.motion.widen_velocity(
-            alike_both, squared(speeds[speed]) * (how == course::begins ? 1 : d_elapsed_s), 0);
+        next.motion.widen_velocity(alike_both,
+                                   squared(speeds[speed]) *
+                                       (how == course::begins ? 1 : d_elapsed_s),
+                                   0);
     next.motion.predict(d_elapsed_s);
     if (how == course::ends)
         next.motion.stop(d_elapsed_s);
@@ -392,7 +392,8 @@ void press_filter::begin_turn(explanation& to) const
 {
     if (to.is != untouched) {
         to.turned = true;
-        to.common.widen(d_common_noise); // how far it turns is seen with the noise of a group
+        to.common.widen(
+            d_common_noise); // how far it turns is seen with the noise of a group
         return;
     }
     const auto common = to.common.estimate(), apart = to.difference.estimate();
@@ -403,7 +404,8 @@ void press_filter::begin_turn(explanation& to) const
     to.strength = { to.amplitude, 0, to.amplitude_variance, 0 };
 }
 
-// Both ends turn alike, whether they are touched or not, and the untouched line with them.
+// Both ends turn alike, whether they are touched or not, and the untouched line with
+// them.
 double press_filter::follow_turn(explanation& to, const pair_of_ends& was) const
 {
     drift(to);
@@ -423,7 +425,8 @@ double press_filter::follow_turn(explanation& to, const pair_of_ends& was) const
     to.velocity = to.motion.common_velocity();
     if (to.is == untouched) {
         const auto sure = to.motion.covariance();
-        to.common.reset(to.common.estimate().mean, (sure.first + sure.second + 2 * sure.both) / 4);
+        to.common.reset(to.common.estimate().mean,
+                        (sure.first + sure.second + 2 * sure.both) / 4);
         to.amplitude_variance = to.strength.mean_variance;
         notice_hand(to);
     }
@@ -495,7 +498,8 @@ void press_filter::touch_unexplained(const explanation& from, double probability
         explained = density(from, d_group.phase);
         const auto at = baseline(from);
         for (int e = 0; e < 2; e++)
-            near += squared(wrapped(d_group.phase[e] - at[e]) / (least_contact_deg * deg));
+            near +=
+                squared(wrapped(d_group.phase[e] - at[e]) / (least_contact_deg * deg));
         near = 0.99 * std::exp(-near / 2);
     }
     give(next,
@@ -544,15 +548,16 @@ void press_filter::change_steadily(const explanation& from,
     if (from.steady && !slides)
         next.motion.bend(from.direction, direction);
     next.direction = direction;
-    // The speed begins, or changes as much within a second; the direction keeps its error.
+    // The speed begins, or changes as much within a second; the direction keeps its
+    // error.
     const double along = squared(speeds[speed]) * (from.steady ? d_elapsed_s : 1.0);
     next.motion.widen_velocity(
         direction, along, from.steady && !slides ? 0.0 : aside * along);
     if (from.turning) // by what it turned before, or by anything
-        next.motion.widen_velocity(
-            alike_both,
-            2 * squared(speeds[1]) * (from.velocity == 0 ? 1 : d_elapsed_s),
-            0);
+        next.motion.widen_velocity(alike_both,
+                                   2 * squared(speeds[1]) *
+                                       (from.velocity == 0 ? 1 : d_elapsed_s),
+                                   0);
     next.motion.predict(d_elapsed_s);
     const auto was = from.motion.phase();
     double likelihood = next.motion.evidence(d_group.phase, d_noise);
@@ -566,15 +571,16 @@ void press_filter::change_steadily(const explanation& from,
         turned += squared(wrapped(d_group.phase[e] - was[e]));
     likelihood += update_strength(next, turned / 24);
     if (next.is == pressed && next.known) {
-        const double inside = density(next, next.motion.phase()), before = density(from, was);
+        const double inside = density(next, next.motion.phase()),
+                     before = density(from, was);
         likelihood += std::log((inside + 1e-12) / (inside + outside)) -
                       std::log((before + 1e-12) / (before + outside));
     }
     give(next, likelihood);
 }
 
-// While the tag turns and the force changes: both phases are moved by the turn alike, and by the
-// force in the direction of the press. In the middle of the line that is the same.
+// While the tag turns and the force changes: both phases are moved by the turn alike, and
+// by the force in the direction of the press. In the middle of the line that is the same.
 void press_filter::part_turn(explanation& to,
                              const pair_of_ends& was,
                              const pair_of_ends& direction) const
@@ -583,7 +589,8 @@ void press_filter::part_turn(explanation& to,
     const double expected = to.velocity * d_elapsed_s;
     const double first = is[0] - was[0] - expected, second = is[1] - was[1] - expected;
     const double by_turn = squared(speeds[1] * d_elapsed_s),
-                 by_force = squared(speeds[to.speed] * d_elapsed_s), noise = d_noise.first / 100;
+                 by_force = squared(speeds[to.speed] * d_elapsed_s),
+                 noise = d_noise.first / 100;
     const double a = by_force * direction[0] * direction[0] + by_turn + noise,
                  b = by_force * direction[1] * direction[1] + by_turn + noise,
                  ab = by_force * direction[0] * direction[1] + by_turn;
@@ -610,8 +617,8 @@ void press_filter::jump(const explanation& from, double probability)
     const double x = direction[0], y = direction[1], along = squared(jump_deg * deg),
                  across = squared(d_set.aside) * along;
     next.motion.widen({ along * x * x + across * y * y,
-                       along * y * y + across * x * x,
-                       (along - across) * x * y });
+                        along * y * y + across * x * x,
+                        (along - across) * x * y });
     const auto was = from.motion.phase();
     double likelihood = next.motion.evidence(d_group.phase, d_noise);
     next.motion.update(d_group.phase, d_noise);
@@ -622,7 +629,8 @@ void press_filter::jump(const explanation& from, double probability)
         jumped += squared(wrapped(d_group.phase[e] - was[e]));
     likelihood += std::log((jumped + 1e-12) / (jumped + squared(least_jump_deg * deg)));
     if (next.is == pressed && next.known) {
-        const double inside = density(next, next.motion.phase()), before = density(from, was);
+        const double inside = density(next, next.motion.phase()),
+                     before = density(from, was);
         likelihood += std::log((inside + 1e-12) / (inside + outside)) -
                       std::log((before + 1e-12) / (before + outside));
     }
@@ -659,14 +667,16 @@ void press_filter::mix(const explanation& from, double probability, double ends)
         else {
             const auto was = from.motion.phase();
             for (int e = 0; e < 2; e++)
-                next.start[e] = std::polar(
-                    std::exp(from.strength.mean + (e ? -0.5 : 0.5) * from.strength.difference),
-                    was[e]);
+                next.start[e] =
+                    std::polar(std::exp(from.strength.mean +
+                                        (e ? -0.5 : 0.5) * from.strength.difference),
+                               was[e]);
         }
         // Where a press ends, it is known what comes after.
         if (ends > 0 && from.known)
-            next.log_density = log_sum(std::log(ends) + chord(next, untouched_ratio(from), 0),
-                                       std::log1p(-ends));
+            next.log_density =
+                log_sum(std::log(ends) + chord(next, untouched_ratio(from), 0),
+                        std::log1p(-ends));
     }
     give(next, log_any_mixture + next.log_density);
 }
@@ -762,8 +772,8 @@ double press_filter::update_baseline(explanation& to) const
     return likelihood;
 }
 
-// A hand that comes near adds a phasor. While it moves the untouched line shows how large that is;
-// during a press, the phase that it adds is known to no better than this.
+// A hand that comes near adds a phasor. While it moves the untouched line shows how large
+// that is; during a press, the phase that it adds is known to no better than this.
 void press_filter::notice_hand(explanation& to) const
 {
     const bool moves = to.turning && to.near;
@@ -779,10 +789,12 @@ void press_filter::notice_hand(explanation& to) const
 
 double press_filter::compare_contact(const explanation& with, double spread) const
 {
-    const double known = with.amplitude_variance + with.near_square / 2 + d_amplitude_noise;
+    const double known =
+        with.amplitude_variance + with.near_square / 2 + d_amplitude_noise;
     const auto density = [&](double loss) {
         return log_normal(d_amplitude - with.amplitude, known + squared(loss) / 2) +
-               log_normal(d_amplitude_difference, 4 * d_amplitude_noise + 2 * squared(loss));
+               log_normal(d_amplitude_difference,
+                          4 * d_amplitude_noise + 2 * squared(loss));
     };
     // Good contacts lose nothing.
     return log_sum(density(spread), density(0)) - std::log(2.0);
@@ -812,10 +824,9 @@ void press_filter::begin_press(explanation& to) const
 {
     to.steady = false;
     to.motion.hold(d_group.phase, d_noise);
-    to.strength = { d_amplitude,
-                    d_amplitude_difference,
-                    d_amplitude_noise,
-                    4 * d_amplitude_noise };
+    to.strength = {
+        d_amplitude, d_amplitude_difference, d_amplitude_noise, 4 * d_amplitude_noise
+    };
 }
 
 double press_filter::density(const explanation& of, const pair_of_ends& phase) const
@@ -833,8 +844,10 @@ double press_filter::density(const explanation& of, const pair_of_ends& phase) c
                                   6;
 }
 
-// Log density of a mixture of the state before and the one after, over that of any mixture.
-double press_filter::chord(const explanation& from, const both_ends& to, double variance) const
+// Log density of a mixture of the state before and the one after, over that of any
+// mixture.
+double
+press_filter::chord(const explanation& from, const both_ends& to, double variance) const
 {
     double length2 = 0, along = 0, noise = 0;
     both_ends step, seen;
@@ -849,12 +862,14 @@ double press_filter::chord(const explanation& from, const both_ends& to, double 
     double off = 0;
     for (int e = 0; e < 2; e++)
         off += std::norm(seen[e] - share * step[e]);
-    // Three degrees of freedom lie across the chord. A change that takes a part of the group
-    // follows the circle, so that its mean lies beside the chord; and the force may have
-    // changed before the press ended, or after it began.
+    // Three degrees of freedom lie across the chord. A change that takes a part of the
+    // group follows the circle, so that its mean lies beside the chord; and the force may
+    // have changed before the press ended, or after it began.
     const double beside = noise + squared(length2 * share * (1 - share) / 4),
                  ramped = beside + squared(ramp_deg * deg);
-    const auto across = [&](double v) { return std::exp(-0.5 * off / v) / std::pow(two_pi * v, 1.5); };
+    const auto across = [&](double v) {
+        return std::exp(-0.5 * off / v) / std::pow(two_pi * v, 1.5);
+    };
     const double on = (across(noise) + across(beside) + across(ramped)) / 4 /
                       (std::sqrt(length2) + 3 * std::sqrt(noise));
     return std::log(on * std::exp(-log_any_mixture) + 0.25);
@@ -875,7 +890,8 @@ press_filter::both_ends press_filter::seen_ratio() const
 
 pair_of_ends press_filter::baseline(const explanation& of) const
 {
-    const double common = of.common.estimate().mean, apart = of.difference.estimate().mean;
+    const double common = of.common.estimate().mean,
+                 apart = of.difference.estimate().mean;
     return { common + apart / 2, common - apart / 2 };
 }
 
@@ -911,9 +927,10 @@ void press_filter::settle()
     for (const auto& next : d_next) {
         if (next.log_weight < d_best + negligible)
             break;
-        const auto same = std::find_if(d_kept.begin(), d_kept.end(), [&](const auto& kept) {
-            return alike(kept, next);
-        });
+        const auto same =
+            std::find_if(d_kept.begin(), d_kept.end(), [&](const auto& kept) {
+                return alike(kept, next);
+            });
         if (same != d_kept.end())
             same->log_weight = log_sum(same->log_weight, next.log_weight);
         else if (d_kept.size() < most_kept)
@@ -963,9 +980,12 @@ bool press_filter::alike(const explanation& a, const explanation& b) const
         common.variance > 4 * other.variance + d_common_noise ||
         other.variance > 4 * common.variance + d_common_noise)
         return false;
-    return a.last.is != pressed ||
-           (near(a.last.baseline[0], b.last.baseline[0], a.last.common_variance + d_common_noise) &&
-            near(a.last.baseline[1], b.last.baseline[1], a.last.common_variance + d_common_noise));
+    return a.last.is != pressed || (near(a.last.baseline[0],
+                                         b.last.baseline[0],
+                                         a.last.common_variance + d_common_noise) &&
+                                    near(a.last.baseline[1],
+                                         b.last.baseline[1],
+                                         a.last.common_variance + d_common_noise));
 }
 
 std::vector<press_filter::weighted_outcome>
@@ -975,11 +995,13 @@ press_filter::collect(outcome explanation::*which) const
     for (const auto& kept : d_kept) {
         const auto& what = kept.*which;
         const double weight = std::exp(kept.log_weight);
-        const auto same = std::find_if(found.begin(), found.end(), [&](const auto& other) {
-            return other.what.is == what.is && other.what.before == what.before &&
-                   other.what.known == what.known && other.what.turned == what.turned &&
-                   other.what.baseline == what.baseline;
-        });
+        const auto same =
+            std::find_if(found.begin(), found.end(), [&](const auto& other) {
+                return other.what.is == what.is && other.what.before == what.before &&
+                       other.what.known == what.known &&
+                       other.what.turned == what.turned &&
+                       other.what.baseline == what.baseline;
+            });
         if (same != found.end())
             same->weight += weight;
         else
@@ -1009,8 +1031,8 @@ void press_filter::claim_untouched(double probability)
     for (const auto& kept : d_kept)
         already += kept.is == untouched ? std::exp(kept.log_weight) : 0;
     if (already < 0.5) {
-        // It looked touched: the phases of the untouched line would be those of the newest
-        // group.
+        // It looked touched: the phases of the untouched line would be those of the
+        // newest group.
         explanation next = d_kept.front();
         next.is = untouched;
         next.known = true;
@@ -1044,7 +1066,8 @@ void press_filter::change_reference(const pair_of_ends& phase, double amplitude)
         kept.quiet_amplitude += amplitude;
         kept.quiet_phase += mean;
         auto was = kept.motion.phase();
-        kept.motion.hold({ was[0] + phase[0], was[1] + phase[1] }, kept.motion.covariance());
+        kept.motion.hold({ was[0] + phase[0], was[1] + phase[1] },
+                         kept.motion.covariance());
         kept.strength.mean += amplitude;
         for (int e = 0; e < 2; e++) {
             kept.start[e] *= std::polar(std::exp(amplitude), phase[e]);

@@ -20,20 +20,20 @@ struct press_observation {
     pair_of_ends phase{}, amplitude{}; // rad, Np
     pair_of_ends variance{};           // of each, by the noise of the group alone
     double common_variance = 0;        // of a rotation of both ends, rad^2
-    // How the static path turned and grew since the group before, and the variance of what
-    // it does when the receiver does not step.
+    // How the static path turned and grew since the group before, and the variance of
+    // what it does when the receiver does not step.
     double receiver_phase = 0, receiver_amplitude = 0, receiver_variance = 1;
-    bool retuned = false;  // the receiver's phase is a new one
-    double untouched = 0;  // probability, where the user says so
+    bool retuned = false; // the receiver's phase is a new one
+    double untouched = 0; // probability, where the user says so
 };
 
 /*!
  * \brief What a sensor has shown so far, as a few explanations with weights.
  *
- * docs/press.md derives it. Every explanation holds the phases that both ends would show if
- * nobody touched, and what the press is doing. With every group it branches into what may
- * have happened next, each branch is weighted by how well it predicts the group, branches
- * that have come to the same are merged, and unlikely ones are dropped.
+ * docs/press.md derives it. Every explanation holds the phases that both ends would show
+ * if nobody touched, and what the press is doing. With every group it branches into what
+ * may have happened next, each branch is weighted by how well it predicts the group,
+ * branches that have come to the same are merged, and unlikely ones are dropped.
  */
 class press_filter
 {
@@ -48,11 +48,13 @@ public:
     //! What an explanation says of one group.
     struct outcome {
         state is = untouched, before = untouched;
-        bool known = true;  // the baseline; a first press may have begun before the first group
-        bool turned = false; // the tag turned since the press began
+        bool known =
+            true; // the baseline; a first press may have begun before the first group
+        bool turned = false;     // the tag turned since the press began
         pair_of_ends baseline{}; // phases of the untouched line, rad
-        double common_variance = 0, difference_variance = 0; // of their mean and difference
-        double amplitude = 0; // of both ends, Np
+        double common_variance = 0,
+               difference_variance = 0; // of their mean and difference
+        double amplitude = 0;           // of both ends, Np
     };
 
     struct weighted_outcome {
@@ -60,7 +62,8 @@ public:
         outcome what;
     };
 
-    press_filter(std::shared_ptr<const press_image> image, const press_parameters& settings);
+    press_filter(std::shared_ptr<const press_image> image,
+                 const press_parameters& settings);
 
     //! Takes the next group that was received.
     void take(const press_observation& group);
@@ -71,8 +74,8 @@ public:
     //! former one seem to have changed.
     void change_reference(const pair_of_ends& phase, double amplitude);
 
-    //! Of the newest group, as far as is known yet, and of the one before it, now that its
-    //! successor is known; largest weight first.
+    //! Of the newest group, as far as is known yet, and of the one before it, now that
+    //! its successor is known; largest weight first.
     std::vector<weighted_outcome> newest() const;
     std::vector<weighted_outcome> before_newest() const;
     //! Turns per second, as learned.
@@ -99,15 +102,17 @@ private:
         bool known = true;
         // The tag.
         bool turning = false, turned = false, turned_now = false;
-        bool near = false; // it is a hand that comes near, which changes the amplitude as well
+        bool near =
+            false; // it is a hand that comes near, which changes the amplitude as well
         double velocity = 0;               // of the turn, rad/s
         double turns = 0, untouched_s = 0; // turns seen while untouched, in this time
-        // Both phases of the press, or of the untouched line while the tag turns; and whether
-        // the press changes steadily: at a speed, sliding or not.
+        // Both phases of the press, or of the untouched line while the tag turns; and
+        // whether the press changes steadily: at a speed, sliding or not.
         phase_motion motion;
         press_amplitude strength;
         bool steady = false, slides = false;
-        bool jolted = false, jumped = false; // suddenly, in this group: it may not be over
+        bool jolted = false,
+             jumped = false; // suddenly, in this group: it may not be over
         std::size_t speed = 0;
         pair_of_ends direction{};
         // A mixture: what was before, what was seen, and the groups it has lasted.
@@ -134,10 +139,17 @@ private:
     void press(const explanation& from, double probability);
     void touch_unexplained(const explanation& from, double probability);
     void hold(const explanation& from, double probability);
-    void change_steadily(const explanation& from, double probability, bool slides, std::size_t speed);
+    void change_steadily(const explanation& from,
+                         double probability,
+                         bool slides,
+                         std::size_t speed);
     void jump(const explanation& from, double probability);
     void turn_suddenly(const explanation& from, double probability);
-    void turn_slowly(const explanation& from, double probability, course how, std::size_t speed, bool near);
+    void turn_slowly(const explanation& from,
+                     double probability,
+                     course how,
+                     std::size_t speed,
+                     bool near);
     void begin_turning(const explanation& from, double turns, double hands);
     void mix(const explanation& from, double probability, double ends = 0);
 
@@ -145,7 +157,9 @@ private:
     double turn_probability(const explanation& of) const;
     double lasting() const;
     double going_on() const;
-    void part_turn(explanation& to, const pair_of_ends& was, const pair_of_ends& direction) const;
+    void part_turn(explanation& to,
+                   const pair_of_ends& was,
+                   const pair_of_ends& direction) const;
     void begin_turn(explanation& to) const;
     double follow_turn(explanation& to, const pair_of_ends& was) const;
     void give(explanation& next, double log_likelihood);
@@ -174,7 +188,8 @@ private:
     std::shared_ptr<const press_image> d_image;
     press_parameters d_set;
     std::vector<explanation> d_kept, d_next;
-    double d_best = 0, d_peak = 0; // largest log weight so far; largest density of a group
+    double d_best = 0,
+           d_peak = 0; // largest log weight so far; largest density of a group
 
     press_observation d_group;
     double d_elapsed_s = 0; // since the group before

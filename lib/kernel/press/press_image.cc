@@ -81,7 +81,9 @@ press_image::place press_image::locate(const pair_of_ends& change)
         at[e] = std::min(std::floor(cell), cells - 1.0);
         part[e] = cell - at[e];
     }
-    return { static_cast<std::size_t>(at[0]), static_cast<std::size_t>(at[1]), part[0], part[1] };
+    return {
+        static_cast<std::size_t>(at[0]), static_cast<std::size_t>(at[1]), part[0], part[1]
+    };
 }
 
 double press_image::density(const pair_of_ends& change) const
