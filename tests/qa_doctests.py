@@ -42,7 +42,9 @@ def module_names():
 
 
 MODULES = tuple(module_names())
-DOCUMENTED = tuple(name for name in MODULES if not name.startswith(INCOMPLETE))
+# Inside, a sentence with shape and unit is enough.
+INTERNAL = ("estimation.", "press.")
+DOCUMENTED = tuple(name for name in MODULES if not name.startswith((*INCOMPLETE, *INTERNAL)))
 
 
 def loaded(name):

@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gnuradio.wiforce.estimation.near_path import NearPath
-from gnuradio.wiforce.estimation.press_evidence import PressEvidence
+from gnuradio.wiforce.press.evidence import PressEvidence
 from gnuradio.wiforce.sensor import calibrate, read_vna_csv
 from second_simulator import CARRIER_HZ, Line, Tag, phases, write_vna
 
@@ -45,7 +44,7 @@ def judged(model, ratios, touch, batch=None):
     evidence = PressEvidence(model, CARRIER_HZ, np.zeros(2), PERIOD_S)
     psi = np.array(model.untouched_deg(CARRIER_HZ)) + np.degrees(np.angle(ratios))
     clear, none = np.ones(len(touch), bool), np.zeros(len(touch), bool)
-    groups = none, ratios, psi, np.full(psi.shape, STD_DEG), touch, clear, none
+    groups = ratios, psi, np.full(psi.shape, STD_DEG), touch, clear, none
     batch = batch or len(touch)
     contradicting = [
         evidence.take(*(each[i : i + batch] for each in groups))
@@ -122,54 +121,17 @@ def test_evidence_phases_of_no_press_cast_suspicion_on_the_file(sensor):
     evidence = PressEvidence(model, CARRIER_HZ, np.zeros(2), PERIOD_S)
     ratios, touch = presses(line)
     every = np.ones(len(touch), bool)
-    evidence.take(
-        ~every, ratios, np.zeros((len(touch), 2)), np.ones((len(touch), 2)), touch, every, every
-    )
+    evidence.take(ratios, np.zeros((len(touch), 2)), np.ones((len(touch), 2)), touch, every, every)
     assert evidence.suspicions[0].text.startswith("48 of 48 touched readings have phases that no ")
     # What other stages flag says nothing of the file.
     evidence.reset()
-    evidence.take(
-        ~every, ratios, np.zeros((len(touch), 2)), np.ones((len(touch), 2)), touch, ~every, every
-    )
+    evidence.take(ratios, np.zeros((len(touch), 2)), np.ones((len(touch), 2)), touch, ~every, every)
     assert evidence.suspicions == []
 
 
 def follow(path, magnitudes, first=0):
     for group, size in enumerate(magnitudes, first):
         path.follow(PERIOD_S * group, (size, size), (STD_DEG, STD_DEG))
-
-
-def test_near_path_a_hand_that_comes_is_stated_during_the_touch():
-    """Its phase cannot be distinguished from force."""
-    path = NearPath(PERIOD_S)
-    hand = 0.1 * np.exp(1j * np.arange(10))
-    follow(path, np.r_[np.ones(30), np.abs(1 + hand)])
-    path.touch_begins(PERIOD_S * 40)
-    assert path.std_deg == pytest.approx(np.degrees(0.1) / np.sqrt(2), rel=0.1)
-    # The hand stays between two taps, and has gone long after the last one.
-    follow(path, np.ones(1), 45)
-    path.touch_begins(PERIOD_S * 46)
-    assert path.std_deg > 3
-    follow(path, np.ones(30), 50)
-    path.touch_begins(PERIOD_S * 80)
-    assert path.std_deg == 0
-
-
-def test_near_path_noise_slow_gain_and_presses_add_nothing():
-    """What the standard deviation gains in width, a quiet room loses in accuracy."""
-    rng, path = np.random.default_rng(3), NearPath(PERIOD_S)
-    noise = np.exp(np.radians(STD_DEG) * rng.standard_normal(60))
-    follow(path, noise * np.r_[np.full(58, 1.05), 0.8, 0.9])  # the press began in the last two
-    path.touch_begins(PERIOD_S * 60)
-    assert path.std_deg == 0
-
-
-def test_near_path_one_group_that_another_sensor_disturbs_is_no_hand():
-    """A press of a second sensor changes one group of this one; seen in a flowgraph of two."""
-    path = NearPath(PERIOD_S)
-    follow(path, np.r_[np.ones(30), 1.2, np.ones(5)])
-    path.touch_begins(PERIOD_S * 36)
-    assert path.std_deg == 0
 
 
 def test_evidence_of_a_press_of_hours_is_bounded_and_finds_the_same(sensor):

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 from gnuradio.wiforce.estimation.groups import Groups
-from gnuradio.wiforce.estimation.uncalibrated_readings import uncalibrated_readings
+from gnuradio.wiforce.press.uncalibrated_readings import uncalibrated_readings
 
 UNTOUCHED = (-172.9, 170.0)
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 
 import numpy as np
@@ -13,13 +13,15 @@ from .errors import InputError
 from .estimation.average import SubcarrierAverage
 from .estimation.estimators import estimator_named
 from .estimation.groups import Groups
-from .estimation.press_evidence import Suspicion
-from .estimation.readout import Readout
-from .estimation.sensor_readout import SensorReadout
-from .estimation.surface_readout import SurfaceReadout
-from .estimation.tare_request import TareRequests, TareState
 from .io.readings import GroupCounts, Reading
-from .planning.plan import Plan, PlanOrScene, as_plan
+from .planning.plan import Plan, PlannedSensor, PlanOrScene, as_plan
+from .press.evidence import PressEvidence, Suspicion
+from .press.explanations import filter_of
+from .press.readout import Readout
+from .press.sensor_readout import SensorReadout
+from .press.sensor_state import SensorState
+from .press.surface_readout import SurfaceReadout
+from .press.tares import TareRequests, TareState
 
 # Tag over static path, with two antennas, where no survey has measured it: a strong tag.
 _TAG_RATIO = 0.1
@@ -39,13 +41,14 @@ class Receiver:
         Whether the tones are derotated (``ToneTable.derotation``), as by all front ends of the
         project; False for tones from channel snapshots.
     on_groups : callable, optional
-        Called with every batch of :class:`Groups` that has been read, before transitions are
-        flagged.
+        Called with every batch of :class:`Groups` that has been read.
     first_group : int
         The first group whose readings are given. Earlier ones only serve to acquire clocks and
         reference.
     counts : GroupCounts, optional
         Of the readings given before, which are counted on.
+    states : mapping of str to SensorState, optional
+        What is known of the sensors, by name, from a receiver that has read until now.
 
     Attributes
     ----------
@@ -66,10 +69,10 @@ class Receiver:
     -----
     A batch passes five stages, each of which adds arrays to it (docs/estimation.md; step by step in
     docs/walkthrough.md): separation of the tags' ends at the tracked clock, difference against the
-    untouched reference, average over the subcarriers, readout of touch, force and location, and
-    the flag of groups in which a press changed. Groups are held back until clocks and reference are
-    known, and each group until the next one has been received, except for those in which a touch
-    begins. The readings do not depend on how groups are divided into batches.
+    untouched reference, average over the subcarriers, what may have happened to the sensor, and
+    what it says of force and location. Groups are held back until clocks and reference are known,
+    and each group until the next one has been received. The readings do not depend on how groups
+    are divided into batches.
 
     Examples
     --------
@@ -90,6 +93,7 @@ class Receiver:
         on_groups: Callable[[Groups], None] | None = None,
         first_group: int = 0,
         counts: GroupCounts | None = None,
+        states: Mapping[str, SensorState] | None = None,
     ) -> None:
         plan = as_plan(plan)
         plan.check_clocks()
@@ -102,7 +106,7 @@ class Receiver:
             len(plan.clocks), plan.reference_groups, plan.waveform
         )
         self.average = SubcarrierAverage(plan.smoothing_groups)
-        self.readout = make_readout(plan, tracked, on_groups, first_group, counts)
+        self.readout = make_readout(plan, tracked, on_groups, first_group, counts, states)
         self.tares = TareRequests(self.reference, self.readout.sensors, plan.group_period_s)
         self._separated = False
         self._blas = ThreadpoolController().select(user_api="blas")
@@ -112,6 +116,11 @@ class Receiver:
     def counts(self) -> GroupCounts:
         """Outcomes of the readings given so far."""
         return self.readout.counts
+
+    @property
+    def states(self) -> dict[str, SensorState]:
+        """What is known of the sensors, by name, for a receiver that reads on."""
+        return {name: sensor.state for name, sensor in self.readout.sensors.items()}
 
     def suspicions(self) -> dict[str, list[Suspicion]]:
         """Mistakes that the presses since the last tare suggest, such as another sensor's file.
@@ -166,8 +175,8 @@ class Receiver:
     def tare(self, force: bool = False) -> TareState:
         """Measure a new untouched reference in the groups that follow.
 
-        Refused while a sensor is touched. A touch or a motion meanwhile ends the measurement, and
-        the former reference is kept. ``tares.state`` and ``tares.on_state`` report the outcome.
+        Refused while a sensor is touched. A touch meanwhile ends the measurement, and the former
+        reference is kept. ``tares.state`` and ``tares.on_state`` report the outcome.
 
         Parameters
         ----------
@@ -204,7 +213,7 @@ class Receiver:
             return "acquiring"
         if self.tares.measuring or not self.reference.started:
             return "reference"
-        seen = any(sensor.seen for sensor in self.readout.sensors.values())
+        seen = any(sensor.state.seen for sensor in self.readout.sensors.values())
         return "reading" if seen else "acquiring"
 
     def _one_thread(self) -> AbstractContextManager[object]:
@@ -255,12 +264,13 @@ def make_readout(
     on_groups: Callable[[Groups], None] | None = None,
     first_group: int = 0,
     counts: GroupCounts | None = None,
+    states: Mapping[str, SensorState] | None = None,
 ) -> Readout:
     """Make the readout of a plan's sensors.
 
     Parameters
     ----------
-    plan, tracked, on_groups, first_group, counts
+    plan, tracked, on_groups, first_group, counts, states
         As for :class:`Receiver`.
 
     Returns
@@ -279,14 +289,16 @@ def make_readout(
     in_lamps = plan.in_lamps or [False] * len(plan.sensors)
     two_antennas = plan.require_scene().environment.receive_antennas > 1
     tag_ratios = plan.tag_ratios or [_TAG_RATIO if two_antennas else 0.0] * len(plan.sensors)
+    if states is None:
+        states = {s.name: _unseen(s, carrier_hz, period_s) for s in plan.sensors}
     sensors = {
         s.name: SensorReadout(
             s.model,
             carrier_hz,
             s.off_reflection,
             period_s,
+            states[s.name],
             tracked,
-            s.drift_deg_per_sqrt_s,
             snr_db,
             tag_ratio,
             lamps,
@@ -303,3 +315,16 @@ def make_readout(
 
         surface = SurfaceReadout(SurfaceEstimator(plan.skin, len(names)), names)
     return Readout(sensors, period_s, ratios, on_groups, first_group, counts, surface)
+
+
+def _unseen(sensor: PlannedSensor, carrier_hz: float, period_s: float) -> SensorState:
+    """The state of a sensor that has shown nothing yet."""
+    parameters = {}
+    if sensor.drift_deg_per_sqrt_s is not None:
+        parameters["drift_deg"] = sensor.drift_deg_per_sqrt_s
+    if sensor.turns_per_s is not None:
+        parameters["turns"] = sensor.turns_per_s
+    return SensorState(
+        lambda: filter_of(sensor.model, carrier_hz, sensor.off_reflection, **parameters),
+        PressEvidence(sensor.model, carrier_hz, np.asarray(sensor.off_reflection), period_s),
+    )

@@ -15,7 +15,6 @@ import numpy as np
 from .errors import InputError
 from .estimation.compression import Compression, measure_compression
 from .estimation.groups import Groups
-from .estimation.press_evidence import Suspicion
 from .estimation.recorded_frames import find_frames, first_frame, require_frames
 from .estimation.recorded_groups import RecordedGroups, RecordedRatio, first_frames
 from .estimation.survey import Survey
@@ -27,6 +26,7 @@ from .planning.plan import Plan, PlanOrScene, as_plan
 from .planning.plan import plan as plan_of
 from .planning.reference_survey import survey_reference, surveyed_snapshots
 from .planning.room import adapted, expecting_snr
+from .press.evidence import Suspicion
 from .receiver import Receiver
 from .scene import Scene, scene_of
 from .signal.waveform import Waveform

@@ -15,11 +15,11 @@ from .errors import InputError
 from .estimation.antenna_combination import AntennaCombination, without_drift, without_gain_steps
 from .estimation.groups import Array
 from .estimation.packet_groups import Division, PacketGroups, whole_groups
-from .estimation.press_evidence import Suspicion
 from .io.channel_snapshots import ChannelSnapshots
 from .io.readings import GroupCounts, Reading
 from .planning.packet_plan import fitted_plan, tag_ratios
 from .planning.plan import Plan, PlanOrScene, as_plan
+from .press.evidence import Suspicion
 from .receiver import Receiver
 from .signal.timed_weights import TimedTable
 

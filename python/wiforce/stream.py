@@ -12,18 +12,16 @@ from .errors import InputError
 from .estimation.compression import Compression, measure_compression
 from .estimation.folded_groups import FoldedGroups
 from .estimation.groups import Array, Groups
-from .estimation.press_evidence import Suspicion
-from .estimation.sensor_readout import RETUNED
 from .estimation.snapshot_group import GroupScreen, SnapshotGroup
-from .estimation.stream_tares import StreamTares
 from .estimation.survey import Survey
 from .estimation.surveyed_groups import SurveyedGroups
-from .estimation.tare_request import TareState
 from .io.readings import GroupCounts, Reading
 from .planning.findings import Finding, findings
 from .planning.plan import Plan, PlanOrScene, as_plan
 from .planning.reference_survey import survey_reference, surveyed_snapshots
 from .planning.room import adapted, expecting_snr, readapted
+from .press.evidence import Suspicion
+from .press.tares import StreamTares, TareState
 from .receiver import Receiver
 
 # Time after a survey until the next one, in s: a survey takes a tenth of a second of one core.
@@ -163,8 +161,7 @@ class StreamReader:
         """Why it is not known which phases of a sensor are those untouched; empty if they are."""
         if self._receiver is None:
             return ""
-        state = self._receiver.readout.sensors[sensor].state
-        return RETUNED if state.retuned else state.reference_problem
+        return self._receiver.readout.sensors[sensor].state.problem
 
     def suspicions(self) -> dict[str, list[Suspicion]]:
         """Mistakes that the presses suggest: see ``Receiver.suspicions``."""
@@ -248,12 +245,14 @@ class StreamReader:
         """Read with a plan, and give the readings from a group on."""
         self.plan = plan
         self._tones = FoldedGroups(plan.table, plan.waveform)
+        former = self._receiver
         self._receiver = Receiver(
             expecting_snr(replace(plan, compression=self.compression), self.survey),
             self._tracked,
             on_groups=self._give,
             first_group=first_group,
             counts=self.counts,
+            states=None if former is None else former.states,
         )
         self._receiver.tares.on_state = self._report_tare
         self._update_findings()

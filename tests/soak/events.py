@@ -4,7 +4,7 @@
 import os
 import resource
 
-from gnuradio.wiforce.estimation.sensor_readout import RETUNED
+from gnuradio.wiforce.press.sensor_state import RETUNED
 from loops import PRESS_S, RATE_HZ, RELEASE_S, SLOT_S
 from world import OFF, STILL, RunEnded
 

@@ -4,10 +4,10 @@
 from types import SimpleNamespace
 
 import pytest
-from gnuradio.wiforce.estimation.press_evidence import Suspicion
-from gnuradio.wiforce.estimation.sensor_readout import RETUNED
-from gnuradio.wiforce.estimation.tare_request import TareState
 from gnuradio.wiforce.io.readings import GroupCounts, Reading
+from gnuradio.wiforce.press.evidence import Suspicion
+from gnuradio.wiforce.press.sensor_state import RETUNED
+from gnuradio.wiforce.press.tares import TareState
 from wiforce_app.radio.clock_comparison import ClockComparison
 from wiforce_app.session.health import RunHealth
 from wiforce_app.session.radio_keeper import OPENING, RECONNECTING, RUNNING

@@ -7,7 +7,7 @@ from collections import deque
 from queue import SimpleQueue
 
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.estimation.uncalibrated_readings import uncalibrated_readings
+from gnuradio.wiforce.press.uncalibrated_readings import uncalibrated_readings
 from gnuradio.wiforce.sensor.press_measurement import LEAST_GROUPS
 
 # Length of a measurement: a person can hold a press still for half a second.

@@ -8,10 +8,9 @@ from collections import deque
 from collections.abc import Callable
 from datetime import datetime, timezone
 
-from gnuradio.wiforce.estimation.sensor_readout import RETUNED
-from gnuradio.wiforce.estimation.touch import SILENT_S
 from gnuradio.wiforce.io.readings import Reading
 from gnuradio.wiforce.io.utc import written_utc
+from gnuradio.wiforce.press.sensor_state import RETUNED
 
 from .radio_keeper import OPENING, RECONNECTING, RUNNING
 from .run_clock import RunClock
@@ -19,6 +18,8 @@ from .session import LiveSession
 
 # Without samples for this long the device counts as lost; it sends packets every millisecond.
 _NO_SAMPLES_S = 1.0
+# Without its lines for this long a tag counts as silent.
+_SILENT_S = 1.0
 _BEAT_S = 0.5
 _LOOK_S = 0.05
 _WITHOUT_DEVICE = {
@@ -133,10 +134,10 @@ class RunHealth:
             return
         # Groups that were not received, as those of a lost device, say nothing about the tag. After
         # an hour of them there are no rows.
-        if reading.flags == _DROPPED or passed_s > SILENT_S:
+        if reading.flags == _DROPPED or passed_s > _SILENT_S:
             tag.lost_s += passed_s
         since_s = tag.first_s if tag.received_s is None else tag.received_s
-        if not tag.silent and reading.time_s - since_s - tag.lost_s > SILENT_S:
+        if not tag.silent and reading.time_s - since_s - tag.lost_s > _SILENT_S:
             tag.silent = True
             text = f"{reading.sensor} is not received since {since_s:.2f} s"
             self._events.append(f"{text}; its readings are empty until it returns")

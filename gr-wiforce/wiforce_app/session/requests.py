@@ -5,9 +5,9 @@ import json
 import time
 from collections.abc import Callable
 
-from gnuradio.wiforce.estimation.tare_request import TareState
 from gnuradio.wiforce.io.zmq_keys import ServerKeys
 from gnuradio.wiforce.io.zmq_sockets import Later, Replies, answer_words
+from gnuradio.wiforce.press.tares import TareState
 
 from .session import LiveSession
 from .warning_pace import WarningPace

@@ -43,6 +43,14 @@ void phase_motion::move(double velocity, double variance)
     }
 }
 
+pair_of_ends phase_motion::heading(const pair_of_ends& otherwise) const
+{
+    const double v = speed();
+    if (v * v < 4 * (d_covariance[2][2] + d_covariance[3][3]))
+        return otherwise;
+    return { d_state[2] / v, d_state[3] / v };
+}
+
 void phase_motion::widen_velocity(const pair_of_ends& direction,
                                   double along,
                                   double across)

@@ -3,6 +3,8 @@
 
 #include "press_image.h"
 
+#include <cmath>
+
 namespace gr::wiforce::kernel {
 
 //! Covariance of both phases, rad^2.
@@ -37,6 +39,9 @@ public:
     void move(double velocity, double variance);
     //! Both velocities change by this.
     void push(double by) { d_state[2] += by, d_state[3] += by; }
+    //! Unit vector of the velocity, or this one where the velocity is hardly known.
+    pair_of_ends heading(const pair_of_ends& otherwise) const;
+    double speed() const { return std::hypot(d_state[2], d_state[3]); }
     double common_velocity() const { return (d_state[2] + d_state[3]) / 2; }
     //! Variances (rad/s)^2 of the velocity along a unit vector and across it.
     void widen_velocity(const pair_of_ends& direction, double along, double across);

@@ -208,9 +208,17 @@ void press_filter::branch_touched(const explanation& from)
             change_steadily(from, quiet * goes_on * begins / speeds.size(), false, i);
     } else if (from.steady) {
         auto turning = from;
-        turning.turning = turning.turned = true;
+        turning.turning = true;
         turning.velocity = 0;
-        change_steadily(from, quiet * goes_on * (1 - turns), from.slides, from.speed);
+        // A force that rises ever more slowly is one change, and it may begin to slide.
+        const double slows = from.speed > 0 ? 1 - goes_on : 0,
+                     slips = from.slides ? 0 : sliding * (1 - goes_on),
+                     stays = quiet * goes_on * (1 - turns);
+        change_steadily(from, stays * (1 - slows - slips), from.slides, from.speed);
+        if (slows > 0)
+            change_steadily(from, stays * slows, from.slides, from.speed - 1);
+        if (slips > 0)
+            change_steadily(from, stays * slips, true, from.speed);
         change_steadily(turning, quiet * goes_on * turns, from.slides, from.speed);
         hold(from, quiet * (1 - goes_on));
     } else {
@@ -316,7 +324,7 @@ press_filter::courses(const explanation& from) const
         return { { other, going_on() }, { resting, 1 - going_on() } };
     }
     const double turns = turn_probability(from), variance = squared(d_set.turn_deg * deg);
-    other.turned = other.turned_now = true;
+    other.turned_now = true;
     other.turns++;
     other.common.widen(variance);
     other.motion.widen({ variance, variance, variance });
@@ -348,7 +356,7 @@ void press_filter::turn_suddenly(const explanation& from, double probability)
     next.log_weight += std::log(probability);
     next.turns++;
     next.turning = next.steady = next.near = false;
-    next.jolted = true;
+    next.jolted = next.turned_now = true;
     begin_turn(next);
     const auto was = next.motion.phase();
     const double variance = squared(d_set.turn_deg * deg);
@@ -391,7 +399,6 @@ void press_filter::turn_slowly(
 void press_filter::begin_turn(explanation& to) const
 {
     if (to.is != untouched) {
-        to.turned = true;
         to.common.widen(
             d_common_noise); // how far it turns is seen with the noise of a group
         return;
@@ -441,7 +448,6 @@ void press_filter::release(const explanation& from, double probability)
     next.jolted = next.jumped = false;
     next.is = untouched;
     next.age_s = 0;
-    next.turned = false;
     next.log_weight += std::log(probability);
     double likelihood;
     if (from.known)
@@ -474,7 +480,6 @@ void press_filter::press(const explanation& from, double probability)
     next.log_weight += std::log(probability);
     begin_press(next);
     if (next.turning) {
-        next.turned = true;
         next.motion.move(next.velocity, squared(next.velocity) / 4);
     }
     const double phases =
@@ -500,7 +505,7 @@ void press_filter::touch_unexplained(const explanation& from, double probability
         for (int e = 0; e < 2; e++)
             near +=
                 squared(wrapped(d_group.phase[e] - at[e]) / (least_contact_deg * deg));
-        near = 0.99 * std::exp(-near / 2);
+        near = 0.99 * std::exp(-squared(near) / 2);
     }
     give(next,
          log_any_phases - std::log1p(explained / outside) + std::log1p(-near) +
@@ -515,6 +520,17 @@ void press_filter::hold(const explanation& from, double probability)
     next.jolted = next.jumped = false;
     next.steady = false;
     next.log_weight += std::log(probability);
+    if (!from.known && !from.steady) {
+        // As long as nothing happens it looks like the untouched line, drift included.
+        const double likelihood = update_baseline(next);
+        const double common = next.common.estimate().variance,
+                     apart = next.difference.estimate().variance / 4;
+        next.motion.hold(baseline(next),
+                         { common + apart, common + apart, common - apart });
+        next.strength = { next.amplitude, 0, next.amplitude_variance, 0 };
+        give(next, likelihood);
+        return;
+    }
     drift(next);
     if (from.steady) {
         next.age_s = 0;
@@ -551,8 +567,12 @@ void press_filter::change_steadily(const explanation& from,
     // The speed begins, or changes as much within a second; the direction keeps its
     // error.
     const double along = squared(speeds[speed]) * (from.steady ? d_elapsed_s : 1.0);
-    next.motion.widen_velocity(
-        direction, along, from.steady && !slides ? 0.0 : aside * along);
+    if (from.steady && !slides)
+        next.motion.widen_velocity(next.motion.heading(direction),
+                                   along,
+                                   aside * squared(next.motion.speed()) * d_elapsed_s);
+    else
+        next.motion.widen_velocity(direction, along, aside * along);
     if (from.turning) // by what it turned before, or by anything
         next.motion.widen_velocity(alike_both,
                                    2 * squared(speeds[1]) *
@@ -909,7 +929,7 @@ press_filter::outcome press_filter::describe(const explanation& of) const
     return { of.is,
              of.before,
              of.known,
-             of.turned,
+             of.turned_now || of.turning,
              { common.mean + apart.mean / 2, common.mean - apart.mean / 2 },
              common.variance + (of.is == pressed ? of.near_square / 2 : 0),
              apart.variance,
@@ -998,8 +1018,7 @@ press_filter::collect(outcome explanation::*which) const
         const auto same =
             std::find_if(found.begin(), found.end(), [&](const auto& other) {
                 return other.what.is == what.is && other.what.before == what.before &&
-                       other.what.known == what.known &&
-                       other.what.turned == what.turned &&
+                       other.what.known == what.known && other.what.turns == what.turns &&
                        other.what.baseline == what.baseline;
             });
         if (same != found.end())
@@ -1034,11 +1053,22 @@ void press_filter::claim_untouched(double probability)
         // It looked touched: the phases of the untouched line would be those of the
         // newest group.
         explanation next = d_kept.front();
+        const auto level = next.motion.phase();
+        const auto sure = next.motion.covariance();
+        const bool held = (next.is == pressed || next.is == unexplained) && !next.steady;
         next.is = untouched;
         next.known = true;
-        next.turning = next.turned = false;
+        next.turning = false;
         next.age_s = 0;
         reset_baseline(next);
+        if (held) {
+            const double apart = wrapped(level[0] - level[1]);
+            next.common.reset(level[1] + apart / 2,
+                              (sure.first + sure.second + 2 * sure.both) / 4);
+            next.difference.reset(apart, sure.first + sure.second - 2 * sure.both);
+            next.amplitude = next.quiet_amplitude = next.strength.mean;
+            next.amplitude_variance = next.strength.mean_variance;
+        }
         next.now = describe(next);
         next.log_weight = 0;
         for (auto& kept : d_kept)
@@ -1047,18 +1077,24 @@ void press_filter::claim_untouched(double probability)
         d_kept.insert(d_kept.begin(), next);
         return;
     }
-    double total = 0;
-    for (auto& kept : d_kept) {
-        kept.log_weight += std::log(kept.is == untouched ? probability : 1 - probability);
-        total += std::exp(kept.log_weight);
-    }
+    // What the user says is worth so much, however often it is said.
+    const double sure = std::max(already, probability);
     for (auto& kept : d_kept)
-        kept.log_weight -= std::log(total);
+        kept.log_weight += kept.is == untouched
+                               ? std::log(sure / already)
+                               : std::log((1 - sure) / std::max(1 - already, 1e-12));
 }
 
-void press_filter::change_reference(const pair_of_ends& phase, double amplitude)
+void press_filter::change_reference(const pair_of_ends& phase, const pair_of_ends& by)
 {
     const double apart = wrapped(phase[0] - phase[1]), mean = phase[1] + apart / 2;
+    const double amplitude = (by[0] + by[1]) / 2;
+    for (int e = 0; e < 2; e++) {
+        d_group.phase[e] += phase[e];
+        d_group.amplitude[e] += by[e];
+    }
+    d_amplitude += amplitude;
+    d_amplitude_difference += by[0] - by[1];
     for (auto& kept : d_kept) {
         kept.common.turn(mean);
         kept.difference.turn(apart);
@@ -1069,9 +1105,10 @@ void press_filter::change_reference(const pair_of_ends& phase, double amplitude)
         kept.motion.hold({ was[0] + phase[0], was[1] + phase[1] },
                          kept.motion.covariance());
         kept.strength.mean += amplitude;
+        kept.strength.difference += by[0] - by[1];
         for (int e = 0; e < 2; e++) {
-            kept.start[e] *= std::polar(std::exp(amplitude), phase[e]);
-            kept.seen[e] *= std::polar(std::exp(amplitude), phase[e]);
+            kept.start[e] *= std::polar(std::exp(by[e]), phase[e]);
+            kept.seen[e] *= std::polar(std::exp(by[e]), phase[e]);
             kept.now.baseline[e] += phase[e];
             kept.last.baseline[e] += phase[e];
         }

@@ -50,7 +50,7 @@ public:
         state is = untouched, before = untouched;
         bool known =
             true; // the baseline; a first press may have begun before the first group
-        bool turned = false;     // the tag turned since the press began
+        bool turns = false;      // the tag or an antenna turns in this group
         pair_of_ends baseline{}; // phases of the untouched line, rad
         double common_variance = 0,
                difference_variance = 0; // of their mean and difference
@@ -72,7 +72,7 @@ public:
     void claim_untouched(double probability);
     //! Phases and amplitudes are counted from another reference: by how much those of the
     //! former one seem to have changed.
-    void change_reference(const pair_of_ends& phase, double amplitude);
+    void change_reference(const pair_of_ends& phase, const pair_of_ends& amplitude);
 
     //! Of the newest group, as far as is known yet, and of the one before it, now that
     //! its successor is known; largest weight first.
@@ -101,7 +101,7 @@ private:
         double quiet_amplitude = 0, quiet_phase = 0, near_square = 0;
         bool known = true;
         // The tag.
-        bool turning = false, turned = false, turned_now = false;
+        bool turning = false, turned_now = false;
         bool near =
             false; // it is a hand that comes near, which changes the amplitude as well
         double velocity = 0;               // of the turn, rad/s

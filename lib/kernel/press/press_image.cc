@@ -100,9 +100,19 @@ double press_image::density(const pair_of_ends& change) const
 pair_of_ends press_image::direction(const pair_of_ends& change) const
 {
     const auto at = locate(change);
-    const auto row = at.down < 0.5 ? at.row : (at.row + 1) % cells,
-               column = at.right < 0.5 ? at.column : (at.column + 1) % cells;
-    return d_along[row * cells + column];
+    pair_of_ends mean{};
+    for (int i = 0; i < 2; i++)
+        for (int j = 0; j < 2; j++) {
+            const auto row = (at.row + i) % cells, column = (at.column + j) % cells;
+            const double weight =
+                (i ? at.down : 1 - at.down) * (j ? at.right : 1 - at.right);
+            for (int e = 0; e < 2; e++)
+                mean[e] += weight * d_along[row * cells + column][e];
+        }
+    const double length = std::hypot(mean[0], mean[1]);
+    if (length < 0.5)
+        return { std::sqrt(0.5), std::sqrt(0.5) };
+    return { mean[0] / length, mean[1] / length };
 }
 
 } // namespace gr::wiforce::kernel

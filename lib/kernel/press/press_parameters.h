@@ -16,7 +16,7 @@ struct press_parameters {
     double exchange = 0.1;   // becomes another one at once,
     double jump = 0.1;       // has another force at once (the rest changes steadily),
     double unexplained =
-        0.1; // or a contact that the model does not contain; of all changes
+        0.02; // or a contact that the model does not contain; of all changes
     double change_s = 0.03; // mean time that a sudden change takes
     double steady_s = 0.5;  // mean time that a steady change, or a turning tag, goes on
     double turns = 3e-4;    // 1/s: turns of the tag or an antenna, until they are learned
@@ -24,11 +24,11 @@ struct press_parameters {
     double turn_deg = 15.0; // standard deviation of a sudden turn
     double turn_np = 0.1;   // and of the change of amplitude that comes with it
     double hands = 0.3;     // 1/s: hands that come near, or move there
-    double near_s = 0.5; // time that a hand takes to come near; a quarter of the memory
-                         // for the amplitude without it
-    double steps = 0.003;     // 1/s: steps of the receiver's oscillator or gain
+    double near_s = 0.5;  // time that a hand takes to come near; a quarter of the memory
+                          // for the amplitude without it
+    double steps = 0.003; // 1/s: steps of the receiver's oscillator or gain
     double contact_np = 0.05; // spread of a contact's loss of amplitude
-    double aside = 0.10; // rad: error of the direction in which the model moves a press
+    double aside = 0.1; // rad: error of the direction in which the model moves a press
     double phase_deg = 0.03;     // error of a phase that no noise explains
     double amplitude_np = 0.003; // likewise of an amplitude
     double fading_np = 0.01;     // Np per sqrt(s): random walk of the tag's amplitude

@@ -9,11 +9,11 @@ from gnuradio import gr
 
 from .. import names
 from ..errors import InputError
-from ..estimation.tare_request import TareState
 from ..io.readings import GroupCounts, Reading
 from ..io.samples import ITEM_TYPES
 from ..planning.findings import Finding
 from ..planning.plan import Plan, PlanOrScene, as_plan
+from ..press.tares import TareState
 from ..stream import StreamReader
 from ..wiforce_python import phase_group_doppler, preamble_fold
 from .argument_types import typed

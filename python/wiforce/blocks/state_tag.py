@@ -72,6 +72,8 @@ def _to_pmt(row: Array) -> Any:
         return pmt.from_double(float(row)) if row.dtype == float else pmt.from_uint64(int(row))
     if row.dtype == bool:
         return pmt.init_u8vector(row.size, row.astype(np.uint8).tolist())
+    if np.iscomplexobj(row):
+        return pmt.init_c64vector(row.size, row.astype(complex).tolist())
     return pmt.init_f64vector(row.size, row.astype(float).tolist())
 
 
@@ -80,6 +82,8 @@ def _from_pmt(item: Any) -> Array:
         return np.array(pmt.to_bool(item))
     if pmt.is_u8vector(item):
         return np.array(pmt.u8vector_elements(item), bool)
+    if pmt.is_c64vector(item):
+        return np.array(pmt.c64vector_elements(item))
     if pmt.is_f64vector(item):
         return np.array(pmt.f64vector_elements(item))
     if pmt.is_real(item):

@@ -8,8 +8,7 @@ from typing import Any
 import pmt
 
 from .. import names
-from ..estimation.stream_tares import StreamTares
-from ..estimation.tare_request import TareState
+from ..press.tares import StreamTares, TareState
 
 _REQUEST, _CANCEL = "request", "cancel"
 

@@ -81,7 +81,7 @@ class ToneInput:
                 self._expected = group
                 count = row
                 break
-            tones[row], weights[row] = self._solved(group)
+            tones[row], _, weights[row] = self._solved(group)
             if not weights[row].any():
                 missing[row] = group_length
         groups = Groups(
@@ -95,13 +95,13 @@ class ToneInput:
         )
         return count, groups
 
-    def _solved(self, group: int) -> tuple[Array | float, Array | float]:
+    def _solved(self, group: int) -> tuple[Array | float, ...]:
         """Tones of a group with gaps and the weights of its snapshots; zeros when not solvable."""
         if group not in self._messages:
             gr.log.warn(
                 f"end_separation: no snapshots of group {group} arrived, it is flagged 'gap': "
                 "connect the message port 'incomplete'"
             )
-            return 0.0, 0.0
+            return 0.0, 0.0, 0.0
         present, folded = self._messages.pop(group)
         return self._folded.solve(present, folded[present])

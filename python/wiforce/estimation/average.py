@@ -34,8 +34,9 @@ class SubcarrierAverage:
 
     Notes
     -----
-    The noise of the R_i is that of the group and of the reference (:func:`ratio_variance`); half
-    of it lies along the phase, so that std(arg R) = sqrt(var(R) / 2) / |R|.
+    Half of the noise of the R_i (:func:`ratio_variance`) lies along the phase, so that
+    std(arg R) = sqrt(var(R) / 2) / |R|. The noise of the reference is an error of the untouched
+    phases, which the press filter knows (docs/press.md).
 
     Examples
     --------
@@ -51,7 +52,7 @@ class SubcarrierAverage:
     >>> np.degrees(np.angle(averaged.ratios)).round(6).tolist()
     [[30.0, -10.0]]
     >>> averaged.phase_std_deg.round(4).tolist()
-    [[0.0212, 0.0212]]
+    [[0.0203, 0.0203]]
     """
 
     def __init__(self, smoothing_groups: int = 1) -> None:
@@ -71,18 +72,23 @@ class SubcarrierAverage:
         Returns
         -------
         Groups
-            With ``ratios``, ``group_variance`` and ``phase_std_deg``, infinite for an end that was
-            not received or has no reference; without ``changes``.
+            With ``ratios``, ``phase_std_deg``, infinite for an end that was not received or has no
+            reference, ``group_ratios`` and ``group_variance``; without ``changes``.
         """
         if not len(groups):
             return groups
         ratios = (groups.changes @ subcarrier_weights(groups.noise)[:, :, None])[:, :, 0]
-        variance = of_group = ratio_variance(groups)
+        of_group, own = ratio_variance(groups), ratios
+        variance = of_group
         if self._smoothing > 1:
             ratios, variance = self._smooth(groups, ratios, variance)
         std = phase_std_deg(ratios, variance)
         return groups.having(
-            changes=None, ratios=ratios, phase_std_deg=std, group_variance=of_group
+            changes=None,
+            ratios=ratios,
+            phase_std_deg=std,
+            group_ratios=own,
+            group_variance=of_group,
         )
 
     def _smooth(self, groups: Groups, ratios: Array, variance: Array) -> tuple[Array, Array]:
@@ -125,40 +131,15 @@ def phase_std_deg(ratios: Array, variance: Array) -> Array:
 
 
 def ratio_variance(groups: Groups) -> Array:
-    """Variance of the complex R_i from the noise of group and reference.
+    """Variance of the complex R_i by the noise of the group; shape (G, 2S).
 
-    Parameters
-    ----------
-    groups : Groups
-        With the arrays of separation and reference.
-
-    Returns
-    -------
-    ndarray, shape (G, 2S)
-        Infinite without a reference.
-
-    Notes
-    -----
-    (g + g_ref + g g_ref K / E) / E with E = sum_k |V_ref|^2 / sigma_k^2, where g and g_ref are the
-    variances of V and V_ref over that of H. A group that is part of the reference shares its noise,
-    which is not counted twice.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.estimation.groups import Groups
-    >>> group = Groups(
-    ...     [13], noise=np.full((1, 4), 1e-4), gain=np.full((1, 2), 0.01),
-    ...     reference_power=np.ones((1, 2)), reference_gain=np.full((1, 2), 0.001),
-    ...     in_reference=np.zeros((1, 2), bool))
-    >>> bool(np.allclose(ratio_variance(group), 0.011 / 4e4))
-    True
+    g (1 + g_ref K / E) / E with E = sum_k |V_ref|^2 / sigma_k^2, where g and g_ref are the
+    variances of V and V_ref over that of H; infinite without a reference.
     """
-    inverse_noise = (1 / groups.noise).sum(axis=1)[:, None]
-    energy = groups.reference_power * inverse_noise
-    own = np.where(groups.in_reference, 0.0, groups.reference_gain)
+    energy = groups.reference_power * (1 / groups.noise).sum(axis=1)[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
-        both = groups.gain * groups.reference_gain * groups.noise.shape[1] / energy
-        return np.where(energy > 0, (groups.gain + own + both) / energy, np.inf)
+        rise = 1 + groups.reference_gain * groups.noise.shape[1] / energy
+        return np.where(energy > 0, groups.gain * rise / energy, np.inf)
 
 
 class AdaptiveAverage:

@@ -41,6 +41,28 @@ def rotation_of(table: ToneTable, waveform: Waveform) -> Array:
     return table.derotation(waveform.sample_rate_hz, waveform.symbol_length)
 
 
+def kernel_rows(table: ToneTable, waveform: Waveform) -> tuple[Array, Array]:
+    """Weights and rotation as the kernels take them, with a last row for the static path.
+
+    Parameters
+    ----------
+    table : ToneTable
+        Weights of the run.
+    waveform : Waveform
+        As it was sent.
+
+    Returns
+    -------
+    weights : ndarray of complex, shape (M + 1, N)
+    rotation : ndarray of complex, shape (M + 1, symbol_length) or (0, symbol_length)
+    """
+    mean = np.full((1, table.group_length), 1 / table.group_length)
+    rotation = rotation_of(table, waveform)
+    if len(rotation):
+        rotation = np.concatenate([rotation, np.ones_like(rotation[:1])])
+    return np.concatenate([table.weights, mean]), rotation
+
+
 class FoldedGroups:
     """Converts the folded frames of a group to its tones.
 
@@ -62,20 +84,22 @@ class FoldedGroups:
     >>> plan = wiforce.plan("demo")
     >>> folded = np.tile(plan.waveform.frame()[64:128], (plan.group_length, 1))  # a static channel
     >>> present = np.arange(plan.group_length) != 100
-    >>> tones, _ = FoldedGroups(plan.table, plan.waveform).solve(present, folded[present])
-    >>> tones.shape, bool(np.abs(tones).max() < 1e-6)
-    ((24, 62), True)
+    >>> tones, static, _ = FoldedGroups(plan.table, plan.waveform).solve(present, folded[present])
+    >>> tones.shape, bool(np.abs(tones).max() < 1e-6), bool(np.allclose(static, 1, atol=1e-5))
+    ((24, 62), True, True)
     """
 
     def __init__(self, table: ToneTable, waveform: Waveform, derotated: bool = True) -> None:
         self._table = table
         self._bins = waveform.bins
         self._factors = waveform.equalizer()[self._bins]
-        rotation = rotation_of(table, waveform) if derotated else np.zeros(0)
-        self._rotation = rotation if len(rotation) else 1.0
-        self._kernel = tone_transform(table.weights, waveform.equalizer(), rotation, waveform.bins)
+        weights, rotation = kernel_rows(table, waveform)
+        if not derotated:
+            rotation = rotation[:0]
+        self._rotation = rotation[:-1] if len(rotation) else 1.0
+        self._kernel = tone_transform(weights, waveform.equalizer(), rotation, waveform.bins)
 
-    def solve(self, present: Array, folded: Array) -> tuple[Array, Array]:
+    def solve(self, present: Array, folded: Array) -> tuple[Array, Array, Array]:
         """Tones of one group, and the weights of its snapshots in them.
 
         Parameters
@@ -88,18 +112,22 @@ class FoldedGroups:
         Returns
         -------
         tones : ndarray of complex, shape (M, K)
+        static : ndarray of complex, shape (K,)
+            The channel of the static path.
         snapshot_weights : ndarray of bool, shape (N,)
-            As ``present``. Both are zeros when the snapshots do not determine the tones.
+            As ``present``. All are zeros when the snapshots do not determine the tones.
         """
         if np.all(present):
-            return self._kernel.transform(folded), present
+            rows = self._kernel.transform(folded)
+            return rows[:-1], rows[-1], present
         partial = self._table.for_present(present)
         if partial is None:
             shape = len(self._table.tones), len(self._bins)
-            return np.zeros(shape, complex), np.zeros_like(present)
+            return np.zeros(shape, complex), np.zeros(shape[1], complex), np.zeros_like(present)
         tones = partial.apply(folded)
         channel = np.fft.fft(tones * self._rotation, axis=1)[:, self._bins] * self._factors
-        return channel, present
+        mean = np.fft.fft(np.mean(folded, axis=0))[self._bins] * self._factors
+        return channel, mean, present
 
     def groups(self, received: Sequence[SnapshotGroup]) -> Groups:
         """Tones of groups that were screened.
@@ -115,6 +143,7 @@ class FoldedGroups:
         """
         count, length = len(received), self._table.group_length
         tones = np.zeros((count, len(self._table.tones), len(self._bins)), complex)
+        static = np.zeros((count, len(self._bins)), complex)
         weights = np.ones((count, length), bool)
         missing = np.array([length - np.sum(group.present) for group in received], np.int64)
         saturated = np.array([group.saturated for group in received])
@@ -122,7 +151,7 @@ class FoldedGroups:
         for row, group in enumerate(received):
             kept = group.present if group.kept is None else group.kept
             folded = group.folded if kept.all() else group.folded[kept]
-            tones[row], weights[row] = self.solve(kept, folded)
+            tones[row], static[row], weights[row] = self.solve(kept, folded)
             rejected[row] = np.sum(group.present & ~kept)
         missing[~weights.any(axis=1)] = length
         return Groups(
@@ -133,4 +162,5 @@ class FoldedGroups:
             np.array([group.retuned for group in received], bool),
             None if weights.all() else weights,
             rejected / length,
+            static,
         )

@@ -70,6 +70,8 @@ class Groups:
         group of the batch is incomplete; a row of zeros says that its tones cannot be used.
     interference : ndarray of float, shape (G,), optional
         Share of the snapshots that were rejected because another transmitter interfered with them.
+    static : ndarray of complex, shape (G, K), optional
+        The channel of the static path: the mean over the group's snapshots.
     common_std_deg : ndarray, shape (G,), optional
         Standard deviation of a rotation of all ends by changes of the static paths, which packets
         with phases of their own are referred to; 0 unless given.
@@ -105,6 +107,8 @@ class Groups:
     new_reference : ndarray of bool, shape (G,)
         Whether this group is the first that is compared with its reference: the first of a run, or
         the first after a tare.
+    reference_step : ndarray of complex, shape (G, 2S)
+        This reference over the former one, where it is new; 1 for ends that keep theirs.
     in_tare : ndarray of bool, shape (G,)
         Whether a new reference is measured in the group, which is compared with the former one.
     in_reference, late_reference : ndarray of bool, shape (G, 2S)
@@ -117,9 +121,12 @@ class Groups:
     ratios : ndarray of complex, shape (G, 2S)
         By the average: R_i.
     phase_std_deg : ndarray, shape (G, 2S)
-        Standard deviation of arg R_i; infinite where there is no ratio.
+        Standard deviation of arg R_i by the noise of the groups averaged; infinite where there is
+        no ratio. That of the reference is common to all groups.
+    group_ratios : ndarray of complex, shape (G, 2S)
+        R_i of the group alone, without an average over groups.
     group_variance : ndarray, shape (G, 2S)
-        Variance of R_i by the noise of the group itself, without an average over groups.
+        Variance of these by the noise of the group.
     touch : ndarray of int, shape (G, S)
         By the readout: 1, 0, or -1 where it is unknown.
     phases_deg : ndarray, shape (G, S, 2)
@@ -147,6 +154,7 @@ class Groups:
     retuned: Array = _set_by_stage()
     snapshot_weights: Array | None = _set_by_stage()
     interference: Array = _set_by_stage()
+    static: Array | None = _set_by_stage()
     common_std_deg: Array = _set_by_stage()
     timed: Array | None = _set_by_stage()
     ends: Array = _set_by_stage()
@@ -162,6 +170,7 @@ class Groups:
     disturbed: Array = _set_by_stage()
     changes: Array = _set_by_stage()
     new_reference: Array = _set_by_stage()
+    reference_step: Array = _set_by_stage()
     in_tare: Array = _set_by_stage()
     in_reference: Array = _set_by_stage()
     late_reference: Array = _set_by_stage()
@@ -170,6 +179,7 @@ class Groups:
     reference_gain: Array = _set_by_stage()
     ratios: Array = _set_by_stage()
     phase_std_deg: Array = _set_by_stage()
+    group_ratios: Array = _set_by_stage()
     group_variance: Array = _set_by_stage()
     touch: Array = _set_by_stage()
     phases_deg: Array = _set_by_stage()

@@ -14,7 +14,7 @@ from ..signal.waveform import Waveform
 from ..signal.weights import ToneTable
 from ..wiforce_kernels import folded_reader, tone_reader
 from .antennas import folded_ratio, ratio_noise
-from .folded_groups import FoldedGroups, rotation_of
+from .folded_groups import FoldedGroups, kernel_rows
 from .groups import Array, Groups, is_clipped
 from .snapshot_group import GroupScreen, SnapshotGroup
 
@@ -167,11 +167,12 @@ class RecordedGroups:
         self._length = table.group_length
         self._batch = groups_at_once(waveform)
         self._folded = FoldedGroups(table, waveform)
+        weights, rotation = kernel_rows(table, waveform)
         self._kernel = tone_reader(
             **frame_settings(recording, waveform, frame_offset),
-            weights=table.weights,
+            weights=weights,
             factors=waveform.equalizer(),
-            rotation=rotation_of(table, waveform),
+            rotation=rotation,
             bins=waveform.bins,
         )
         self.captures: tuple[Capture, ...] = (recording,)
@@ -180,17 +181,20 @@ class RecordedGroups:
     def read(self) -> Groups:
         """Give the next groups; none at the end."""
         found = self._kernel.read(self._batch)
+        static = found["tones"][:, -1]
         groups = Groups(
             found["index"],
-            found["tones"],
+            found["tones"][:, :-1],
             found["missing"],
             is_clipped(found["saturated"], self._length),
             interference=found["rejected"] / self._length,
+            static=static,
         )
         if found["incomplete"]:
             weights = np.ones((len(groups), self._length), bool)
             for row, present, folded in found["incomplete"]:
-                groups.tones[row], weights[row] = self._folded.solve(present, folded)
+                solved = self._folded.solve(present, folded)
+                groups.tones[row], static[row], weights[row] = solved
             groups.snapshot_weights = weights
             groups.missing[~weights.any(axis=1)] = self._length
         return groups

@@ -145,6 +145,7 @@ class ConjugateDifference:
         self._late = np.zeros(self._ends, bool)
         self._stop = None
         self._begins = True
+        self._step_of_reference = np.full(self._ends, np.nan + 0j)
         if self._profile is not None:
             self._profile.reset()
 
@@ -209,9 +210,14 @@ class ConjugateDifference:
     def _adopt(self, new: NewReference, index: int) -> None:
         """Replace the reference of all ends that the new one holds, from group ``index`` on."""
         self._next = None
+        former = self._sums.mean()
         received = self._sums.replace(new.sums)
         if not received.any():
             return
+        power = np.sum(np.abs(former) ** 2, axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            step = np.sum(self._sums.mean() * former.conj(), axis=1) / power
+        self._step_of_reference = np.where(received, step, 1.0)
         self._late &= ~received
         if self._stop is not None:
             self._stop = np.where(received, np.minimum(self._stop, index), self._stop)
@@ -221,7 +227,8 @@ class ConjugateDifference:
 
     def _learn(self, group: Groups) -> Groups:
         """Process a single group that may be part of the reference."""
-        group = group.having(new_reference=np.array([self._begins]))
+        step = self._step_of_reference if self._begins else np.ones(self._ends, complex)
+        group = group.having(new_reference=np.array([self._begins]), reference_step=step[None])
         self._begins = False
         index, gain = int(group.index[0]), group.gain[0]
         received, stop = np.isfinite(gain), self._reference_end(index, gain)
@@ -255,7 +262,9 @@ class ConjugateDifference:
         last = ReferenceSum(self._ends)
         last.add(group.having(noise_rise=None), received)
         self._sums.replace(last)
-        return self._difference(group, (first & received)[None], reference, reference_gain)
+        # Here the noise of the reference is another one in each group.
+        both = group.having(gain=group.gain + np.where(first, 0, reference_gain))
+        return self._difference(both, (first & received)[None], reference, reference_gain)
 
     def _compare(self, groups: Groups, in_reference: Array) -> Groups:
         groups = self._with_noise_of_reference(groups)
@@ -305,14 +314,16 @@ class ConjugateDifference:
         energy = (power_of(ends) @ weights[:, :, None])[:, :, 0]
         explained = power_of((changes @ weights[:, :, None])[:, :, 0]) * power
         own_noise = np.where(np.isfinite(gain), gain, 0) * mean_noise
-        restarts = groups.new_reference
+        restarts, steps = groups.new_reference, groups.reference_step
         if restarts is None:
             restarts = np.zeros(count, bool)
+            steps = np.ones((count, self._ends), complex)
         return groups.having(
             ends=None,
             gain=gain,
             changes=changes,
             new_reference=restarts,
+            reference_step=steps,
             in_reference=in_reference,
             late_reference=self._late[None].repeat(count, axis=0),
             reshaped=energy - explained > _RESHAPED_SHARE * energy + _RESHAPED_NOISE * own_noise,

@@ -44,6 +44,8 @@ class PlannedSensor:
         G_off / rho per switch.
     drift_deg_per_sqrt_s : float or None
         Stated random walk of the untouched phases; None where it is learned.
+    turns_per_s : float or None
+        Stated rate of turns of the tag or an antenna; None where it is learned.
 
     Examples
     --------
@@ -56,6 +58,7 @@ class PlannedSensor:
     model: SensorModel = field(repr=False)
     off_reflection: np.ndarray
     drift_deg_per_sqrt_s: float | None = None
+    turns_per_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -153,6 +156,7 @@ class Plan:
                 s.load_model(scene),
                 np.asarray(s.off_reflection),
                 s.drift_deg_per_sqrt_s,
+                s.turns_per_s,
             )
             for s in scene.sensors
         )

@@ -235,6 +235,12 @@ class SceneSensor:
         doc="Random walk of the untouched phases: its standard deviation after one second. It "
         "raises the standard deviations during a touch. Learned while untouched when null.",
     )
+    turns_per_s: float | None = key(
+        Number(unit="1/s", low=0, high=10, optional=True),
+        default=None,
+        doc="How often the tag or an antenna is turned or moved. Learned while untouched when "
+        "null; state it where that happens during touches as well.",
+    )
     off_reflection: tuple[complex, complex] = key(
         OffReflection(),
         default=(0j, 0j),

@@ -14,7 +14,7 @@ from .strip_profile import StripProfile
 
 Array = NDArray[np.float64]
 
-# A strip that is pressed from 0.9 N on is detected from 1.2 N on (estimation/touch.py): this is
+# A strip that is pressed from 0.9 N on is detected from 1.2 N on (docs/press.md): this is
 # three standard deviations.
 _ONSET_STD_N = 0.1
 # Points across at which the posterior is first drawn, per spacing; then over the part in which it

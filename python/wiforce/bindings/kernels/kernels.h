@@ -13,6 +13,7 @@
 #include <vector>
 
 void bind_inversion(pybind11::module& m);
+void bind_press(pybind11::module& m);
 void bind_recordings(pybind11::module& m);
 void bind_screening(pybind11::module& m);
 void bind_termination(pybind11::module& m);

@@ -7,6 +7,7 @@ PYBIND11_MODULE(wiforce_kernels, m)
 {
     pybind11::register_local_exception_translator(translate_refusal);
     bind_inversion(m);
+    bind_press(m);
     bind_recordings(m);
     bind_screening(m);
     bind_termination(m);

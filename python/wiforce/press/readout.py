@@ -8,12 +8,13 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ..estimation.estimators import RatioUnfolder
+from ..estimation.groups import Array, Groups
 from ..io.readings import Flag, GroupCounts, Reading, SurfaceReading, flag_words
-from .estimators import RatioUnfolder
-from .groups import Groups
-from .sensor_readout import SensorReadout
+from .explanations import Explanations
+from .receiver_steps import ReceiverSteps
+from .sensor_readout import SensorReadout, as_arrays
 from .surface_readout import SurfaceReadout
-from .transition import TransitionFlags
 
 # Longest gap in the stream that is filled with rows flagged "gap": an hour, 100 000 rows. A longer
 # one is more likely a wrong time of the device than lost samples.
@@ -24,8 +25,7 @@ _GAP = flag_words(Flag.GAP.value)
 class Readout:
     """Gives the readings of all sensors of a run.
 
-    Readings are one group late, because a transition is detected by comparison with the neighbours.
-    The first group of a touch is a transition in any case, and is given at once.
+    Readings are one group late: what a group was is clear when the next one is known.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class Readout:
     ratios : str
         Meaning of R: ``change``, ``step`` or ``square`` (see ``estimators.Estimator``).
     on_groups : callable, optional
-        Called with every batch of Groups that has been read, before transitions are flagged.
+        Called with every batch of Groups that has been read.
     first_group : int
         The first group whose readings are given.
     counts : GroupCounts, optional
@@ -50,22 +50,6 @@ class Readout:
         As given.
     counts : GroupCounts
         Outcomes of the readings given so far.
-
-    Examples
-    --------
-    >>> from gnuradio import wiforce
-    >>> model = wiforce.load_sensor("line-900mhz")
-    >>> sensors = {"arm": SensorReadout(model, 900e6, 0j, 0.036)}
-    >>> readout = Readout(sensors, 0.036)
-    >>> none = np.zeros((1, 2), bool)
-    >>> readout.process(Groups(
-    ...     [0], ratios=np.ones((1, 2)), phase_std_deg=np.full((1, 2), 0.1),
-    ...     snr_db=np.full((1, 2), 10.0), locked=np.ones((1, 1), bool),
-    ...     overlapping=np.zeros((1, 1), bool), new_reference=np.ones(1, bool), in_reference=~none,
-    ...     late_reference=none, reshaped=none))
-    []
-    >>> [(reading.sensor, reading.touch, reading.flags) for reading in readout.flush()]
-    [('arm', 0, ('reference',))]
     """
 
     def __init__(
@@ -81,7 +65,9 @@ class Readout:
         self.sensors, self._surface = sensors, surface
         self._period_s = group_period_s
         self._unfolder = RatioUnfolder(ratios)
-        self._transitions = TransitionFlags()
+        self._steps = ReceiverSteps(group_period_s)
+        self._waiting: Groups | None = None
+        self._flags: Array = np.zeros((0, len(sensors)), np.int64)  # of the group that waits
         self.on_groups = on_groups
         self._next = first_group
         self.counts = GroupCounts() if counts is None else counts
@@ -102,12 +88,27 @@ class Readout:
         if not len(groups):
             return []
         groups = self._unfolder.process(groups)
-        read = [sensor.read(groups, i) for i, sensor in enumerate(self.sensors.values())]
-        arrays = {name: np.array([each[name] for each in read]).swapaxes(0, 1) for name in read[0]}
-        groups = groups.having(**arrays)
+        receiver = self._steps.process(groups)
+        taken = [sensor.take(groups, i, receiver) for i, sensor in enumerate(self.sensors.values())]
+        flags = np.concatenate([self._flags, np.stack([f for _, f in taken], axis=1)])
+        begins = self._waiting is None
+        before = groups[:-1] if len(groups) > 1 else groups[:0]
+        given = before if self._waiting is None else Groups.concatenate([self._waiting, before])
+        self._waiting, self._flags = groups[-1:], flags[-1:]
+        found = [each.choose(each.row > 0).later(-1) if begins else each for each, _ in taken]
+        return self._read(given, found, flags[:-1])
+
+    def _read(self, groups: Groups, found: list[Explanations], flags: Array) -> list[Reading]:
+        if not len(groups):
+            return []
+        read = [
+            sensor.read(groups, i, found[i], flags[:, i])
+            for i, sensor in enumerate(self.sensors.values())
+        ]
+        groups = groups.having(**as_arrays(read))
         if self.on_groups is not None:
             self.on_groups(groups)
-        return self._rows(self._transitions.process(groups))
+        return self._rows(groups)
 
     def flush(self, groups: int = 0) -> list[Reading]:
         """Give the last group's readings, and those of the groups that were not received after it.
@@ -121,7 +122,11 @@ class Readout:
         -------
         list of Reading
         """
-        readings = self._rows(self._transitions.flush())
+        readings: list[Reading] = []
+        if self._waiting is not None:
+            found = [sensor.state.newest for sensor in self.sensors.values()]
+            readings = self._read(self._waiting, found, self._flags)
+            self._waiting, self._flags = None, self._flags[:0]
         readings += self._fill(groups)
         self._next = max(self._next, groups)
         return readings

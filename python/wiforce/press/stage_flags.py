@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..estimation.groups import Array, Groups
 from ..io.readings import Flag
-from .groups import Array, Groups
 
 # The flags below, in their order.
 _FLAGS = Flag.REFERENCE, Flag.GAP, Flag.SATURATED, Flag.MOVED, Flag.INCONSISTENT

@@ -9,17 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from .groups import Array
-from .reference import ConjugateDifference
-from .sensor_readout import RETUNED, SensorReadout, SensorState
+from ..estimation.reference import ConjugateDifference
+from .sensor_readout import SensorReadout
+from .sensor_state import RETUNED
 
 # A reference needs at least this part of its groups from every sensor that is received in it.
 _LEAST_SHARE = 0.5
 # Touched groups in a row that end a tare: noise alone takes up to 1 % of weak groups for a touch.
 # The last group of a tare ends it by itself, since a press may begin with it.
 _TOUCHED_GROUPS = 2
-# |mean R| over mean |R| above which R was the same throughout a forced tare: a spread of 3.6 deg.
-_STEADY = 0.998
 
 
 @dataclass(frozen=True)
@@ -60,26 +58,13 @@ class _Measured:
     def __init__(self, retuned: bool) -> None:
         self.retuned = retuned  # when it began
         self.groups = self.in_a_row = 0
-        self.sum: Array = np.zeros(2, complex)
-        self.magnitudes: Array = np.zeros(2)
         self.problem = ""
 
-    def add(self, state: SensorState, event: str) -> None:
+    def add(self, event: str) -> None:
         """Take a group that was received; ``event`` is empty when it was untouched."""
         self.groups += 1
-        self.sum += state.ratios
-        self.magnitudes += np.abs(state.ratios)
         self.in_a_row = self.in_a_row + 1 if event else 0
-        # A press that begins within a group may look like a motion in it.
-        if event and (state.touch or not self.problem):
-            self.problem = event
-
-    @property
-    def former(self) -> Array | None:
-        """R of the new reference against the former one; None when R changed meanwhile."""
-        if np.all(np.abs(self.sum) > _STEADY * self.magnitudes):
-            return self.sum / self.groups
-        return None
+        self.problem = self.problem or event
 
 
 class TareReports:
@@ -223,10 +208,8 @@ class TareRequests(TareReports):
             if state.retuned and not measured.retuned:
                 self.cancel(f"{RETUNED}; send another tare")
                 return
-            event = "was touched" if state.touch else "moved" if state.moved else ""
-            if state.retuned:
-                event = ""
-            measured.add(state, f"{name} {event} at {self.time_s:.2f} s" if event else "")
+            touched = state.touched and not state.retuned
+            measured.add(f"{name} was touched at {self.time_s:.2f} s" if touched else "")
             ends = measured.in_a_row >= (1 if last else _TOUCHED_GROUPS)
             if ends and not self.state.forced:
                 self.cancel(f"{measured.problem}; the former reference is kept")
@@ -240,16 +223,17 @@ class TareRequests(TareReports):
 
     def _touched(self, name: str) -> str:
         """Why a tare would not measure an untouched sensor; empty when it would."""
-        state = self._sensors[name].state
+        sensor = self._sensors[name]
+        state = sensor.state
         if state.retuned:
             return ""  # as before the first reference, nobody can tell
-        if state.touch:
-            force = f"{state.force_n:.2f} N" if np.isfinite(state.force_n) else ""
-            location = f"{state.location_mm:.1f} mm" if np.isfinite(state.location_mm) else ""
+        if state.touched:
+            force = f"{sensor.force_n:.2f} N" if np.isfinite(sensor.force_n) else ""
+            location = f"{sensor.location_mm:.1f} mm" if np.isfinite(sensor.location_mm) else ""
             values = " at ".join(text for text in (force, location) if text)
             return f"{name} is touched ({values})" if values else f"{name} is touched"
-        if state.reference_problem:
-            return f"{name} may be touched, since {state.reference_problem}"
+        if state.problem:
+            return f"{name} may be touched: {state.problem}"
         return ""
 
     def _complete(self) -> None:
@@ -264,14 +248,10 @@ class TareRequests(TareReports):
                 self.cancel(f"{name} was {received}; the former reference is kept")
                 return
         for name, measured in self._measured.items():
-            state = self._sensors[name].state
-            if measured.retuned:
-                continue
-            if measured.problem or (state.reference_problem and measured.groups):
-                # A mean over a touch and its release is the phase of neither.
-                self._sensors[name].force_reference(
-                    None if state.reference_problem else measured.former
-                )
+            if measured.groups:
+                state = self._sensors[name].state
+                doubtful = bool(measured.problem or state.problem) and not measured.retuned
+                state.claim_untouched(forced=doubtful)
         reason = ""
         if missing:
             reason = f"{', '.join(missing)} not received; the former reference is kept for it"
@@ -279,3 +259,28 @@ class TareRequests(TareReports):
 
     def _set(self, state: str, reason: str, forced: bool) -> TareState:
         return self.report(TareState(state, reason, forced, round(self.time_s, 6)))
+
+
+class StreamTares(TareReports):
+    """Requests for a tare of the receiver that reads a stream at present.
+
+    Parameters
+    ----------
+    request : callable
+        Takes ``force``; gives the TareState.
+    cancel : callable
+        Takes the reason.
+    """
+
+    def __init__(self, request: Callable[[bool], TareState], cancel: Callable[[str], None]) -> None:
+        super().__init__()
+        self._request, self._cancel = request, cancel
+
+    def request(self, force: bool = False) -> TareState:
+        """Measure a new reference, and survey the room in it unless it is forced."""
+        return self._request(force)
+
+    def cancel(self, reason: str) -> TareState:
+        """Give up a tare that is being measured; the former reference stays in use."""
+        self._cancel(reason)
+        return self.state

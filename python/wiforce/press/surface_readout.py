@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..estimation.groups import Array, Groups
 from ..io.readings import WEAK_FORCE_N, WEAK_PHASE_DEG, Flag, SurfaceReading, flag_words
-from .groups import Array, Groups
 
 if TYPE_CHECKING:
     from ..surface.estimator import SurfaceEstimator, SurfaceFound

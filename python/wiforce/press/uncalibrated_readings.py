@@ -11,9 +11,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..estimation.groups import Groups
+from ..estimation.off_state import corrected_phase_deg
 from ..io.readings import Reading, flag_words
-from .groups import Groups
-from .off_state import corrected_phase_deg
 from .stage_flags import has_phases, stage_flags
 
 # Change of a phase by which the line is touched. The shorted line differs from the open one by much

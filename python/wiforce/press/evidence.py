@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from .groups import Array
-from .off_state import off_circle
+from ..estimation.groups import Array
+from ..estimation.off_state import off_circle
 
 if TYPE_CHECKING:
     from ..sensor.model import SensorModel
@@ -138,7 +138,7 @@ class PressEvidence:
     >>> ratios = np.exp(1j * np.radians(phases - model.untouched_deg()))
     >>> clear, unexplained = np.ones(30, bool), np.zeros(30, bool)
     >>> std = np.full((30, 2), 0.1)
-    >>> bool(evidence.take(unexplained, ratios, phases, std, touch, clear, unexplained).any())
+    >>> bool(evidence.take(ratios, phases, std, touch, clear, unexplained).any())
     False
     >>> evidence.suspicions
     []
@@ -170,7 +170,6 @@ class PressEvidence:
 
     def take(
         self,
-        renewed: Array,
         ratios: Array,
         phases: Array,
         std: Array,
@@ -182,8 +181,6 @@ class PressEvidence:
 
         Parameters
         ----------
-        renewed : ndarray of bool, shape (G,)
-            The group is the first one with a new reference: what was before is forgotten.
         ratios : ndarray of complex, shape (G, 2)
             R against the untouched sensor.
         phases, std : ndarray, shape (G, 2)
@@ -201,11 +198,9 @@ class PressEvidence:
             Groups that are touched while the sensor is ``contradicted``.
         """
         contradicting = np.zeros(len(touch), bool)
-        if not self._open and not (touch == 1).any() and not renewed.any():
+        if not self._open and not (touch == 1).any():
             return contradicting
         for row, touched in enumerate(touch.tolist()):
-            if renewed[row]:
-                self.reset()
             if touched == 0 and self._open:
                 self._close()
             elif touched == 1 and clear[row]:

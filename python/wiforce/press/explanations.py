@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The explanations that the press filter keeps, as arrays over the groups of a batch."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..estimation.groups import Array
+from ..wiforce_kernels import press_filter
+
+if TYPE_CHECKING:
+    from ..sensor.model import SensorModel
+
+# States of a sensor, as in lib/kernel/press/press_filter.h.
+UNTOUCHED, PRESSED, UNEXPLAINED, MIXED = range(4)
+# The image of presses: forces from the onset to 1.3 times the calibrated one, since harder presses
+# are presses as well, and the error of models that has been seen in calibrations (docs/press.md).
+_FORCES, _BEYOND, _STEP_MM, _SPREAD_DEG = 80, 1.3, 0.25, 1.5
+_LEAST_FORCE_N = 0.05
+
+
+class Explanations(NamedTuple):
+    """What may have happened in the groups of a batch; m explanations of G groups.
+
+    Attributes
+    ----------
+    row : ndarray of int, shape (m,)
+        Group of each explanation, rising; the likeliest of each group comes first.
+    weight : ndarray, shape (m,)
+        Probability.
+    state, before : ndarray of int, shape (m,)
+        What the sensor is, and was before a change inside the group.
+    known : ndarray of bool, shape (m,)
+        Whether the untouched line has been seen.
+    turns : ndarray of bool, shape (m,)
+        Whether the tag or an antenna turns in the group.
+    baseline : ndarray, shape (m, 2)
+        arg R of the untouched line, rad.
+    common_variance, difference_variance : ndarray, shape (m,)
+        Of the mean and the difference of both, rad^2.
+    amplitude : ndarray, shape (m,)
+        ln |R| of the untouched line.
+    """
+
+    row: Array
+    weight: Array
+    state: Array
+    before: Array
+    known: Array
+    turns: Array
+    baseline: Array
+    common_variance: Array
+    difference_variance: Array
+    amplitude: Array
+
+    @staticmethod
+    def of(table: Array, first: int = 0) -> Explanations:
+        """Explanations of rows as the kernel gives them, of groups from index ``first`` on."""
+        whole = table[:, [0, 2, 3]].astype(int)
+        return Explanations(
+            whole[:, 0] + first,
+            table[:, 1],
+            whole[:, 1],
+            whole[:, 2],
+            table[:, 4] > 0,
+            table[:, 5] > 0,
+            table[:, 6:8],
+            table[:, 8],
+            table[:, 9],
+            table[:, 10],
+        )
+
+    @staticmethod
+    def concatenate(parts: list[Explanations]) -> Explanations:
+        """Join the explanations of batches that follow each other."""
+        if len(parts) == 1:
+            return parts[0]
+        return Explanations(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+
+    def later(self, groups: int) -> Explanations:
+        """The same of groups that are so many rows later."""
+        return self._replace(row=self.row + groups)
+
+    def choose(self, rows: Array) -> Explanations:
+        """Some explanations, by index or mask."""
+        return Explanations(*(array[rows] for array in self))
+
+    def probability(self, which: Array, groups: int) -> Array:
+        """Sum of the weights of some explanations, by mask, in each group; shape (G,)."""
+        return np.bincount(self.row, self.weight * which, minlength=groups)[:groups]
+
+    def likeliest(self, groups: int) -> tuple[Array, Array]:
+        """Index of the likeliest explanation of each group, and whether there is one; (G,)."""
+        first = np.searchsorted(self.row, np.arange(groups))
+        there = np.zeros(groups, bool)
+        there[self.row] = True
+        return np.where(there, first, 0), there
+
+
+def filter_of(
+    model: SensorModel, frequency_hz: float, off_reflection: ArrayLike, **parameters: Any
+) -> press_filter:
+    """Make the press filter of a sensor.
+
+    Parameters
+    ----------
+    model : SensorModel
+    frequency_hz : float
+        Carrier, in Hz.
+    off_reflection : complex or array_like of two
+        G_off / rho, per switch where they differ.
+    **parameters
+        Of ``lib/kernel/press/press_parameters.h``, where they differ from the defaults.
+
+    Returns
+    -------
+    press_filter
+    """
+    onset = max(model.onset_force_n, _LEAST_FORCE_N)
+    forces = np.geomspace(onset, _BEYOND * model.force_span_n[1], _FORCES)
+    locations = np.arange(_STEP_MM, model.length_mm, _STEP_MM)
+    phases = np.reshape(
+        model.phases_deg(forces[:, None], locations[None], frequency_hz),
+        (len(forces), len(locations), 2),
+    )
+    untouched = np.exp(1j * np.radians(model.untouched_deg(frequency_hz)))
+    off = np.asarray(off_reflection, complex)
+    ratios = (np.exp(1j * np.radians(phases)) - off) / (untouched - off)
+    # A reflective off state changes the amplitude by the press; contacts that lose some of it add.
+    spread = float(np.log(np.abs(ratios)).mean(axis=2).std())
+    if spread > 0:
+        parameters["contact_np"] = float(np.hypot(parameters.get("contact_np", 0.05), spread))
+    step = float(np.log(forces[1] / forces[0]))
+    return press_filter(np.angle(ratios), step, np.radians(_SPREAD_DEG), parameters)
+
+
+def filter_without_model() -> press_filter:
+    """Make the filter of a sensor that is not known, on a tag that lies still: any phases."""
+    angles = np.arange(0.0, 2 * np.pi, np.radians(_SPREAD_DEG))
+    anything = np.stack(np.meshgrid(angles, angles, indexing="ij"), axis=-1)
+    still = {"turns": 0.0, "hands": 0.0, "unexplained": 0.0}
+    return press_filter(anything, 1.0, np.radians(_SPREAD_DEG), still)
