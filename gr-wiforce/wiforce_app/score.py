@@ -156,6 +156,7 @@ def _report(found):
         "flagged": found.flagged,
         "missed": found.missed,
         "false": found.false,
+        "unrecorded": found.unrecorded,
     }
 
 
@@ -172,7 +173,8 @@ def _text(report):
         f"within 2 std    {report['within_2_std']:.0%} (95 % expected; the gauge's own error counts"
         " as the reading's)",
         f"not compared    {report['flagged']} flagged, {report['missed']} missed (clear, but read "
-        f"as untouched), {report['false']} touched while the gauge shows no press",
+        f"as untouched), {report['false']} touched while the gauge shows no press, "
+        f"{report['unrecorded']} where the gauge's record has a hole",
     ]
     if report["other_offset_s"] is not None:
         lines.append(

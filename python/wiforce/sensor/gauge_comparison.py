@@ -22,6 +22,9 @@ _LEAST_CORRELATION = 0.8
 _AMBIGUOUS, _ELSEWHERE_S = 0.98, 1.0
 # Parts of the recording that are left out in turn for the standard deviation of the offset.
 _PARTS = 10
+# An interval between two values of the gauge that is longer than so many usual ones is a hole: it
+# lacks a value at least. Shorter ones are the jitter of a logger's clock.
+_HOLE = 1.75
 # Longest record of a gauge, in half groups: some 100 hours at 28 readings per second.
 _MOST_STEPS = 20_000_000
 
@@ -80,11 +83,13 @@ class GaugeComparison:
     flagged, missed, false : int
         Steady groups in which the gauge shows a press and the reading is flagged; is clear but
         untouched; and clear touched groups in which the gauge shows none.
+    unrecorded : int
+        Readings without flag in holes of the gauge's record.
 
     Examples
     --------
     >>> a, b = np.array([2.0, 3.0]), np.array([2.1, 2.9])
-    >>> found = GaugeComparison(0.0, 0.0, None, 1.0, 1, 0.0, a, a, 0.1 * a, b, 0, 0, 0)
+    >>> found = GaugeComparison(0.0, 0.0, None, 1.0, 1, 0.0, a, a, 0.1 * a, b, 0, 0, 0, 0)
     >>> found.error_n.round(3).tolist(), found.coverage
     ([-0.1, 0.1], 1.0)
     """
@@ -102,6 +107,7 @@ class GaugeComparison:
     flagged: int
     missed: int
     false: int
+    unrecorded: int
 
     @property
     def error_n(self) -> np.ndarray:
@@ -148,11 +154,12 @@ def compare_with_gauge(
 
     Notes
     -----
-    A reading is compared with the gauge's mean over its group. The offset maximises the correlation
-    over the readings that are clear (touched or not), first on a grid of half a group by FFT
-    (normalised cross-correlation with masks, Padfield 2012), then continuously. The correlation
-    does not depend on the gauge's gain and zero. A group is steady when it and its neighbours are
-    pressed according to the gauge.
+    A reading is compared with the gauge's mean over its group. Groups in which the gauge has a hole
+    are left out: an interval longer than a group and than 1.75 usual ones. The offset maximises
+    the correlation over the readings that are clear (touched or not), first on a grid of half a
+    group by FFT (normalised cross-correlation with masks, Padfield 2012), then continuously. The
+    correlation does not depend on the gauge's gain and zero. A group is steady when it and its
+    neighbours are pressed according to the gauge.
 
     Examples
     --------
@@ -206,6 +213,7 @@ def compare_with_gauge(
         flagged=int(np.sum(steady & ~readings.clear)),
         missed=int(np.sum(steady & readings.clear & ~readings.touched)),
         false=int(np.sum(none & readings.clear & readings.touched)),
+        unrecorded=int(np.sum(readings.clear & average.in_hole(readings.time_s + offset_s))),
     )
 
 
@@ -231,13 +239,24 @@ class _Average:
         self._time_s, self._half_s = gauge.time_s, window_s / 2
         steps = np.diff(gauge.time_s) * (gauge.force_n[1:] + gauge.force_n[:-1]) / 2
         self._integral = np.concatenate([[0.0], np.cumsum(steps)])
+        interval_s = np.diff(gauge.time_s)
+        # Over less than a window, what was not recorded hardly changes the mean.
+        hole = interval_s > max(_HOLE * float(np.median(interval_s)), window_s)
+        self._holes_s = gauge.time_s[:-1][hole], gauge.time_s[1:][hole]
 
     def at(self, time_s: np.ndarray) -> np.ndarray:
         """Means around times of the gauge's clock; NaN where it did not record all of a window."""
         first, last = time_s - self._half_s, time_s + self._half_s
         values = (self._upto(last) - self._upto(first)) / (2 * self._half_s)
-        inside = (first >= self._time_s[0]) & (last <= self._time_s[-1])
+        inside = (first >= self._time_s[0]) & (last <= self._time_s[-1]) & ~self.in_hole(time_s)
         return np.where(inside, values, np.nan)
+
+    def in_hole(self, time_s: np.ndarray) -> np.ndarray:
+        """Whether the gauge has a hole in the window around each of its times."""
+        starts, ends = self._holes_s
+        begun = np.searchsorted(starts, time_s + self._half_s)
+        ended = np.searchsorted(ends, time_s - self._half_s, side="right")
+        return begun > ended
 
     def _upto(self, time_s: np.ndarray) -> np.ndarray:
         return np.interp(time_s, self._time_s, self._integral)
