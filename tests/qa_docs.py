@@ -118,6 +118,19 @@ def test_readme_notebook_draws_presses_and_nothing_between_them(tmp_path, monkey
     assert np.median(np.abs(force_n - applied_n)[steady & ~untouched]) < 0.15
 
 
+def test_page_of_many_captures_prints_a_median_for_each(tmp_path, monkeypatch, capsys):
+    from gnuradio import wiforce
+
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "captures").mkdir()
+    for name in ("a", "b"):
+        wiforce.simulate("tabletop", f"captures/{name}")
+    (code,) = code_blocks("many-captures.md", "python")
+    exec(code, {})
+    medians = re.findall(r"^[ab] +([\d.]+)$", capsys.readouterr().out, re.MULTILINE)
+    assert len(medians) == 2 and all(1 < float(median) < 8 for median in medians)
+
+
 def test_waveform_page_scene_is_planned_with_its_symbol(tmp_path, monkeypatch):
     """The page showed a section of a scene only, which `plan` refused."""
     from gnuradio import wiforce
@@ -176,8 +189,7 @@ def test_tutorial_code_reads_the_press(capsys):
         program = program.replace(shown, put)
     exec(program, {})
     lines = capsys.readouterr().out.splitlines()
-    touched = [line for line in lines if "touch=1" in line]
-    locations = [float(re.search(r"location_mm=([\d.]+)", line)[1]) for line in touched]
+    locations = [float(m[1]) for line in lines if (m := re.search(r" N at ([\d.]+) \+-", line))]
     assert len(locations) > 20 and abs(statistics.median(locations) - 45) < 0.5
 
 

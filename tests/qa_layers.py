@@ -15,12 +15,13 @@ APPLICATION = ROOT / "gr-wiforce"
 # From the top. Units of one layer do not import each other.
 LAYERS = (
     {"blocks"},
+    {"captures"},
     {"recording", "stream"},
     {"snapshot_recording"},
     {"receiver"},
     {"planning"},
     {"simulation"},
-    {"scene", "gui"},
+    {"scene", "gui", "plotting"},
     {"estimation", "sensor", "surface"},
     {"io"},
     {"signal"},

@@ -18,12 +18,12 @@ import pytest
 import yaml
 from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.capture_search import find_captures, is_one
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
 from wiforce_app import workers
 from wiforce_app.captures.journal import Journal
 from wiforce_app.captures.reading_job import ReadingJob, read_capture_file
-from wiforce_app.captures.search import find_captures, is_one
 
 COMMAND = [
     *(sys.executable, "-c"),

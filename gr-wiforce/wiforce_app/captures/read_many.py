@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 from gnuradio.wiforce.errors import InputError, OutputError
+from gnuradio.wiforce.io.capture_search import find_captures
 from gnuradio.wiforce.io.readings import GroupCounts
 
 from ..exit_status import BAD_INPUT, FAILED
@@ -16,7 +17,6 @@ from ..progress import progress
 from ..workers import WorkerLost, run_tasks
 from .journal import RECORD, Journal
 from .reading_job import ReadingJob, read_capture_file, remove_partial
-from .search import find_captures
 
 
 def read_many(given, scene, output, form, again, jobs, scheduler, settings):

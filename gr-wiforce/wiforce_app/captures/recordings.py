@@ -10,7 +10,7 @@ from gnuradio.wiforce.recording import RecordingReader
 from gnuradio.wiforce.snapshot_recording import SnapshotReader
 
 from ..log import log
-from ..room_report import RoomNews
+from ..room_news import RoomNews
 from ..stream_events import describe_events
 
 
