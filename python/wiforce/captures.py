@@ -19,6 +19,7 @@ from .io.capture_files import is_snapshots
 from .io.capture_search import find_captures, is_one
 from .io.channel_snapshots import ChannelSnapshots, open_snapshots
 from .io.readings import COLUMNS, NUMBERS, Flag
+from .planning.advice import accepted_suspicions
 from .planning.findings import Finding, findings, level_reference
 from .planning.plan import Plan
 from .planning.plan import plan as plan_of
@@ -57,7 +58,7 @@ def read(
     scene : str, Path, dict or Scene, optional
         Scene file or the name of a shipped scene; the capture's own when not given. Keys in which
         it differs from the capture's own, if that holds one, are reported as warnings, as are
-        mistakes that the presses suggest (``Receiver.suspicions``).
+        mistakes that the presses (``Receiver.suspicions``) or the calibration suggest.
     tracked : bool
         Follow each press over time instead of inverting each group by itself.
     datatype : str, optional
@@ -129,8 +130,8 @@ def _read_one(
     import pandas
 
     recording, reader, differences = _opened(capture, scene, tracked, datatype, frame_offset)
-    for difference in differences:
-        warnings.warn(f"{recording.path}: {difference}", stacklevel=3)
+    for text in (*differences, *accepted_suspicions(reader.plan.require_scene())):
+        warnings.warn(f"{recording.path}: {text}", stacklevel=3)
     also = reader.plan.require_scene().more_columns
     columns = (*COLUMNS, *also)
     rows = [
