@@ -138,6 +138,7 @@ def test_captures_of_one_name_and_bad_outputs_are_refused(captures, tmp_path):
         "has the same name as": [*both, "-o", tmp_path / "out"],
         "--output: is needed for several captures": [folder],
         "--output: must be a folder": [folder, "-o", tmp_path / "out.csv"],
+        "--output: must be a folder, or a file that ends in .parquet": [folder, "-o", "x.json"],
         "readings cannot be called captures.jsonl": [
             *(tmp_path / "[c]aptures*", "-o", tmp_path / "out", "--format", "jsonl")
         ],

@@ -220,7 +220,7 @@ def _whole_file(output, form):
 
 def _folder_of(output):
     folder = Path(output)
-    if folder.suffix.lower() in (".csv", ".jsonl") or folder.is_file():
+    if folder.suffix.lower() in (".csv", ".json", ".jsonl", ".mcap") or folder.is_file():
         rule = "must be a folder, or a file that ends in .parquet, for several captures"
         raise InputError("--output", rule, output)
     return folder
