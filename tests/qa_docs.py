@@ -188,7 +188,7 @@ def test_readme_calibration_of_a_table_gives_a_sensor(tmp_path, monkeypatch):
     assert sensor.load_sensor(line[-1]).location_span_mm == (20, 60)
 
 
-def test_readme_accuracy_is_what_its_commands_print(tmp_path):
+def test_readme_accuracy_is_what_its_command_prints(tmp_path):
     """A table that nobody can reproduce is an advertisement."""
     rows = re.findall(
         r"^\| `((?:evaluate|bench) .+?)` \|.*\| (.+) \| (.+) \|$", README, re.MULTILINE
@@ -200,14 +200,6 @@ def test_readme_accuracy_is_what_its_commands_print(tmp_path):
         stated = [float(value) for value in here.removesuffix(f" {unit}").split(" to ")]
         found = [float(value) for value in printed.split(" to ")]
         assert stated == pytest.approx(found, rel=0.2)
-    said = run_command(*rows[2][0].split()).stdout
-    force, location = re.search(
-        r"single reading +([\d.]+) +\S+ +[\d.]+ +([\d.]+)", said[said.index("VNA alone") :]
-    ).groups()
-    assert rows[2][1] == f"{force} N, {location} mm"
-    claimed = re.search(r"paper, own test set: median ([\d.]+) N, ([\d.]+) mm", said).groups()
-    assert rows[2][2] == "{} N, {} mm".format(*claimed)
-    assert [rows[0][2], rows[1][2]] == rows[2][2].split(", ")
 
 
 def test_drawing_of_the_set_up_is_that_of_its_program():
