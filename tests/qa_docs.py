@@ -6,13 +6,16 @@ import importlib.util
 import json
 import os
 import re
+import shlex
 import statistics
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
+from command_runs import run_command
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -96,18 +99,62 @@ def code_blocks(page, language):
     return re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL)
 
 
-def test_readme_notebook_draws_presses_and_nothing_between_them(tmp_path, monkeypatch):
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def press(tmp_path_factory):
+    """The folder in which README's lines have run up to its first lines of Python."""
+    folder = tmp_path_factory.mktemp("readme")
+    for line in readme_commands("simulate", "read"):
+        done = run_command(*line, cwd=folder)
+        assert done.returncode == 0, done.stderr
+    return folder
+
+
+def readme_commands(*names):
+    """README's lines that run these subcommands, as words behind ``gr-wiforce``."""
+    lines = re.findall(r"^build/run gr-wiforce (.+)$", README, re.MULTILINE)
+    words = [shlex.split(line, comments=True) for line in lines]
+    found = [line for line in words if line[0] in names]
+    assert {line[0] for line in found} == set(names)
+    return found
+
+
+def readme_code(part):
+    (code,) = [code for code in code_blocks("../README.md", "python") if part in code]
+    return code
+
+
+def test_readme_is_read_in_minutes_and_its_links_lead_somewhere():
+    assert len(README.splitlines()) <= 80 and len(README.split()) <= 750
+    targets = re.findall(r"\]\(([^)#]+)#?([^)]*)\)", README)
+    for target, heading in targets:
+        if not target.startswith("https:"):
+            assert (ROOT / target).exists(), target
+        if heading:
+            page = (ROOT / target).read_text(encoding="utf-8")
+            titles = re.findall(r"^#+ (.+)$", page, re.MULTILINE)
+            assert heading in [re.sub(r"[^\w-]", "", t.lower().replace(" ", "-")) for t in titles]
+    assert {f"docs/{p.name}" for p in (ROOT / "docs").glob("results.md")} < {t for t, _ in targets}
+
+
+def test_readme_commands_write_readings_and_a_picture(press):
+    assert (press / "press.png").read_bytes().startswith(b"\x89PNG")
+    assert len((press / "press.csv").read_text().splitlines()) > 80
+
+
+def test_readme_python_draws_presses_and_nothing_between_them(press, monkeypatch, capsys):
     """A line through the time in which nobody touches shows a force that is not there."""
     import matplotlib.pyplot as plt
-    import numpy as np
-    from gnuradio import wiforce
 
-    monkeypatch.chdir(tmp_path)
-    wiforce.simulate("demo", "press")
-    (code,) = [c for c in code_blocks("../README.md", "python") if "wiforce.read(" in c]
-    exec(code, {})
-    time_s, force_n = plt.gca().get_lines()[0].get_xydata().T
+    monkeypatch.chdir(press)
     plt.close("all")
+    exec(readme_code("wiforce.read("), {})
+    (bars,) = plt.gcf().axes[0].containers
+    time_s, force_n = bars.lines[0].get_data()
+    plt.close("all")
+    assert float(capsys.readouterr().out) == pytest.approx(max(force_n))
     truth = np.genfromtxt("press.truth.csv", delimiter=",", names=True)
     applied_n = np.interp(time_s, truth["time_s"], np.nan_to_num(truth["force_n"]))
     edge_s = truth["time_s"][np.flatnonzero(np.diff(truth["touch"]))]
@@ -116,6 +163,69 @@ def test_readme_notebook_draws_presses_and_nothing_between_them(tmp_path, monkey
     assert untouched.sum() > 20 and (steady & ~untouched).sum() > 20
     assert (force_n[untouched] == 0).all()
     assert np.median(np.abs(force_n - applied_n)[steady & ~untouched]) < 0.15
+
+
+def test_readme_flowgraph_prints_what_the_command_reads(press, monkeypatch, capsys):
+    monkeypatch.chdir(press)
+    exec(readme_code("file_source"), {})
+    lines = capsys.readouterr().out.splitlines()
+    rows = (press / "press.csv").read_text().splitlines()[1:]
+    assert len(lines) == len(rows) and sum(" N at " in line for line in lines) > 20
+
+
+def test_readme_calibration_of_a_table_gives_a_sensor(tmp_path, monkeypatch):
+    from gnuradio.wiforce import sensor
+
+    monkeypatch.chdir(tmp_path)
+    (line,) = readme_commands("calibrate")
+    table = sensor.measure_vna(
+        sensor.load_sensor("line-900mhz"), [20, 30, 40, 50, 60], np.arange(1, 8.5, 0.5), 0.1
+    )
+    sensor.write_vna_csv(table, line[1])
+    (columns,) = re.findall(r"calibrate .*# of (\S+)", README)
+    assert (tmp_path / line[1]).read_text().startswith(columns)
+    assert run_command(*line).returncode == 0
+    assert sensor.load_sensor(line[-1]).location_span_mm == (20, 60)
+
+
+def test_readme_accuracy_is_what_its_command_prints(tmp_path):
+    """A table that nobody can reproduce is an advertisement."""
+    rows = re.findall(
+        r"^\| `((?:evaluate|bench) .+?)` \|.*\| (.+) \| (.+) \|$", README, re.MULTILINE
+    )
+    assert [row[0].split()[0] for row in rows] == ["evaluate", "evaluate", "evaluate", "bench"]
+    done = run_command(*rows[0][0].split(), cwd=tmp_path)
+    (span,) = re.findall(r"range of ours \|.*?\|.*?\| (.+?) \| (.+?) \|", done.stdout)
+    for (_, here, _), unit, printed in zip(rows, ("N", "mm"), span, strict=False):
+        stated = [float(value) for value in here.removesuffix(f" {unit}").split(" to ")]
+        found = [float(value) for value in printed.split(" to ")]
+        assert stated == pytest.approx(found, rel=0.2)
+
+
+def test_drawing_of_the_set_up_is_that_of_its_program():
+    maker = loaded("make_setup_drawing")
+    hint = "run: build/run python3 docs/make_setup_drawing.py"
+    assert maker.PICTURE.read_text(encoding="utf-8") == maker.drawing(), hint
+
+
+def test_animation_takes_ten_seconds():
+    from PIL import Image
+
+    with Image.open(ROOT / "docs/images/press.gif") as animation:
+        assert animation.n_frames * animation.info["duration"] == 10_000
+
+
+def test_page_of_many_captures_prints_a_median_for_each(tmp_path, monkeypatch, capsys):
+    from gnuradio import wiforce
+
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "captures").mkdir()
+    for name in ("a", "b"):
+        wiforce.simulate("tabletop", f"captures/{name}")
+    (code,) = code_blocks("many-captures.md", "python")
+    exec(code, {})
+    medians = re.findall(r"^[ab] +([\d.]+)$", capsys.readouterr().out, re.MULTILINE)
+    assert len(medians) == 2 and all(1 < float(median) < 8 for median in medians)
 
 
 def test_waveform_page_scene_is_planned_with_its_symbol(tmp_path, monkeypatch):
@@ -176,8 +286,7 @@ def test_tutorial_code_reads_the_press(capsys):
         program = program.replace(shown, put)
     exec(program, {})
     lines = capsys.readouterr().out.splitlines()
-    touched = [line for line in lines if "touch=1" in line]
-    locations = [float(re.search(r"location_mm=([\d.]+)", line)[1]) for line in touched]
+    locations = [float(m[1]) for line in lines if (m := re.search(r" N at ([\d.]+) \+-", line))]
     assert len(locations) > 20 and abs(statistics.median(locations) - 45) < 0.5
 
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The published trials, read with models of the VNA curves: the figures that are promised."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,16 @@ def pooled(scores, frequency, method, refined=False):
         np.concatenate([getattr(s, what) for s in own])
         for what in ("force_error", "location_error")
     )
+
+
+def test_readme_states_the_errors_of_the_published_trials(scores):
+    """A table that nobody can reproduce is an advertisement."""
+    readme = (Path(__file__).resolve().parent.parent / "README.md").read_text(encoding="utf-8")
+    (row,) = re.findall(r"^\| `evaluate paper` .*\| (.+) \| (.+) \|$", readme, re.MULTILINE)
+    found = [np.median(np.abs(error)) for error in pooled(scores, 900e6, "single reading")]
+    here, paper = ([float(number) for number in re.findall(r"[\d.]+", cell)] for cell in row)
+    assert here == pytest.approx(found, abs=0.006)
+    assert tuple(paper) == published.CLAIMS[900e6]
 
 
 @pytest.mark.parametrize("frequency", published.FREQUENCIES_HZ)

@@ -15,13 +15,14 @@ APPLICATION = ROOT / "gr-wiforce"
 # From the top. Units of one layer do not import each other.
 LAYERS = (
     {"blocks"},
+    {"captures"},
     {"recording", "stream"},
     {"snapshot_recording"},
     {"receiver"},
     {"press"},
     {"planning"},
     {"simulation"},
-    {"scene", "gui"},
+    {"scene", "gui", "plotting"},
     {"estimation", "sensor", "surface"},
     {"io"},
     {"signal"},

@@ -18,12 +18,12 @@ import pytest
 import yaml
 from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.capture_search import find_captures, is_one
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
 from wiforce_app import workers
 from wiforce_app.captures.journal import Journal
 from wiforce_app.captures.reading_job import ReadingJob, read_capture_file
-from wiforce_app.captures.search import find_captures, is_one
 
 COMMAND = [
     *(sys.executable, "-c"),
@@ -138,6 +138,7 @@ def test_captures_of_one_name_and_bad_outputs_are_refused(captures, tmp_path):
         "has the same name as": [*both, "-o", tmp_path / "out"],
         "--output: is needed for several captures": [folder],
         "--output: must be a folder": [folder, "-o", tmp_path / "out.csv"],
+        "--output: must be a folder, or a file that ends in .parquet": [folder, "-o", "x.json"],
         "readings cannot be called captures.jsonl": [
             *(tmp_path / "[c]aptures*", "-o", tmp_path / "out", "--format", "jsonl")
         ],

@@ -264,6 +264,45 @@ def test_export_to_mcap_and_back_keeps_every_byte(tmp_path):
     assert back.read_text() == path.read_text()
 
 
+def test_export_from_mcap_keeps_surfaces(tmp_path):
+    """y became empty, and the torque of lines in the same table unknown, without a word."""
+    table = (
+        "time_s,sensor,touch,force_n,location_mm,flags,y_mm,y_std_mm,cov_x_y,device_time_s\n"
+        "0.018,low,1,2.0,45.0,,,,,3.5\n"
+        "0.018,skin,1,4.0,45.0,,12.5,0.4,,3.5\n"
+        "0.054,skin,0,,,,,,,\n"
+    )
+    (tmp_path / "a.csv").write_text(table)
+    for source, out in (("a.csv", "b.mcap"), ("b.mcap", "c.csv"), ("c.csv", "d.mcap")):
+        done = run_command("export", tmp_path / source, "-o", tmp_path / out)
+        assert done.returncode == 0 and "left out" not in done.stderr
+    rows = list(ReadingsFile(tmp_path / "c.csv").rows())
+    assert [row["y_mm"] for row in rows] == [None, 12.5, None]
+    assert [row["y_std_mm"] for row in rows] == [None, 0.4, None]
+    assert [row["device_time_s"] for row in rows] == [3.5, 3.5, None]
+    for name in ("b.mcap", "d.mcap"):
+        found = bag_messages(tmp_path / name)
+        torque = found["/wiforce/skin/wrench"][0].wrench.torque
+        assert (torque.x, torque.y) == pytest.approx((-0.05, 0.18))
+        torque = found["/wiforce/low/wrench"][0].wrench.torque
+        assert (torque.x, torque.y) == pytest.approx((0, 0.09))
+
+
+def test_export_to_mcap_warns_only_of_what_is_lost(tmp_path):
+    (tmp_path / "a.csv").write_text(
+        "time_s,sensor,y_mm,cov_x_y,cov_force_y,ok\n0.018,skin,12.5,0.1,,True\n"
+    )
+    done = run_command("export", tmp_path / "a.csv", "--to", "mcap")
+    assert "columns without a field in MCAP are left out: cov_x_y, ok\n" in done.stderr
+
+
+def test_export_to_unknown_suffix_names_those_that_exist(tmp_path):
+    path = written(tmp_path / "press.csv")
+    done = run_command("export", path, "-o", tmp_path / "press.json")
+    assert done.returncode == 2
+    assert "must end in .mcap or .parquet or .csv or .jsonl, got" in done.stderr
+
+
 def test_export_to_mcap_and_its_metadata(tmp_path):
     path = written(tmp_path / "press.csv")
     done = run_command("export", path, "--to", "mcap", "--scene", "demo")

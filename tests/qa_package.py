@@ -112,7 +112,7 @@ def test_library_anything_but_a_scene_or_file_is_refused_by_the_parameter(tmp_pa
         with pytest.raises(InputError, match="^scene: must be a scene file, the name"):
             call(wrong)
     with pytest.raises(InputError, match="^capture: must be the path of a capture, got"):
-        wiforce.read(wrong, "demo")
+        wiforce.read([wrong] if isinstance(wrong, list) else wrong, "demo")
     with pytest.raises(InputError, match="^sensor: must be the name of a shipped sensor"):
         wiforce.load_sensor(wrong)
 

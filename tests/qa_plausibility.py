@@ -8,7 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from command_runs import run_command
+from gnuradio import wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.textfile import read_csv
 from gnuradio.wiforce.sensor import (
@@ -18,6 +20,8 @@ from gnuradio.wiforce.sensor import (
     phase_suspicions,
     suspicions,
     touch_of,
+    verdict,
+    write_sensor,
     write_vna_csv,
 )
 from scipy.optimize import brentq
@@ -86,11 +90,61 @@ def test_line_of_another_length_or_permittivity_is_noticed():
     assert "check --permittivity" in said and suspicions(dense, 80.0, 3.0) == []
 
 
-def test_calibrate_prints_the_assumed_line_and_its_suspicions(table, tmp_path):
-    write_vna_csv(replace(table, port=3 - table.port), tmp_path / "vna.csv")
-    done = run_command("calibrate", tmp_path / "vna.csv", "-o", tmp_path / "s.yaml")
-    said = done.stdout + done.stderr
-    assert "are the ports swapped, or is location measured from port 2?" in said
+SWAPPED = "are the ports swapped, or is location measured from port 2?"
+
+
+def test_calibrate_suspicion_must_be_accepted_and_is_repeated(table, tmp_path, monkeypatch):
+    """A table with swapped ports became a sensor file that was then used without a word."""
+    monkeypatch.chdir(tmp_path)
+    write_vna_csv(replace(table, port=3 - table.port), "vna.csv")
+    done = run_command("calibrate", "vna.csv", "-o", "s.yaml")
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
+    assert done.stderr.startswith("gr-wiforce: vna.csv: ") and SWAPPED in done.stderr
+    assert "--accept" in done.stderr and not (tmp_path / "s.yaml").exists()
+    done = run_command("calibrate", "vna.csv", "-o", "s.yaml", "--accept")
+    assert done.returncode == 0, done.stderr
+    first, second = done.stdout.splitlines()[:2]
+    assert first.startswith("not to be trusted: ") and SWAPPED in first
+    assert second.startswith("verdict: ")
+    assert load_sensor("s.yaml").provenance["suspicions"][0].endswith(SWAPPED)
+    again = tmp_path / "again.yaml"
+    write_sensor(load_sensor("s.yaml").transferred(905e6), again)
+    assert load_sensor(again).provenance["suspicions"]
+
+    scene = {
+        "sounding": {"frame_length": 320},
+        "sensors": [{"name": "arm", "model": "s.yaml"}],
+        "reference_s": 0.1,
+        "simulation": {"truth_model": "line-900mhz", "duration_s": 0.3},
+    }
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(scene))
+    said = f"sensor 'arm' was calibrated in spite of a suspicion: {first[19:]}"
+    assert f"warning: {said}\n" in run_command("plan", "scene.yaml").stdout
+    assert run_command("simulate", "scene.yaml", "x").returncode == 0
+    for given in (["x"], ["x", "x.sigmf-meta", "-o", "folder"]):
+        assert said in run_command("read", *given, "--scene", "scene.yaml").stderr
+    with pytest.warns(UserWarning, match="in spite of a suspicion"):
+        wiforce.read("x", "scene.yaml")
+
+
+def test_calibrate_verdict_comes_first_and_names_what_limits(table, tmp_path):
+    """Nobody reads forty lines to learn what a sensor is good for."""
+    write_vna_csv(table, tmp_path / "vna.csv")
+    path = tmp_path / "s.yaml"
+    for options, limit in (
+        ([], "the noise of the phases in the table"),
+        (["--ruler-std-mm", "1"], "the accuracy of the ruler"),
+    ):
+        done = run_command("calibrate", tmp_path / "vna.csv", "-o", path, *options)
+        first = done.stdout.splitlines()[0]
+        assert re.match(r"verdict: 0\.\d+ N and [\d.]+ mm between \d+ and \d+ mm, ", first)
+        assert f"limited by {limit} (" in first
+    (found,) = verdict(load_sensor(path))
+    assert found.location_std_mm == pytest.approx(1.0, abs=0.05)
+    assert found.force_std_n < 0.2 and found.flagged < 0.2
+
+
+def test_calibrate_prints_the_assumed_line(table, tmp_path):
     write_vna_csv(table, tmp_path / "vna.csv")
     done = run_command("calibrate", tmp_path / "vna.csv", "-o", tmp_path / "s.yaml")
     assert done.returncode == 0, done.stderr

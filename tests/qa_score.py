@@ -75,6 +75,24 @@ def test_errors_are_those_of_the_readings():
     assert (found.flagged, found.missed, found.false) == (0, 0, 0)
 
 
+@pytest.mark.parametrize("rows_without_force", [False, True])
+def test_holes_of_the_gauge_are_left_out(tmp_path, rows_without_force):
+    """A line drawn through a lost edge of a press was compared as if the gauge had recorded it."""
+    times = np.arange(0, 28, 0.025)
+    lost = (times > 5.5) & (times < 8.0) | (np.abs(times - 15) < 0.01)
+    forces = ["" if hole else f"{force_at(t):.4f}" for t, hole in zip(times, lost, strict=True)]
+    rows = [f"{t:.4f},{force}" for t, force in zip(times, forces, strict=True)]
+    if not rows_without_force:
+        rows = [row for row in rows if not row.endswith(",")]
+    (tmp_path / "cell.csv").write_text("\n".join(["time_s,force_n", *rows]))
+    own = readings()
+    found = compare_with_gauge(own, read_gauge_file(tmp_path / "cell.csv"))
+    assert np.sqrt(np.mean(found.error_n**2)) < 1.15 * STD_N
+    inside = (found.time_s > 5.52) & (found.time_s < 7.96) | (np.abs(found.time_s - 15) < 0.025)
+    assert not inside.any() and abs(found.offset_s) < 0.01
+    assert found.unrecorded == pytest.approx((8.0 - 5.5 + 0.05) / PERIOD_S, abs=5)
+
+
 def test_wrong_gain_of_readings_is_reported_and_does_not_move_the_offset():
     found = compare_with_gauge(readings(gain=1.2), gauge())
     assert found.gain == pytest.approx(1.2, abs=0.01)

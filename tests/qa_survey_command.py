@@ -9,10 +9,10 @@ import pytest
 import yaml
 from command_runs import run_command
 from gnuradio.wiforce.estimation.groups import Groups
+from gnuradio.wiforce.planning.room_report import measure_tag
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
 from wiforce_app.check import Findings, advice_on
-from wiforce_app.room_report import measure_tag, sensor_text
 
 SCENE = {
     "sensors": [{"name": "arm", "model": "line-900mhz-calibrated", "clock_hz": 1040}],
@@ -75,7 +75,7 @@ def test_tag_lost_in_noise_is_unknown_in_json_and_text():
     groups.phase_std_deg = np.tile([np.inf, 0.41], (3, 1))
     sensor = measure_tag("arm", 0, groups)
     assert (sensor.snr_db, sensor.phase_error_deg) == ([None, 4.71], [None, 0.41])
-    assert "SNR unknown and 4.7 dB" in sensor_text(sensor)
+    assert "SNR unknown and 4.7 dB" in str(sensor)
     found = Findings("a device", {}, {"peak_dbfs": -6.0, "clipped": 0.0, "dc_dbfs": -90.0})
     found.sensors = [sensor]
     (advice,) = advice_on(found, load_scene(SCENE))

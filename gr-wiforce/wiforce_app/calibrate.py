@@ -80,6 +80,11 @@ _STEPS = ("nearest", "given", "line")
 )
 @click.option("--plot", "plot_path", type=click.Path(), help="Picture of data and curves, PNG.")
 @click.option(
+    "--accept",
+    is_flag=True,
+    help="Write the sensor although TABLE seems to have a mistake; the file states it.",
+)
+@click.option(
     "--surface",
     metavar="SCENE",
     help="Calibrate how the skin of this scene's surface spreads presses, instead of a sensor.",
@@ -103,6 +108,7 @@ def calibrate(
     name,
     refined,
     plot_path,
+    accept,
     surface,
     readings,
     law,
@@ -131,7 +137,7 @@ def calibrate(
         from .calibration.surface import calibrate_surface
 
         others = {"--live": guided, "--refine": refined, "--plot": plot_path, "--kind": kind}
-        for option, value in others.items():
+        for option, value in {**others, "--accept": accept or None}.items():
             if value is not None:
                 raise InputError(option, "cannot be given with --surface")
         return calibrate_surface(table, surface, readings, law or "strips", output)
@@ -157,7 +163,6 @@ def calibrate(
         if bench is None
         else (bench.length_mm, bench.permittivity)
     )
-    suspected = sensor.suspicions(data, *line)
     try:
         model = (
             sensor.calibrate(data, name, **settings)
@@ -166,17 +171,33 @@ def calibrate(
         )
         lines = report(model)  # refuses a model that cannot be inverted
     except InputError as error:
-        raise _with_suspicions(error, suspected) from None
+        raise _with_suspicions(error, sensor.suspicions(data, *line)) from None
+    suspected = model.provenance.get("suspicions", [])
+    if suspected and not accept:
+        rule = "correct it, or write the sensor nevertheless with --accept"
+        raise InputError(table, f"{'; '.join(suspected)}; {rule}")
     sensor.write_sensor(model, output)
-    for text in [*lines, *_line_assumed(sensor, data, *line)]:
+    for text in [*_verdict(sensor, model, suspected), *lines]:
         click.echo(text)
-    for warning in [*suspected, *sensor.calibration_warnings(model)]:
+    for text in _line_assumed(sensor, data, *line):
+        click.echo(text)
+    for warning in sensor.calibration_warnings(model):
         click.echo(f"warning: {warning}")
     if plot_path is not None:
         from .calibration.plot import plot_calibration
 
         plot_calibration(data, model, plot_path)
     click.echo(f"written: {output}")
+
+
+def _verdict(sensor, model, suspected):
+    """What the sensor is good for, first of all."""
+    for text in suspected:
+        yield f"not to be trusted: {text}"
+    for each in sensor.verdict(model):
+        at = f" at {each.frequency_hz / 1e6:g} MHz" if len(model.carriers) > 1 else ""
+        yield f"verdict{at}: {each} (standard deviations, without the noise of a radio)"
+    yield ""
 
 
 def _with_suspicions(error, suspected):

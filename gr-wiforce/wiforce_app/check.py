@@ -16,6 +16,11 @@ from gnuradio.wiforce.planning.bands import licence_note, outside_band
 from gnuradio.wiforce.planning.findings import findings as findings_of
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.planning.room import adapted
+from gnuradio.wiforce.planning.room_report import (
+    finding_line,
+    finding_rows,
+    measure_tag,
+)
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.schema import Scene
 
@@ -25,7 +30,6 @@ from .live import radio_request, warn_of_oscillators
 from .log import log
 from .options import optional_radio_options, sample_type
 from .radio.request import DeviceLost
-from .room_report import finding_line, finding_rows, measure_tag, sensor_text
 from .stream_events import describe_events
 
 _SEARCHES = 16
@@ -214,7 +218,7 @@ def _text(findings):
     if findings.levels is not None:
         lines += level_lines(findings.levels)
         lines.append(f"delay      {findings.delay_us:.2f} us from transmit to receive")
-    lines += [f"{sensor.name:10s} {sensor_text(sensor)}" for sensor in findings.sensors]
+    lines += [f"{sensor.name:10s} {sensor}" for sensor in findings.sensors]
     lines += [f"room       {finding_line(finding)}" for finding in findings.room]
     lines += [f"advice     {text}" for text in findings.advice or ["none, ready to measure"]]
     lines += [f"note       {text}" for text in findings.notes]

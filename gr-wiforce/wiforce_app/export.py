@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.readings_files import ReadingsFile
+from gnuradio.wiforce.io.ros_definitions import READING, fields_of
 from gnuradio.wiforce.io.textfile import check_output, replacing
 from gnuradio.wiforce.io.writers import open_writer
 from gnuradio.wiforce.scene import load_scene
@@ -45,8 +46,7 @@ def export(readings, form, output, scene_path):
     metadata = {} if scene_path is None else provenance(load_scene(scene_path))
     source = ReadingsFile(readings)
     check_output(output, [readings])
-    _warn_of_columns(readings, source.also, output)
-    number = 0
+    number, lost = 0, dict.fromkeys(_without_field(source.also, output), False)
     try:
         with (
             replacing(output) as part,
@@ -56,6 +56,7 @@ def export(readings, form, output, scene_path):
             for row in source.rows():
                 number += 1
                 writer.write_row(row)
+                lost = {name: known or row[name] not in (None, "") for name, known in lost.items()}
                 step(1)
     except InputError:
         raise
@@ -66,6 +67,9 @@ def export(readings, form, output, scene_path):
         # Parquet and MCAP write several rows at a time.
         rule = f"cannot be converted to {output.suffix[1:]}, row {number} or before ({error})"
         raise InputError(readings, rule) from error
+    if any(lost.values()):
+        names = ", ".join(name or "one without name" for name, known in lost.items() if known)
+        log.warning(f"{readings}: columns without a field in MCAP are left out: {names}")
     log.info(f"wrote {writer.rows} readings to {output}")
 
 
@@ -75,19 +79,17 @@ def _output_of(readings, form, output):
             raise click.UsageError("needs --to or --output")
         return Path(readings).with_suffix(_SUFFIXES[form])
     suffix = Path(output).suffix.lower()
-    expected = list(_SUFFIXES.values()) if form is None else [_SUFFIXES[form]]
+    expected = list(dict.fromkeys(_SUFFIXES.values())) if form is None else [_SUFFIXES[form]]
     if suffix not in expected:
         raise InputError("--output", f"must end in {' or '.join(expected)}", output)
     return Path(output)
 
 
-def _warn_of_columns(readings, also, output):
-    """Name the columns that the messages of an MCAP file have no fields for."""
-    dropped = [name or "one without name" for name in also if name not in STAMP_COLUMNS]
-    if dropped and output.suffix.lower() == ".mcap":
-        log.warning(
-            f"{readings}: columns without a field in MCAP are left out: {', '.join(dropped)}"
-        )
+def _without_field(also, output):
+    """Names of the columns that the messages of an MCAP file have no fields for."""
+    if output.suffix.lower() != ".mcap":
+        return []
+    return [n for n in also if n not in (*fields_of(READING), *STAMP_COLUMNS)]
 
 
 def _writer(path, also, metadata):

@@ -14,6 +14,7 @@ from gnuradio.wiforce.io.capture_files import recording_stem
 from gnuradio.wiforce.io.rotation import Rotation, open_rotating
 from gnuradio.wiforce.io.zmq_keys import ServerKeys
 from gnuradio.wiforce.io.zmq_sockets import endpoint_of, is_loopback
+from gnuradio.wiforce.planning.advice import accepted_suspicions
 from gnuradio.wiforce.scene import load_scene
 
 from .exit_status import BAD_INPUT, FAILED
@@ -163,6 +164,8 @@ def live(
     request = radio_request(args, scene, receive_s=RECEIVE_S[latency], **radio)
     rotation = Rotation.of(rotate, keep)
     metadata = provenance(scene)
+    for text in accepted_suspicions(scene):
+        log.warning(text)
     also = (*scene.more_columns, *STAMP_COLUMNS)
     try:
         with (

@@ -2,6 +2,7 @@
 """Options that several commands share, and the type of their numbers."""
 
 import math
+import os
 from pathlib import Path
 
 import click
@@ -218,3 +219,24 @@ def refuse(options, rule):
     for option, value in options.items():
         if value:
             raise click.UsageError(f"{option} {rule}")
+
+
+def refuse_scenes(given):
+    """Refuse the name of a shipped scene where a capture is meant.
+
+    Parameters
+    ----------
+    given : sequence of str
+        Captures, patterns and folders.
+
+    Raises
+    ------
+    InputError
+    """
+    for name in given:
+        if os.path.exists(name) or os.path.exists(name + ".sigmf-meta"):
+            continue
+        from gnuradio.wiforce.scene import shipped_scenes  # not for the start of the command
+
+        if name in shipped_scenes():
+            raise InputError(name, "is a scene and not a capture; give it by --scene")

@@ -13,6 +13,7 @@ from gnuradio.wiforce.planning.expected import expect
 from gnuradio.wiforce.planning.packet_advice import recommendation
 from gnuradio.wiforce.planning.plan import plan as plan_of
 from gnuradio.wiforce.planning.proposed_clocks import clocks_for
+from gnuradio.wiforce.planning.room_report import findings_text
 from gnuradio.wiforce.planning.steps import steps as steps_of
 from gnuradio.wiforce.planning.surface import expect_surface, surface_warnings
 from gnuradio.wiforce.planning.waveform_limits import waveform_limits, waveform_warnings
@@ -20,7 +21,6 @@ from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.simulated_tags import MAX_SENSORS
 
 from .options import IntegerRange, sample_type
-from .room_report import changes_of, finding_rows, findings_text, skipped_of
 
 
 @click.command()
@@ -78,7 +78,7 @@ def plan(scene, capture_path, datatype, improve, measure, clocks, as_json):
         report.get("room", {}).pop("text", None)
         click.echo(json.dumps(report, indent=2))
     else:
-        _print(report, scene)
+        _print(report, scene, str(settings))
 
 
 def _propose_clocks(scene, count, as_json):
@@ -104,22 +104,16 @@ def _propose_clocks(scene, count, as_json):
 
 def _room(capture, datatype, settings):
     """What a capture's room holds, and what it changes in the plan."""
+    from gnuradio.wiforce.captures import survey_room
     from gnuradio.wiforce.io.capture import open_capture
-    from gnuradio.wiforce.planning.findings import findings
-    from gnuradio.wiforce.recording import RecordingReader
 
-    from .survey import surveyed
-
-    recording = open_capture(capture, datatype)
-    reader = RecordingReader(recording, settings)
-    listed = findings(surveyed(recording, reader), settings, reader.plan)
+    found = survey_room(open_capture(capture, datatype), settings)
+    report = found.report()
     return {
-        "findings": finding_rows(listed),
-        "text": findings_text(listed),
-        "changes": changes_of(settings, reader.plan),
-        "skipped": skipped_of(reader.plan),
-        "settings": _settings(reader.plan),
-        "steps": [dataclasses.asdict(step) for step in steps_of(reader.plan)],
+        **{key: report[key] for key in ("findings", "changes", "skipped")},
+        "text": findings_text(found.findings),
+        "settings": _settings(found.plan),
+        "steps": [dataclasses.asdict(step) for step in steps_of(found.plan)],
     }
 
 
@@ -139,29 +133,15 @@ def _settings(settings):
     }
 
 
-def _print(report, scene):
-    chosen = report["settings"]
-    click.echo(
-        f"{chosen['snapshot_rate_hz']:.0f} snapshots/s, groups of {chosen['group_length']} "
-        f"({1e3 * chosen['group_period_s']:.1f} ms), lines +-1..+-{chosen['harmonics']} of each "
-        f"tag in {chosen['tones']} tones, estimator {chosen['estimator']}"
-    )
+def _print(report, scene, summary):
+    chosen, *expected = summary.splitlines()
+    click.echo(chosen)
     if "waveform" in report:
         _print_waveform(report["waveform"])
     _print_steps(report["steps"])
     if "room" in report:
         _print_room(report["room"], report["steps"])
-    click.echo(f"\nexpected median errors at snr_db {scene.simulation.snr_db:g}")
-    for sensor in report["expected"]:
-        error, std = sensor["phase_error_deg"], sensor["phase_std_deg"]
-        if error is None:
-            click.echo(f"{sensor['sensor']}: not readable")
-            continue
-        click.echo(
-            f"{sensor['sensor']}: phases {error[0]:.3g}/{error[1]:.3g} deg "
-            f"(noise {std[0]:.3g}/{std[1]:.3g} rms), force {sensor['force_error_n']:.3g} N, "
-            f"location {sensor['location_error_mm']:.3g} mm"
-        )
+    click.echo("\n" + "\n".join(expected))
     if "surface" in report:
         _print_surface(report["surface"], scene.surface.name)
     for warning in report["warnings"]:

@@ -2,13 +2,14 @@
 """``gr-wiforce read``: force and location from a capture."""
 
 import click
+from gnuradio.wiforce.io.capture_search import is_one
 
-from .captures.search import is_one, refuse_scenes
 from .options import (
     IntegerRange,
     capture_scene,
     mcap_output,
     refuse,
+    refuse_scenes,
     sample_type,
     tracked_presses,
     worker_options,

@@ -2,29 +2,15 @@
 """``gr-wiforce survey``: what a capture holds besides the tags of its scene."""
 
 import json
-from dataclasses import asdict
 
 import click
-import numpy as np
-from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.estimation.groups import Groups
+from gnuradio.wiforce.captures import survey_room
 from gnuradio.wiforce.io.capture import open_capture
-from gnuradio.wiforce.planning.findings import findings, level_reference
 from gnuradio.wiforce.planning.plan import plan
-from gnuradio.wiforce.recording import RecordingReader
 from gnuradio.wiforce.scene import scene_of
 
 from .captures.recordings import warn
-from .captures.search import refuse_scenes
-from .options import capture_scene, sample_type
-from .room_report import (
-    changes_of,
-    finding_rows,
-    findings_text,
-    measure_tag,
-    sensor_text,
-    skipped_of,
-)
+from .options import capture_scene, refuse_scenes, sample_type
 
 
 @click.command()
@@ -50,69 +36,11 @@ def survey(capture, scene_path, datatype, as_json, plot_path):
         from .plots import check_picture
 
         check_picture(plot_path, [*recording.files, *scene.files])
-    settings = plan(scene)
-    groups = []
-    reader = RecordingReader(recording, settings, on_groups=groups.append)
-    found = surveyed(recording, reader)
     for difference in differences:
         warn(recording.path, difference)
-    next(iter(reader))
-    tags = groups[0] if groups else Groups(np.zeros(0, np.int64))
-    listed = findings(found, settings, reader.plan)
-    reference, name = level_reference(found, settings)
-    report = {
-        "seconds": len(found.spectrum) * 2 * found.snapshot_period_s,
-        "resolution_hz": found.resolution_hz,
-        "noise_floor_db": float(-10 * np.log10(reference)),
-        "static_db": float(10 * np.log10(max(found.static_power, 1e-30) / reference)),
-        "level_reference": name,
-        "findings": finding_rows(listed),
-        "changes": changes_of(settings, reader.plan),
-        "skipped": skipped_of(reader.plan),
-        "sensors": [
-            asdict(measure_tag(sensor.name, index, tags))
-            for index, sensor in enumerate(scene.sensors)
-        ],
-    }
+    found = survey_room(recording, plan(scene))
     if plot_path is not None:
         from .survey_plot import plot_survey
 
-        plot_survey(found, listed, reader.plan, plot_path, title=str(capture))
-    if as_json:
-        click.echo(json.dumps(report, indent=2))
-    else:
-        _print(report, listed, tags, scene)
-
-
-def surveyed(recording, reader):
-    """The survey that a reader has made.
-
-    Raises
-    ------
-    InputError
-        Where there is none.
-    """
-    if reader.survey is None:
-        rule = "cannot be surveyed: needs 0.1 s of untouched reference without gaps"
-        raise InputError(recording.path, rule)
-    return reader.survey
-
-
-def _print(report, listed, tags, scene):
-    click.echo(
-        f"{report['seconds']:.2f} s of untouched reference; levels in dB relative to "
-        f"{report['level_reference']}"
-    )
-    click.echo(f"noise of a snapshot {report['noise_floor_db']:.1f} dB")
-    click.echo(f"static channel      {report['static_db']:.1f} dB")
-    for index, sensor in enumerate(scene.sensors):
-        text = sensor_text(measure_tag(sensor.name, index, tags))
-        click.echo(f"{sensor.name + ' ':<20}{text}")
-    click.echo("")
-    for line in findings_text(listed):
-        click.echo(line)
-    click.echo("")
-    for change in report["changes"]:
-        click.echo(f"needed: {change}")
-    for skipped in report["skipped"]:
-        click.echo(f"skipped: {skipped}")
+        plot_survey(found.survey, found.findings, found.plan, plot_path, title=str(capture))
+    click.echo(json.dumps(found.report(), indent=2) if as_json else str(found))

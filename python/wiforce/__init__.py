@@ -45,13 +45,18 @@ _MODULES = {
     "load_sensor": "sensor",
     "open_writer": "io.writers",
     "plan": "planning.plan",
-    "plan_for_capture": "recording",
-    "read": "recording",
+    "plot": "plotting",
+    "plan_for_capture": "captures",
+    "read": "captures",
+    "score": "sensor.gauge_score",
     "simulate": "simulation.simulator",
     "calibrate": "sensor",
+    "survey": "captures",
     "phase_bound_deg": "signal.bound",
     "sounding_waveform": "signal.waveform",
-    # what the blocks' parameters are made with, and checked by
+}
+# What the blocks' parameters in Companion are made with, and checked by.
+_FOR_COMPANION = {
     "is_scene": "blocks.rules",
     "scene_in_companion": "blocks.rules",
     "is_capture": "blocks.rules",
@@ -69,10 +74,11 @@ _NEEDED_BY = {"blocks": "pmt", "wiforce_python": "pmt", "gui": "PyQt5"}
 def __getattr__(name: str) -> Any:
     if name == "__all__":
         return _usable()
-    if name not in _MODULES:
+    module = _MODULES.get(name) or _FOR_COMPANION.get(name)
+    if module is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     try:
-        return getattr(importlib.import_module(f".{_MODULES[name]}", __name__), name)
+        return getattr(importlib.import_module(f".{module}", __name__), name)
     except ImportError as error:
         rule = gnuradio_rule(error)
         if rule is None:
@@ -81,11 +87,11 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *_usable()])
+    return sorted(_usable())
 
 
 def _usable() -> list[str]:
-    """Names that can be imported, so that `help` and editors can look at all of them."""
+    """Public names that can be imported, so that `help` and editors can look at all of them."""
     needed = {name: _NEEDED_BY.get(path.partition(".")[0]) for name, path in _MODULES.items()}
     absent = {each for each in needed.values() if each and importlib.util.find_spec(each) is None}
     return [name for name, each in needed.items() if each not in absent]

@@ -3,12 +3,10 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,162 +17,17 @@ from .estimation.recorded_frames import find_frames, first_frame, require_frames
 from .estimation.recorded_groups import RecordedGroups, RecordedRatio, first_frames
 from .estimation.survey import Survey
 from .io.capture import Capture, open_capture
-from .io.capture_files import is_snapshots, second_antenna
-from .io.channel_snapshots import ChannelSnapshots, open_snapshots
-from .io.readings import COLUMNS, NUMBERS, Flag, GroupCounts, Reading
+from .io.capture_files import second_antenna
+from .io.readings import GroupCounts, Reading
 from .planning.plan import Plan, PlanOrScene, as_plan
-from .planning.plan import plan as plan_of
 from .planning.reference_survey import survey_reference, surveyed_snapshots
 from .planning.room import adapted, expecting_snr
 from .press.evidence import Suspicion
 from .receiver import Receiver
-from .scene import Scene, scene_of
 from .signal.waveform import Waveform
-from .snapshot_recording import SnapshotReader
-
-if TYPE_CHECKING:
-    import pandas
 
 # Frames that the receiver's compression is measured in: noise is reduced by 30 dB.
 _COMPRESSION_FRAMES = 1000
-
-
-def read(
-    capture: str | Path | Capture | ChannelSnapshots,
-    scene: str | Path | dict[str, Any] | Scene | None = None,
-    *,
-    tracked: bool = False,
-    datatype: str | None = None,
-    frame_offset: int | None = None,
-) -> pandas.DataFrame:
-    """Read a capture to force and location.
-
-    Parameters
-    ----------
-    capture : str, Path, Capture or ChannelSnapshots
-        SigMF pair, by either file's name or their common stem; raw samples with ``datatype``;
-        channel snapshots as ``.npz``.
-    scene : str, Path, dict or Scene, optional
-        Scene file or the name of a shipped scene; the capture's own when not given. Keys in which
-        it differs from the capture's own, if that holds one, are reported as warnings, as are
-        mistakes that the presses suggest (``Receiver.suspicions``).
-    tracked : bool
-        Follow each press over time instead of inverting each group by itself.
-    datatype : str, optional
-        ``ci16_le`` or ``cf32_le``: the file is raw samples of this type.
-    frame_offset : int, optional
-        Samples before the first frame; searched in the samples when not given.
-
-    Returns
-    -------
-    pandas.DataFrame
-        A row per phase group and sensor with the columns of a readings file: ``time_s``,
-        ``sensor``, ``touch``, ``force_n``, ``force_std_n``, ``location_mm``,
-        ``location_std_mm``, ``phase1_deg``, ``phase2_deg``, ``snr_db``, ``flags`` (words
-        with spaces between), ``group`` (index of the group), ``interference`` (share of the
-        group that was left out because of it), ``ok`` (whether no flag but ``reference`` is
-        set). A scene with a surface adds a row for it to each group, and the columns
-        ``y_mm``, ``y_std_mm``, ``cov_force_x``, ``cov_force_y``, ``cov_x_y``. Numbers are
-        not rounded; unknown values are NaN.
-
-    Raises
-    ------
-    InputError
-        (A ValueError) naming file or key, rule and value, when a file is missing, broken, or
-        contradicts the scene, as when no frames are found or when they have another length.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> from gnuradio import wiforce
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     files = wiforce.simulate(wiforce.load_scene("tabletop"), f"{folder}/press")
-    ...     readings = wiforce.read(f"{folder}/press")
-    >>> list(readings.columns[:4])
-    ['time_s', 'sensor', 'touch', 'force_n']
-    >>> good = readings[readings["ok"] & (readings["touch"] == 1)]
-    >>> bool(len(good) > 50)
-    True
-    """
-    import pandas
-
-    recording, reader, differences = _opened(capture, scene, tracked, datatype, frame_offset)
-    for difference in differences:
-        warnings.warn(f"{recording.path}: {difference}", stacklevel=2)
-    also = reader.plan.require_scene().more_columns
-    columns = (*COLUMNS, *also)
-    rows = [
-        [
-            " ".join(reading.flags) if name == "flags" else getattr(reading, name, None)
-            for name in columns
-        ]
-        for batch in reader
-        for reading in batch
-    ]
-    for name, suspicions in reader.suspicions().items():
-        for suspicion in suspicions:
-            warnings.warn(f"{recording.path}: {name}: {suspicion.text}", stacklevel=2)
-    frame = pandas.DataFrame(rows, columns=list(columns))
-    frame = frame.astype(dict.fromkeys(("touch", *NUMBERS, *also), float))
-    return frame.assign(ok=frame["flags"].isin(["", Flag.REFERENCE.words[0]]))
-
-
-def plan_for_capture(
-    recording: str | Path | Capture,
-    scene: str | Path | dict[str, Any] | Scene | None = None,
-    datatype: str | None = None,
-) -> Plan:
-    """Plan of a scene, adapted to the room of a capture as by :func:`read`.
-
-    Parameters
-    ----------
-    recording : str, Path or Capture
-        SigMF pair, by either file's name or their common stem; raw samples with ``datatype``.
-    scene : str, Path, dict or Scene, optional
-        Scene file or the name of a shipped scene; the capture's own when not given.
-    datatype : str, optional
-        ``ci16_le`` or ``cf32_le``: the file is raw samples of this type.
-
-    Returns
-    -------
-    Plan
-        The scene's own where the room does not need another one.
-
-    Raises
-    ------
-    InputError
-        (A ValueError) as for :func:`read`.
-
-    Examples
-    --------
-    >>> from gnuradio import wiforce
-    >>> _ = wiforce.simulate("tabletop", "press")
-    >>> len(wiforce.plan_for_capture("press").table.tones)
-    16
-    """
-    return _opened(recording, scene, False, datatype, None)[1].plan
-
-
-def _opened(
-    capture: str | Path | Capture | ChannelSnapshots,
-    scene: str | Path | dict[str, Any] | Scene | None,
-    tracked: bool,
-    datatype: str | None,
-    frame_offset: int | None,
-) -> tuple[Capture | ChannelSnapshots, RecordingReader | SnapshotReader, list[str]]:
-    """A capture of either kind, what reads it, and how its scene differs from its own."""
-    if isinstance(capture, str | Path) and is_snapshots(capture):
-        capture = open_snapshots(capture)
-    if isinstance(capture, ChannelSnapshots):
-        for name, value in (("datatype", datatype), ("frame_offset", frame_offset)):
-            if value is not None:
-                raise InputError(name, "must be None for channel snapshots", value)
-        found, differences = scene_of(capture, scene)
-        return capture, SnapshotReader(capture, plan_of(found), tracked), differences
-    recording = capture if isinstance(capture, Capture) else open_capture(capture, datatype)
-    found, differences = scene_of(recording, scene)
-    reader = RecordingReader(recording, plan_of(found), frame_offset, tracked)
-    return recording, reader, differences
 
 
 class RecordingReader:

@@ -5,11 +5,11 @@ import json
 
 import numpy as np
 import pytest
+from gnuradio.wiforce.planning.room_report import MeasuredTag
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.channel import AirChannel
 from live_runs import FRAMES, GAINS, command
 from wiforce_app.check import Findings, advice_on
-from wiforce_app.room_report import Sensor
 
 
 def test_check_measures_levels_delay_and_clock(slow_scene, slow_device):
@@ -39,6 +39,6 @@ def test_check_measures_levels_delay_and_clock(slow_scene, slow_device):
 
 def test_check_timing_shift_is_part_of_advice(slow_scene):
     levels = {"peak_dbfs": -6.0, "clipped": 0.0, "dc_dbfs": -90.0}
-    findings = Findings("a device", {}, levels, frames_moved=2, sensors=[Sensor("arm", 1.0)])
+    findings = Findings("a device", {}, levels, frames_moved=2, sensors=[MeasuredTag("arm", 1.0)])
     (advice,) = advice_on(findings, load_scene(slow_scene))
     assert "frame timing shifted 2 times" in advice

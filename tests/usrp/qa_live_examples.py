@@ -3,6 +3,8 @@
 
 import csv
 import os
+import re
+import shlex
 import subprocess
 import sys
 import threading
@@ -11,7 +13,16 @@ from pathlib import Path
 from statistics import median
 
 import pytest
-from live_runs import FRAMES, SLOW, SLOW_GROUP_S, command, rows_of, scene_file, wait_until
+from live_runs import (
+    FRAMES,
+    SLOW,
+    SLOW_GROUP_S,
+    command,
+    free_ports,
+    rows_of,
+    scene_file,
+    wait_until,
+)
 from software_usrp import SoftwareUsrp
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
@@ -29,6 +40,46 @@ def device(scene):
     device = SoftwareUsrp(scene, speed=2)
     yield device
     device.stop()
+
+
+README = (EXAMPLES.parent / "README.md").read_text(encoding="utf-8")
+
+
+def test_readme_live_line_reads_from_the_device_that_emulate_starts(device, scene, tmp_path):
+    """The first command that a user with a radio types."""
+    lines = re.findall(r"^build/run gr-wiforce (emulate|live) (.+)$", README, re.MULTILINE)
+    assert [name for name, _ in lines] == ["emulate", "live"]
+    assert lines[0][1].startswith("demo &") and "--scene demo" in lines[1][1]
+    words = shlex.split(lines[1][1], comments=True)
+    (port,) = free_ports(1)
+    here = {"demo": str(scene), "addr=127.0.0.1": f"{device.args},{FRAMES}", "8080": str(port)}
+    assert set(here) < set(words)
+    options = ["-o", str(tmp_path / "out.csv"), "--duration", "2"]
+    done = subprocess.run(
+        [sys.executable, "-m", "wiforce_app.main", "live", *[here.get(w, w) for w in words]]
+        + options,
+        capture_output=True,
+        text=True,
+        timeout=100,
+    )
+    assert done.returncode == 0 and "http://127.0.0.1:" in done.stderr, done.stderr
+    assert len(rows_of(tmp_path / "out.csv")) > 30
+
+
+def test_readme_lines_replace_the_file_by_a_radio(device, scene):
+    file, radio = (
+        code
+        for code in re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+        if "flowgraph" in code
+    )
+    kept = "\n".join(file.splitlines()[:-2])
+    assert "file_source" in file and "file_source" not in kept
+    program = f"{kept}\n{radio}".replace("addr=192.168.10.2", f"{device.args},{FRAMES}")
+    program = program.replace('"demo"', repr(str(scene)))
+    with running("-u", "-c", program, cwd=EXAMPLES / "headless") as process:
+        wait_until(lambda: sum(" N at " in line for line in process.lines) > 20)
+    assert process.returncode == 0
+    assert all("arm: " in line for line in process.lines if " s " in line)
 
 
 @contextmanager
@@ -74,11 +125,11 @@ def read(process, count, of="", limit=90):
 
 def assert_pressed(lines):
     """Readings as printed: the press is among them, and read right."""
-    pressed = [line for line in lines if "touch=1" in line and "flags=()" in line]
+    pattern = r"[\d.]+ s arm: ([\d.]+) \+- [\d.]+ N at ([\d.]+) \+- [\d.]+ mm$"  # without flags
+    pressed = [found for line in lines if (found := re.search(pattern, line.rstrip()))]
     assert len(pressed) > 5
-    for name, true, limit in (("force_n", 4.0, 0.15), ("location_mm", 45.0, 0.5)):
-        values = [float(line.split(f" {name}=")[1].split(",")[0]) for line in pressed]
-        assert median(values) == pytest.approx(true, abs=limit)
+    for number, true, limit in ((1, 4.0, 0.15), (2, 45.0, 0.5)):
+        assert median(float(line[number]) for line in pressed) == pytest.approx(true, abs=limit)
 
 
 def test_example_live_uhd_prints_the_press(device, scene):

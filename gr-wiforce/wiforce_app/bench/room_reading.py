@@ -7,11 +7,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from gnuradio.wiforce.estimation.compression import Compression, image_operator
 from gnuradio.wiforce.estimation.tracked_tag import TagClock
+from gnuradio.wiforce.planning.room_report import (
+    COMPRESSION,
+    NOISE_WEIGHTS,
+    UNLISTED_TAGS,
+    changes_of,
+    skipped_of,
+)
 from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.recording import RecordingReader
 from gnuradio.wiforce.signal.room_noise import room_noise
-
-from ..room_report import COMPRESSION, NOISE_WEIGHTS, UNLISTED_TAGS, changes_of, skipped_of
 
 # Clock of a tag that is not there, relative to the highest of the scene: none of its lines should
 # meet theirs.

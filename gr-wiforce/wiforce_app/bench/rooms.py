@@ -11,6 +11,7 @@ import numpy as np
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.expected import expect
 from gnuradio.wiforce.planning.plan import plan
+from gnuradio.wiforce.planning.room_report import changes_of, skipped_of
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.simulation.score import read_truth
@@ -18,7 +19,6 @@ from gnuradio.wiforce.simulation.simulator import simulate
 
 from ..evaluation.error_summary import calibration_bias_deg
 from ..evaluation.experiment import with_mean_phases
-from ..room_report import changes_of, skipped_of
 from .room_reading import read_room
 
 # Scenes that state nothing under ``environment``, and one without any disturbance.

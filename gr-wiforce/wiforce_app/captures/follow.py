@@ -13,7 +13,7 @@ from gnuradio.wiforce.estimation.recorded_frames import find_frames, first_frame
 from gnuradio.wiforce.io.capture import open_capture
 
 from ..log import log
-from ..room_report import RoomNews
+from ..room_news import RoomNews
 
 # Its log would mix with readings on standard output; failures are raised all the same.
 gr.logging().set_default_level(gr.log_levels.off)

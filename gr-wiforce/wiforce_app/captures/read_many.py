@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 from gnuradio.wiforce.errors import InputError, OutputError
+from gnuradio.wiforce.io.capture_search import find_captures
 from gnuradio.wiforce.io.readings import GroupCounts
 
 from ..exit_status import BAD_INPUT, FAILED
@@ -16,7 +17,6 @@ from ..progress import progress
 from ..workers import WorkerLost, run_tasks
 from .journal import RECORD, Journal
 from .reading_job import ReadingJob, read_capture_file, remove_partial
-from .search import find_captures
 
 
 def read_many(given, scene, output, form, again, jobs, scheduler, settings):
@@ -220,7 +220,7 @@ def _whole_file(output, form):
 
 def _folder_of(output):
     folder = Path(output)
-    if folder.suffix.lower() in (".csv", ".jsonl") or folder.is_file():
+    if folder.suffix.lower() in (".csv", ".json", ".jsonl", ".mcap") or folder.is_file():
         rule = "must be a folder, or a file that ends in .parquet, for several captures"
         raise InputError("--output", rule, output)
     return folder

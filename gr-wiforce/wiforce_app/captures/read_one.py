@@ -40,7 +40,7 @@ def read_one(
         reader = GrowingCapture(capture, datatype, settings, frame_offset, tracked)
     else:
         reader = open_reader(recording, settings, frame_offset, tracked)
-    warn_of_start(recording, reader, differences, frame_offset)
+    warn_of_start(recording, reader, scene, differences, frame_offset)
     kept = []
     rows = 0 if follow else reader.groups * len(scene.reading_names)
     try:

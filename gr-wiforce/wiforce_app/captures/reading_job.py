@@ -114,7 +114,7 @@ def _read(job):
         return ReadingReport(current, unchanged=True)
     frame_offset = job.settings["frame_offset"]
     reader = open_reader(recording, plan(scene), frame_offset, job.settings["tracked"])
-    warn_of_start(recording, reader, differences, frame_offset)
+    warn_of_start(recording, reader, scene, differences, frame_offset)
     output = Path(job.output)
     output.parent.mkdir(parents=True, exist_ok=True)
     # Another worker may read the same capture, if this one is taken for lost.

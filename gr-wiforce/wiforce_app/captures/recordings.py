@@ -4,13 +4,14 @@
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.capture_files import is_snapshots
 from gnuradio.wiforce.io.channel_snapshots import ChannelSnapshots, open_snapshots
+from gnuradio.wiforce.planning.advice import accepted_suspicions
 from gnuradio.wiforce.planning.findings import findings
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.recording import RecordingReader
 from gnuradio.wiforce.snapshot_recording import SnapshotReader
 
 from ..log import log
-from ..room_report import RoomNews
+from ..room_news import RoomNews
 from ..stream_events import describe_events
 
 
@@ -92,10 +93,10 @@ def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False, on
     return reader.counts
 
 
-def warn_of_start(recording, reader, differences, frame_offset):
-    """Warn of differences between two scenes, and mention where the first frame was found."""
-    for difference in differences:
-        warn(recording.path, difference)
+def warn_of_start(recording, reader, scene, differences, frame_offset):
+    """Warn of differences between two scenes and of doubtful sensors; say where frames begin."""
+    for text in (*differences, *accepted_suspicions(scene)):
+        warn(recording.path, text)
     if frame_offset is None and getattr(reader, "frame_offset", 0):
         first = f"the first frame begins at sample {reader.frame_offset}"
         log.info(f"{recording.path}: {first}")

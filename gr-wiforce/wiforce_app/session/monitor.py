@@ -9,9 +9,10 @@ from pathlib import Path
 import click
 from gnuradio.wiforce.estimation.frame import describe_frames
 from gnuradio.wiforce.io.readings import Reading
+from gnuradio.wiforce.planning.room_report import finding_rows
 
 from ..log import log
-from ..room_report import RoomNews, finding_rows
+from ..room_news import RoomNews
 from ..stream_events import describe_events, describe_loss
 from .session import LiveSession
 from .warning_pace import WarningPace

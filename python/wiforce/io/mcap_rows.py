@@ -11,11 +11,17 @@ from typing import Any
 from ..errors import InputError
 from .optional import optional_modules
 from .readings import NUMBERS
-from .ros_definitions import READING
+from .ros_definitions import READING, fields_of
 from .utc import written_utc
 
 _MODULES = ("mcap.stream_reader", "mcap.exceptions", "mcap.records", "mcap_ros2.decoder")
 _MAGIC = b"\x89MCAP0\r\n"
+# Numbers that not every reading has: y of a surface, and the time of a device.
+_FURTHER = tuple(
+    name
+    for name, (kind, _) in fields_of(READING).items()
+    if kind == "float64" and name not in NUMBERS
+)
 
 
 def mcap_rows(path: str | Path) -> Iterator[dict[str, Any]]:
@@ -31,7 +37,8 @@ def mcap_rows(path: str | Path) -> Iterator[dict[str, Any]]:
     Yields
     ------
     dict
-        Columns of a reading, ``run`` and ``time_utc``.
+        Columns of a reading, ``run`` and ``time_utc``; where known, ``device_time_s`` and the y of
+        a press on a surface.
 
     Raises
     ------
@@ -81,10 +88,12 @@ def mcap_rows(path: str | Path) -> Iterator[dict[str, Any]]:
 
 
 def _row(message: Any) -> dict[str, Any]:
-    row: dict[str, Any] = {}
-    for name in NUMBERS:
-        value = getattr(message, name)
-        row[name] = None if math.isnan(value) else value
+    numbers = {name: getattr(message, name) for name in (*NUMBERS, *_FURTHER)}
+    row: dict[str, Any] = {
+        name: None if math.isnan(value) else value
+        for name, value in numbers.items()
+        if name in NUMBERS or not math.isnan(value)
+    }
     return row | {
         "sensor": message.sensor,
         "touch": None if message.touch < 0 else message.touch,

@@ -151,6 +151,8 @@ class Reading:
     >>> reading = Reading(0.018, "arm", 1, 4.12345678, 0.05, 45.0, 0.1, flags=("gap",))
     >>> reading.row()["force_n"], reading.row()["flags"]
     (4.1235, 'gap')
+    >>> print(reading)
+    0.018 s arm: 4.12 +- 0.05 N at 45.00 +- 0.10 mm (gap)
     """
 
     time_s: float
@@ -167,6 +169,17 @@ class Reading:
     group: int | None = None
     interference: float | None = None
 
+    def __str__(self) -> str:
+        state = {0: "untouched", 1: "touched", None: "touch unknown"}[self.touch]
+        if self.force_n is not None or self.location_mm is not None:
+            force = _with_std(self.force_n, self.force_std_n, "N")
+            state = f"{force} at {self._place()}"
+        flags = f" ({' '.join(self.flags)})" if self.flags else ""
+        return f"{self.time_s:.3f} s {self.sensor}: {state}{flags}"
+
+    def _place(self) -> str:
+        return _with_std(self.location_mm, self.location_std_mm, "mm")
+
     def row(self) -> dict[str, Any]:
         """The reading as a row of a file.
 
@@ -182,6 +195,12 @@ class Reading:
         }
         row["flags"] = " ".join(self.flags)
         return row
+
+
+def _with_std(value: float | None, std: float | None, unit: str) -> str:
+    if value is None:
+        return f"unknown {unit}"
+    return f"{value:.2f} {unit}" if std is None else f"{value:.2f} +- {std:.2f} {unit}"
 
 
 @dataclass(frozen=True)
@@ -215,6 +234,9 @@ class SurfaceReading(Reading):
     cov_force_x: float | None = None
     cov_force_y: float | None = None
     cov_x_y: float | None = None
+
+    def _place(self) -> str:
+        return f"x {super()._place()}, y {_with_std(self.y_mm, self.y_std_mm, 'mm')}"
 
 
 COLUMNS = tuple(Reading.__dataclass_fields__)

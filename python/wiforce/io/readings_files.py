@@ -18,6 +18,7 @@ from .readings import COLUMNS, NUMBERS, SURFACE_COLUMNS
 
 _INTEGERS = ("touch", "group")
 _NEEDED = ("time_s", "sensor")
+_FLOATS = frozenset((*NUMBERS, *SURFACE_COLUMNS, "device_time_s"))
 _BATCH_ROWS = 4096
 
 
@@ -32,7 +33,7 @@ class ReadingsFile:
     Attributes
     ----------
     also : tuple of str
-        Columns besides those of a reading; of JSON lines, those of any line.
+        Columns besides those of a reading; of JSON lines and MCAP, those of any row.
     metadata : dict of str to str
         What a Parquet file says of its readings.
 
@@ -73,15 +74,11 @@ class ReadingsFile:
         if kind == ".csv":
             with self._opened() as file:
                 return self._header(csv.reader(file, strict=True))
-        if kind == ".jsonl":
-            # A line may have a key that no line before it has.
-            names: dict[str, None] = {name: None for row in self._read() for name in row}
-            return tuple(names) or None
         if kind == ".parquet":
             with self._parquet_file() as file:
                 return self._distinct(file.schema_arrow.names)
-        first = next(self._read(), None)
-        return None if first is None else tuple(first)
+        # A row may have a column that no row before it has.
+        return tuple({name: None for row in self._read() for name in row}) or None
 
     def _header(self, lines: Iterator[list[str]]) -> tuple[str, ...]:
         names: list[str] = []
@@ -123,11 +120,11 @@ class ReadingsFile:
     def _typed(self, row: Mapping[str, Any]) -> dict[str, Any]:
         typed: dict[str, Any] = {name: row.get(name) for name in (*COLUMNS, *self.also)}
         for name, value in typed.items():
-            if name not in (*COLUMNS, *SURFACE_COLUMNS):
+            if name not in COLUMNS and name not in _FLOATS:
                 typed[name] = _text(value)
             elif value == "" or value is None:
                 typed[name] = None
-            elif name in NUMBERS or name in SURFACE_COLUMNS:
+            elif name in _FLOATS:
                 typed[name] = _number(name, value)
             elif name in _INTEGERS:
                 typed[name] = _integer(name, value)

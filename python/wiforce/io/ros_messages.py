@@ -178,9 +178,9 @@ def reading_messages(row: Mapping[str, Any]) -> Iterator[RosMessage]:
     untouched = touch == 0
     force_n = 0.0 if untouched else fields["force_n"]
     torque_nm = 0.0 if untouched else force_n * fields["location_mm"] / 1000
-    across_nm = 0.0
-    if "y_mm" in row and not untouched:
-        across_nm = 0.0 - force_n * _number(row["y_mm"]) / 1000
+    # A line has no y, also where its row is in a table with the columns of a surface.
+    along_line = untouched or row.get("y_mm") is None
+    across_nm = 0.0 if along_line else 0.0 - force_n * row["y_mm"] / 1000
     wrench = {"force": _vector(z=0.0 - force_n), "torque": _vector(across_nm, torque_nm)}
     flagged = bool(words) or not math.isfinite(torque_nm + across_nm)
     topic = topic_of(sensor, _FLAGGED if flagged else _CLEAR)

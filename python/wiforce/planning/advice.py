@@ -176,7 +176,33 @@ def _receiver_warnings(scene: Scene) -> Iterator[str]:
             yield f"ADC range: quantisation noise costs {cost_db:.1f} dB"
 
 
+def accepted_suspicions(scene: Scene) -> list[str]:
+    """Likely mistakes in the calibrations of a scene's sensors, which were accepted.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    list of str
+        A sentence each.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.scene import load_scene
+    >>> accepted_suspicions(load_scene("demo"))
+    []
+    """
+    return [
+        f"sensor '{sensor.name}' was calibrated in spite of a suspicion: {text}"
+        for sensor in scene.sensors
+        for text in sensor.load_model(scene).provenance.get("suspicions", ())
+    ]
+
+
 def _sensor_warnings(scene: Scene) -> Iterator[str]:
+    yield from accepted_suspicions(scene)
     for sensor in scene.sensors:
         model = sensor.load_model(scene)
         if model.transferred_from_hz and model.transfer_std_deg:

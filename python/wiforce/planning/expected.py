@@ -5,8 +5,11 @@ The noise of the phases follows from the Cramer-Rao bound, the errors of force a
 passing such phases through the reader's sensor model.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,7 +21,9 @@ from ..signal.carrier import same_carrier
 from ..signal.timed_weights import clutter_at
 from ..simulation.skin import pressed_sensor
 from .levels import ReceivedLevels, line_amplitude, receive_levels, why_not_readable
-from .plan import Plan, PlannedSensor
+
+if TYPE_CHECKING:
+    from .plan import Plan, PlannedSensor
 
 # Median of |x| for a Gaussian x of unit standard deviation.
 MEDIAN = 0.6745
@@ -52,8 +57,8 @@ class Expected:
 
     Examples
     --------
-    >>> Expected("arm", (0.1, 0.1), None, None, None).force_error_n is None
-    True
+    >>> print(Expected("arm", (0.1, 0.1), (0.07, 0.07), 0.02, 0.05))
+    arm: phases 0.07/0.07 deg (noise 0.1/0.1 rms), force 0.02 N, location 0.05 mm
     """
 
     sensor: str
@@ -61,6 +66,16 @@ class Expected:
     phase_error_deg: tuple[float, ...] | None
     force_error_n: float | None
     location_error_mm: float | None
+
+    def __str__(self) -> str:
+        error, std = self.phase_error_deg, self.phase_std_deg
+        if error is None:
+            return f"{self.sensor}: not readable"
+        return (
+            f"{self.sensor}: phases {error[0]:.3g}/{error[1]:.3g} deg "
+            f"(noise {std[0]:.3g}/{std[1]:.3g} rms), force {self.force_error_n:.3g} N, "
+            f"location {self.location_error_mm:.3g} mm"
+        )
 
 
 def expect(plan: Plan) -> tuple[Expected, ...]:

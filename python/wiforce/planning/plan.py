@@ -111,6 +111,8 @@ class Plan:
     >>> settings = plan(load_scene("demo"))
     >>> settings.group_length, round(settings.group_period_s, 6), settings.reference_groups
     (625, 0.036, 13)
+    >>> str(settings).splitlines()[1]
+    'expected median errors at snr_db 10'
     """
 
     waveform: Waveform = field(repr=False)
@@ -130,6 +132,19 @@ class Plan:
     in_lamps: tuple[bool, ...] = ()
     tag_ratios: tuple[float, ...] = ()
     times_s: np.ndarray | None = field(default=None, repr=False, compare=False)
+
+    def __str__(self) -> str:
+        from .expected import expect  # which imports the simulation
+
+        lines = [
+            f"{1 / self.waveform.snapshot_period_s:.0f} snapshots/s, groups of {self.group_length} "
+            f"({1e3 * self.group_period_s:.1f} ms), lines +-1..+-{self.harmonics} of each tag in "
+            f"{len(self.table.tones)} tones, estimator {self.estimator}"
+        ]
+        if self.scene is not None:
+            lines.append(f"expected median errors at snr_db {self.scene.simulation.snr_db:g}")
+            lines += map(str, expect(self))
+        return "\n".join(lines)
 
     @property
     def clocks_hz(self) -> tuple[float, ...]:

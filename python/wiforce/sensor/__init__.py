@@ -26,6 +26,7 @@ from .tables import (
 )
 from .touch_test import touch_of
 from .tracker import PressTracker
+from .verdict import verdict
 
 __all__ = [
     "CalibrationSession",
@@ -57,6 +58,7 @@ __all__ = [
     "suspicions",
     "table_kind",
     "touch_of",
+    "verdict",
     "write_sensor",
     "write_vna_csv",
 ]

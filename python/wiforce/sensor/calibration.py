@@ -19,6 +19,7 @@ from .carrier_fit import fit_carrier
 from .checks import check_onset, check_table
 from .fit import force_knots
 from .model import MAX_FORCE_N, MAX_LENGTH_MM, MAX_PERMITTIVITY
+from .plausibility import stated_suspicions, suspicions
 from .tables import CalibrationTable
 from .validation import leave_locations_out, validate_forms
 
@@ -75,6 +76,8 @@ def calibrate(
     Returns
     -------
     CurveModel
+        Likely mistakes in the table (:func:`suspicions`) are in its ``provenance``, and repeated
+        by whatever reads with it.
 
     Raises
     ------
@@ -136,6 +139,7 @@ def calibrate(
             "source": source or f"calibration of {table.source}",
             "date": date or datetime.date.today().isoformat(),
             "assumed": list(dict.fromkeys(assumed)),
+            **stated_suspicions(suspicions(table, length_mm, permittivity)),
         },
         form=form,
         carriers=tuple(carriers),

@@ -239,6 +239,13 @@ class CurveModel(SensorModel):
         return added + line.short_phase_deg(distance, frequency, self.permittivity)
 
     def _model_std_deg(self, force, location, carrier):
+        return np.sqrt(sum(self.variance_parts_deg2(force, location, carrier).values()))
+
+    def variance_parts_deg2(self, force, location, carrier):
+        """Variance of the phases by its cause, each (..., 2); for forces above the onset.
+
+        ``noise`` of the data, ``locations`` too far apart, ``form`` of the curves, ``hysteresis``.
+        """
         curves, interpolation = self.carriers[carrier], self._interpolations[carrier]
         basis, covariance = self._basis(force), curves.covariance_deg2
         along = basis @ np.moveaxis(covariance, 2, 0).reshape(len(covariance[0, 0]), -1)
@@ -246,16 +253,19 @@ class CurveModel(SensorModel):
         fit = np.einsum("...pjm,...m->...pj", along, basis)
         fit = np.maximum(fit, 0.0)  # a file's digits end somewhere
         values = self._at_locations(force, carrier)
-        variance = [
-            np.sum(interpolation.weights(location, port) ** 2 * fit[..., port, :], axis=-1)
-            + interpolation.variance(location, port, values[..., port, :])
-            + curves.misfit_deg[port] ** 2
-            for port in (0, 1)
-        ]
-        variance = np.stack(variance, axis=-1)
+        noise, locations = [], []
+        for port in (0, 1):
+            weights = interpolation.weights(location, port)
+            noise.append(np.sum(weights**2 * fit[..., port, :], axis=-1))
+            locations.append(interpolation.variance(location, port, values[..., port, :]))
+        parts = {
+            "noise": np.stack(noise, axis=-1),
+            "locations": np.stack(locations, axis=-1),
+            "form": np.square(curves.misfit_deg),
+        }
         if curves.hysteresis_n:
-            variance = variance + self._hysteresis_deg(force, location, carrier) ** 2
-        return np.sqrt(variance)
+            parts["hysteresis"] = self._hysteresis_deg(force, location, carrier) ** 2
+        return parts
 
     def _hysteresis_deg(self, force, location, carrier):
         """Standard deviation of each phase by which force is as uncertain as by hysteresis.

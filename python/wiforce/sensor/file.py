@@ -134,7 +134,10 @@ def sensor_from_dict(content: dict[str, Any], where: str | Path = "sensor") -> S
 
 
 def _model_of(file: SensorFile) -> SensorModel:
-    values = vars(file) | {"provenance": plain(Provenance, file.provenance)}
+    provenance = plain(Provenance, file.provenance)
+    if not provenance["suspicions"]:
+        del provenance["suspicions"]  # as of a model that was never in a file
+    values = vars(file) | {"provenance": provenance}
     model, convert = _MODELS[values.pop("kind")]
     return model(**convert(values))
 

@@ -82,7 +82,7 @@ class Provenance:
 
     Examples
     --------
-    >>> Provenance(source="bench", date="2024-05-01", assumed=[]).source
+    >>> Provenance(source="bench", date="2024-05-01", assumed=[], suspicions=[]).source
     'bench'
     """
 
@@ -92,6 +92,12 @@ class Provenance:
         Texts(),
         derived=Derived("an empty list", lambda scope: []),
         doc="What was assumed because the data did not contain it.",
+    )
+    suspicions: list[str] = key(
+        Texts(),
+        derived=Derived("an empty list", lambda scope: []),
+        doc="Likely mistakes in the data that whoever calibrated has accepted; `plan` and `read` "
+        "repeat them.",
     )
 
 

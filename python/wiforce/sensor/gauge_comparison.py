@@ -3,13 +3,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.optimize import minimize_scalar
 
 from ..errors import InputError
+from .gauge_errors import GaugeComparison, TimedForces
 from .gauge_file import GaugeRecord
 
 # Readings and gauge must overlap by this share of the shorter one at any offset that is tried.
@@ -22,101 +21,11 @@ _LEAST_CORRELATION = 0.8
 _AMBIGUOUS, _ELSEWHERE_S = 0.98, 1.0
 # Parts of the recording that are left out in turn for the standard deviation of the offset.
 _PARTS = 10
+# An interval between two values of the gauge that is longer than so many usual ones is a hole: it
+# lacks a value at least. Shorter ones are the jitter of a logger's clock.
+_HOLE = 1.75
 # Longest record of a gauge, in half groups: some 100 hours at 28 readings per second.
 _MOST_STEPS = 20_000_000
-
-
-@dataclass(frozen=True)
-class TimedForces:
-    """Readings of one sensor, as far as they are compared.
-
-    Attributes
-    ----------
-    time_s : ndarray of float, shape (n,)
-        Centres of the groups, increasing.
-    force_n, force_std_n : ndarray of float, shape (n,)
-        Force, 0 while untouched, and its standard deviation; NaN where it is not known.
-    touched, clear : ndarray of bool, shape (n,)
-        Which groups are touched, and which have no flag.
-
-    Examples
-    --------
-    >>> one = np.ones(1)
-    >>> TimedForces(one, one, one, one > 0, one > 0).period_s
-    nan
-    """
-
-    time_s: np.ndarray
-    force_n: np.ndarray
-    force_std_n: np.ndarray
-    touched: np.ndarray
-    clear: np.ndarray
-
-    @property
-    def period_s(self) -> float:
-        """Time between two readings, over which each is an average."""
-        return float(np.median(np.diff(self.time_s))) if len(self.time_s) > 1 else float("nan")
-
-
-@dataclass(frozen=True)
-class GaugeComparison:
-    """Errors of readings against a gauge.
-
-    Attributes
-    ----------
-    offset_s, offset_std_s : float
-        Time of the gauge at time 0 of the readings, and its standard deviation (jackknife over
-        parts of the recording); the latter 0 where the offset was given.
-    other_offset_s : float or None
-        Another offset that fits nearly as well, if there is one.
-    correlation : float
-        Of readings and gauge at this offset.
-    sign : int
-        -1 for a gauge that shows presses as negative forces.
-    zero_n : float
-        What the gauge shows while the sensor is untouched, which has been subtracted.
-    time_s, force_n, force_std_n, gauge_n : ndarray of float, shape (m,)
-        Steady touched readings without flag, with the mean force of the gauge over each group.
-    flagged, missed, false : int
-        Steady groups in which the gauge shows a press and the reading is flagged; is clear but
-        untouched; and clear touched groups in which the gauge shows none.
-
-    Examples
-    --------
-    >>> a, b = np.array([2.0, 3.0]), np.array([2.1, 2.9])
-    >>> found = GaugeComparison(0.0, 0.0, None, 1.0, 1, 0.0, a, a, 0.1 * a, b, 0, 0, 0)
-    >>> found.error_n.round(3).tolist(), found.coverage
-    ([-0.1, 0.1], 1.0)
-    """
-
-    offset_s: float
-    offset_std_s: float
-    other_offset_s: float | None
-    correlation: float
-    sign: int
-    zero_n: float
-    time_s: np.ndarray
-    force_n: np.ndarray
-    force_std_n: np.ndarray
-    gauge_n: np.ndarray
-    flagged: int
-    missed: int
-    false: int
-
-    @property
-    def error_n(self) -> np.ndarray:
-        """Reading minus gauge, in N."""
-        return self.force_n - self.gauge_n
-
-    @property
-    def coverage(self) -> float:
-        """Share of errors within two of the readings' standard deviations."""
-        return float(np.mean(np.abs(self.error_n) <= 2 * self.force_std_n))
-
-    @property
-    def gain(self) -> float:
-        """Force of the readings per force of the gauge, by least squares through zero."""
-        return float(self.force_n @ self.gauge_n / (self.gauge_n @ self.gauge_n))
 
 
 def compare_with_gauge(
@@ -148,11 +57,12 @@ def compare_with_gauge(
 
     Notes
     -----
-    A reading is compared with the gauge's mean over its group. The offset maximises the correlation
-    over the readings that are clear (touched or not), first on a grid of half a group by FFT
-    (normalised cross-correlation with masks, Padfield 2012), then continuously. The correlation
-    does not depend on the gauge's gain and zero. A group is steady when it and its neighbours are
-    pressed according to the gauge.
+    A reading is compared with the gauge's mean over its group. Groups in which the gauge has a hole
+    are left out: an interval longer than a group and than 1.75 usual ones. The offset maximises
+    the correlation over the readings that are clear (touched or not), first on a grid of half a
+    group by FFT (normalised cross-correlation with masks, Padfield 2012), then continuously. The
+    correlation does not depend on the gauge's gain and zero. A group is steady when it and its
+    neighbours are pressed according to the gauge.
 
     Examples
     --------
@@ -206,6 +116,7 @@ def compare_with_gauge(
         flagged=int(np.sum(steady & ~readings.clear)),
         missed=int(np.sum(steady & readings.clear & ~readings.touched)),
         false=int(np.sum(none & readings.clear & readings.touched)),
+        unrecorded=int(np.sum(readings.clear & average.in_hole(readings.time_s + offset_s))),
     )
 
 
@@ -231,13 +142,24 @@ class _Average:
         self._time_s, self._half_s = gauge.time_s, window_s / 2
         steps = np.diff(gauge.time_s) * (gauge.force_n[1:] + gauge.force_n[:-1]) / 2
         self._integral = np.concatenate([[0.0], np.cumsum(steps)])
+        interval_s = np.diff(gauge.time_s)
+        # Over less than a window, what was not recorded hardly changes the mean.
+        hole = interval_s > max(_HOLE * float(np.median(interval_s)), window_s)
+        self._holes_s = gauge.time_s[:-1][hole], gauge.time_s[1:][hole]
 
     def at(self, time_s: np.ndarray) -> np.ndarray:
         """Means around times of the gauge's clock; NaN where it did not record all of a window."""
         first, last = time_s - self._half_s, time_s + self._half_s
         values = (self._upto(last) - self._upto(first)) / (2 * self._half_s)
-        inside = (first >= self._time_s[0]) & (last <= self._time_s[-1])
+        inside = (first >= self._time_s[0]) & (last <= self._time_s[-1]) & ~self.in_hole(time_s)
         return np.where(inside, values, np.nan)
+
+    def in_hole(self, time_s: np.ndarray) -> np.ndarray:
+        """Whether the gauge has a hole in the window around each of its times."""
+        starts, ends = self._holes_s
+        begun = np.searchsorted(starts, time_s + self._half_s)
+        ended = np.searchsorted(ends, time_s - self._half_s, side="right")
+        return begun > ended
 
     def _upto(self, time_s: np.ndarray) -> np.ndarray:
         return np.interp(time_s, self._time_s, self._integral)

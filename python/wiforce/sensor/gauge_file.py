@@ -77,7 +77,7 @@ def read_gauge_file(
     Returns
     -------
     GaugeRecord
-        Rows without a force are left out.
+        Rows without a force are left out; a longer interval between two values remains.
 
     Raises
     ------

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Whether a calibration table can be that of the assumed line, or has a mistake."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..signal.carrier import same_carrier
@@ -69,6 +71,27 @@ def suspicions(table: CalibrationTable, length_mm: float, permittivity: float) -
     for estimate in estimate_line(table, length_mm, permittivity):
         found += _other_line(estimate, length_mm, permittivity)
     return found
+
+
+def stated_suspicions(found: Sequence[str]) -> dict[str, list[str]]:
+    """What the provenance of a model says of likely mistakes in its data.
+
+    Parameters
+    ----------
+    found : sequence of str
+        As :func:`suspicions` gives them.
+
+    Returns
+    -------
+    dict
+        Empty where there are none.
+
+    Examples
+    --------
+    >>> stated_suspicions(["forces reach 816 N"])
+    {'suspicions': ['forces reach 816 N']}
+    """
+    return {"suspicions": list(dict.fromkeys(found))} if found else {}
 
 
 def _units(table: CalibrationTable, touched: CalibrationTable, length_mm: float) -> list[str]:

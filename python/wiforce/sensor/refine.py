@@ -18,6 +18,7 @@ from ..signal.carrier import same_carrier, wrap_deg
 from . import curves
 from .checks import check_table
 from .filter_bank import NOISE_FREEDOM
+from .plausibility import stated_suspicions, suspicions
 from .tables import CalibrationTable
 
 # Prior standard deviation of the difference between bench and air per location: a constant, and a
@@ -73,6 +74,8 @@ def refine(
     provenance = dict(model.provenance)
     provenance["source"] = f"{provenance['source']}; refined by taps of {table.source}"
     provenance["date"] = datetime.date.today().isoformat()
+    found = suspicions(table, model.length_mm, model.permittivity)
+    provenance |= stated_suspicions([*provenance.get("suspicions", ()), *found])
     return replace(
         model,
         name=name or model.name,

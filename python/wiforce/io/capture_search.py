@@ -3,16 +3,12 @@
 
 import glob
 import os
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.capture_files import (
-    SNAPSHOTS_SUFFIX,
-    SUFFIXES,
-    is_snapshots,
-    second_antenna,
-)
+from ..errors import InputError
+from .capture_files import SNAPSHOTS_SUFFIX, SUFFIXES, is_snapshots, second_antenna
 
 _META = ".sigmf-meta"
 
@@ -27,18 +23,23 @@ class NamedCapture:
         Path from the folder in which it was found, or its file's name; without suffix.
     path : str
         As it is opened.
+
+    Examples
+    --------
+    >>> NamedCapture("day1/press", "captures/day1/press").name
+    'day1/press'
     """
 
     name: str
     path: str
 
 
-def find_captures(given, datatype=None):
-    """The captures that are meant by the arguments of a command.
+def find_captures(given: Iterable[str], datatype: str | None = None) -> list[NamedCapture]:
+    """The captures that are meant by names, patterns and folders.
 
     Parameters
     ----------
-    given : sequence of str
+    given : iterable of str
         Captures, patterns such as ``day*/press*``, and folders, which are searched with their
         subfolders for SigMF metadata.
     datatype : str, optional
@@ -47,14 +48,21 @@ def find_captures(given, datatype=None):
     Returns
     -------
     list of NamedCapture
-        Each once, in the order of the arguments, those of a pattern or folder by name.
+        Each once, in the order given, those of a pattern or folder by name.
 
     Raises
     ------
     InputError
         When a pattern or folder contains none, or two captures would have the same name.
+
+    Examples
+    --------
+    >>> for name in ("press1", "press2"):
+    ...     _ = Path(f"{name}.sigmf-meta").write_text("{}")
+    >>> [capture.name for capture in find_captures(["press*"])]
+    ['press1', 'press2']
     """
-    found = {}
+    found: dict[str, NamedCapture] = {}
     for argument in given:
         if not argument:
             raise InputError(argument, "is not the name of a capture")
@@ -66,33 +74,26 @@ def find_captures(given, datatype=None):
     return list(found.values())
 
 
-def refuse_scenes(given):
-    """Refuse the name of a shipped scene where a capture is meant.
+def is_one(given: Sequence[str]) -> bool:
+    """Whether one capture is named, and not a folder or a pattern.
 
     Parameters
     ----------
     given : sequence of str
-        As for :func:`find_captures`.
 
-    Raises
-    ------
-    InputError
+    Returns
+    -------
+    bool
+
+    Examples
+    --------
+    >>> is_one(["press"]), is_one(["press*"]), is_one(["press1", "press2"])
+    (True, False, False)
     """
-    for name in given:
-        if os.path.exists(name) or os.path.exists(name + _META):
-            continue
-        from gnuradio.wiforce.scene import shipped_scenes  # not for the start of the command
-
-        if name in shipped_scenes():
-            raise InputError(name, "is a scene and not a capture; give it by --scene")
-
-
-def is_one(given):
-    """Whether the arguments name one capture, and not a folder or a pattern."""
     return len(given) == 1 and not _is_folder(given[0]) and not _is_pattern(given[0])
 
 
-def _meant_by(argument, datatype):
+def _meant_by(argument: str, datatype: str | None) -> list[NamedCapture]:
     if _is_pattern(argument):
         matches = _matches(argument)
         found = list(
@@ -124,7 +125,7 @@ def _meant_by(argument, datatype):
     return captures
 
 
-def _matches(pattern):
+def _matches(pattern: str) -> list[str]:
     """Paths that match, as :func:`glob.glob` finds them, but `**` does not follow links.
 
     Two links that lead to a folder above them would otherwise be followed forever.
@@ -141,10 +142,10 @@ def _matches(pattern):
     )
 
 
-def _files_in(folder):
+def _files_in(folder: Path) -> Iterator[Path]:
     """Metadata and channel snapshots below a folder, all of which must be readable."""
 
-    def refuse(error):
+    def refuse(error: OSError) -> None:
         raise InputError(error.filename, f"cannot be searched ({error.strerror})") from error
 
     for place, _, names in os.walk(folder, onerror=refuse):
@@ -153,7 +154,7 @@ def _files_in(folder):
         )
 
 
-def _named(path, datatype):
+def _named(path: str, datatype: str | None) -> NamedCapture:
     stem = path
     if datatype is None:
         for suffix in SUFFIXES:
@@ -163,18 +164,18 @@ def _named(path, datatype):
     return NamedCapture(Path(stem).name, stem)
 
 
-def _without_second_antennas(captures):
+def _without_second_antennas(captures: list[NamedCapture]) -> list[NamedCapture]:
     """Leave out the recordings that are read together with those of a first antenna."""
     beside = {second_antenna(capture.path) for capture in captures}
     return [capture for capture in captures if capture.path not in beside]
 
 
-def _is_folder(argument):
+def _is_folder(argument: str) -> bool:
     # A capture may have the name of a folder beside it.
     return Path(argument).is_dir() and not Path(f"{argument.rstrip('/')}{_META}").exists()
 
 
-def _is_pattern(argument):
+def _is_pattern(argument: str) -> bool:
     return glob.has_magic(argument) and not any(
         Path(argument + suffix).exists() for suffix in ("", *SUFFIXES)
     )

@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Findings of a survey as text, shared by the commands that print them."""
+"""What a survey has found, measured and changed, as rows and text."""
 
 import math
-import sys
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
+from typing import Any
 
-import click
 import numpy as np
+
+from ..estimation.groups import Groups
+from .findings import Finding
+from .plan import Plan
 
 # Steps that only some rooms need.
 UNLISTED_TAGS = "separation of tags that the scene does not list"
@@ -15,17 +19,44 @@ COMPRESSION = "correction of the receiver's compression"
 _COLUMNS = f"{'found':<34}{'level':>10}  "
 
 
-@dataclass
-class Sensor:
-    """Measurements of one tag; None where it was not detected, or an end is lost in noise."""
+@dataclass(frozen=True)
+class MeasuredTag:
+    """Measurements of one tag.
+
+    Attributes
+    ----------
+    name : str
+        Of its sensor.
+    clock_offset_ppm : float or None
+        None where the tag was not detected.
+    snr_db, phase_error_deg : list of float or None
+        Of both ends, the expected phase error per group; None where an end is lost in noise, empty
+        where the tag was not detected.
+
+    Examples
+    --------
+    >>> print(MeasuredTag("arm"))
+    not detected
+    >>> print(MeasuredTag("arm", 40.0, [10.0, None]))
+    clock +40.00 ppm, SNR 10.0 and unknown dB
+    """
 
     name: str
     clock_offset_ppm: float | None = None
-    snr_db: list = field(default_factory=list)
-    phase_error_deg: list = field(default_factory=list)
+    snr_db: list[float | None] = field(default_factory=list)
+    phase_error_deg: list[float | None] = field(default_factory=list)
+
+    def __str__(self) -> str:
+        if self.clock_offset_ppm is None:
+            return "not detected"
+        text = f"clock {self.clock_offset_ppm:+.2f} ppm, SNR {_texts(self.snr_db, 1)} dB"
+        if self.phase_error_deg:
+            error = _texts(self.phase_error_deg, 2)
+            text += f", expected phase error {error} deg per group"
+        return text
 
 
-def measure_tag(name, index, groups):
+def measure_tag(name: str, index: int, groups: Groups) -> MeasuredTag:
     """Medians over the groups in which the tag's clock was locked.
 
     Parameters
@@ -37,13 +68,18 @@ def measure_tag(name, index, groups):
 
     Returns
     -------
-    Sensor
+    MeasuredTag
+
+    Examples
+    --------
+    >>> measure_tag("arm", 0, Groups(np.zeros(0, np.int64))).clock_offset_ppm is None
+    True
     """
     if not len(groups) or not groups.locked[:, index].any():
-        return Sensor(name)
+        return MeasuredTag(name)
     locked = groups[groups.locked[:, index]]
     ends = slice(2 * index, 2 * index + 2)
-    return Sensor(
+    return MeasuredTag(
         name,
         float(np.median(locked.clock_offset_ppm[:, index])),
         _finite(np.median(locked.snr_db[:, ends], axis=0).round(2)),
@@ -51,26 +87,16 @@ def measure_tag(name, index, groups):
     )
 
 
-def _finite(values):
+def _finite(values: np.ndarray) -> list[float | None]:
     """Values for JSON, which has neither nan nor infinity."""
     return [float(value) if np.isfinite(value) else None for value in values]
 
 
-def _texts(values, digits):
+def _texts(values: Sequence[float | None], digits: int) -> str:
     return " and ".join("unknown" if v is None else f"{v:.{digits}f}" for v in values)
 
 
-def sensor_text(sensor):
-    """What was measured of a tag, in a line."""
-    if sensor.clock_offset_ppm is None:
-        return "not detected"
-    text = f"clock {sensor.clock_offset_ppm:+.2f} ppm, SNR {_texts(sensor.snr_db, 1)} dB"
-    if sensor.phase_error_deg:
-        text += f", expected phase error {_texts(sensor.phase_error_deg, 2)} deg per group"
-    return text
-
-
-def finding_rows(found):
+def finding_rows(found: Sequence[Finding]) -> list[dict[str, Any]]:
     """Findings as dictionaries for JSON.
 
     Parameters
@@ -80,11 +106,16 @@ def finding_rows(found):
     Returns
     -------
     list of dict
+
+    Examples
+    --------
+    >>> finding_rows([])
+    []
     """
     return [{"name": finding.name, **asdict(finding)} for finding in found]
 
 
-def findings_text(found):
+def findings_text(found: Sequence[Finding]) -> list[str]:
     """Findings as lines of a table.
 
     Parameters
@@ -95,6 +126,11 @@ def findings_text(found):
     -------
     list of str
         Two lines per finding.
+
+    Examples
+    --------
+    >>> findings_text([])
+    ['found nothing besides the tags of the scene']
     """
     if not found:
         return ["found nothing besides the tags of the scene"]
@@ -106,7 +142,7 @@ def findings_text(found):
     return lines
 
 
-def finding_line(finding):
+def finding_line(finding: Finding) -> str:
     """A finding in one line.
 
     Parameters
@@ -116,53 +152,16 @@ def finding_line(finding):
     Returns
     -------
     str
+
+    Examples
+    --------
+    >>> finding_line(Finding("clutter", 30.0, 45.0, "somebody walks", "rejected", True, (30.0,)))
+    'moving clutter up to 30 Hz, +45 dB: rejected'
     """
     return f"{finding.name}, {finding.level_db:+.0f} dB: {finding.handling}"
 
 
-class RoomNews:
-    """What each survey of a run has found that the one before had not.
-
-    Parameters
-    ----------
-    say : callable, optional
-        Takes a line for the user; `report_room` by default.
-    """
-
-    def __init__(self, say=None):
-        self._say = say or report_room
-        self._latest, self._known = None, []
-
-    def report(self, found):
-        """Print the findings that matter, where they differ from those printed before.
-
-        Parameters
-        ----------
-        found : list of Finding or None
-            Of the latest survey; the same list until there is another one.
-        """
-        if found is None or found is self._latest:
-            return
-        self._latest = found
-        mattering = [finding for finding in found if finding.matters]
-        # Frequencies and levels differ a little from survey to survey.
-        known = [(each.kind, round(each.frequency_hz), each.handling) for each in mattering]
-        if known == self._known:
-            return
-        self._known = known
-        for finding in mattering:
-            self._say(finding_line(finding))
-        if not mattering:
-            self._say("nothing found any more that matters")
-
-
-def report_room(text):
-    """Print what a survey has found, in a line of its own."""
-    start = "\r\033[K" if sys.stderr.isatty() else ""
-    click.echo(f"{start}gr-wiforce: room: {text}", err=True)
-
-
-def changes_of(plan, adapted):
+def changes_of(plan: Plan, adapted: Plan) -> list[str]:
     """What a room changes in a plan.
 
     Parameters
@@ -173,6 +172,13 @@ def changes_of(plan, adapted):
     Returns
     -------
     list of str
+
+    Examples
+    --------
+    >>> from .plan import plan
+    >>> settings = plan("demo")
+    >>> changes_of(settings, settings)
+    []
     """
     changes = []
     if adapted.clutter_hz != plan.clutter_hz:
@@ -197,7 +203,7 @@ def changes_of(plan, adapted):
     return changes
 
 
-def skipped_of(adapted):
+def skipped_of(adapted: Plan) -> list[str]:
     """What the room does not need.
 
     Parameters
@@ -207,6 +213,12 @@ def skipped_of(adapted):
     Returns
     -------
     list of str
+
+    Examples
+    --------
+    >>> from .plan import plan
+    >>> len(skipped_of(plan("demo")))
+    3
     """
     skipped = []
     if not adapted.others:

@@ -1,0 +1,130 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Draws docs/images/setup.svg: reader, tag and sensor.
+
+build/run python3 docs/make_setup_drawing.py
+"""
+
+from html import escape
+from pathlib import Path
+
+PICTURE = Path(__file__).resolve().parent / "images" / "setup.svg"
+WIDTH, HEIGHT = 960, 330
+INK, FAINT, BEAM, COPPER = "#222222", "#767676", "#595959", "#b87333"
+# Okabe and Ito: told apart with any colour vision.
+SENT, END1, END2 = "#222222", "#0072b2", "#d55e00"
+
+
+def element(name, text=None, **attributes):
+    """An element; underscores in the names of attributes stand for hyphens."""
+    words = "".join(f' {key.replace("_", "-")}="{value}"' for key, value in attributes.items())
+    return f"<{name}{words}/>" if text is None else f"<{name}{words}>{escape(text)}</{name}>"
+
+
+def label(x, y, text, color=INK, size=15, anchor="middle", **more):
+    return element("text", text, x=x, y=y, fill=color, font_size=size, text_anchor=anchor, **more)
+
+
+def line(*points, color=INK, width=2, **more):
+    path = "M" + " L".join(f"{x},{y}" for x, y in points)
+    return element("path", d=path, fill="none", stroke=color, stroke_width=width, **more)
+
+
+def arrow(x1, y1, x2, y2, color, width=2.5, **more):
+    return line((x1, y1), (x2, y2), color=color, width=width, marker_end="url(#head)", **more)
+
+
+def box(x, y, width, height, **more):
+    style = {"rx": 8, "fill": "#f4f4f4", "stroke": INK, "stroke_width": 1.5}
+    return element("rect", x=x, y=y, width=width, height=height, **style | more)
+
+
+def antenna(x, y):
+    return [
+        line((x, y), (x, y - 40)),
+        line((x - 13, y - 56), (x, y - 40), (x + 13, y - 56), (x - 13, y - 56)),
+    ]
+
+
+def reader():
+    yield label(115, 36, "reader", size=18, font_weight="bold")
+    yield label(115, 58, "radio and computer", FAINT, 13)
+    yield box(30, 160, 170, 100)
+    yield label(115, 200, "software-defined")
+    yield label(115, 219, "radio, 12.5 Msps")
+    for x, name in ((75, "TX"), (155, "RX")):
+        yield from antenna(x, 160)
+        yield label(x, 96, name, FAINT, 12)
+    yield arrow(115, 260, 115, 292, INK)
+    yield label(115, 312, "force, location, flags")
+
+
+def air():
+    yield label(325, 106, "OFDM preambles", SENT, 13)
+    yield arrow(225, 116, 425, 116, SENT)
+    yield arrow(425, 146, 225, 146, END1)
+    yield label(325, 164, "from end 1, shifted by fs", END1, 13)
+    yield arrow(425, 184, 225, 184, END2, stroke_dasharray="9 4")
+    yield label(325, 202, "from end 2, shifted by 4 fs", END2, 13)
+
+
+def tag():
+    yield label(515, 36, "tag", size=18, font_weight="bold")
+    yield label(515, 58, "no transmitter", FAINT, 13)
+    yield from antenna(515, 160)
+    yield box(445, 160, 140, 100)
+    yield label(515, 180, "two RF switches", size=13)
+    yield line((515, 188), (515, 200))
+    for x, color, name in ((475, END1, "clock fs"), (555, END2, "2 fs")):
+        yield line((515, 200), (x, 218), color=color)
+        yield element("circle", cx=x, cy=220, r=4, fill=color)
+        yield label(x, 250, name, color, 13)
+
+
+def sensor():
+    left, right, beam, copper, press = 650, 910, 168, 196, 756
+    middle = (left + right) / 2
+    yield label(middle, 36, "sensor", size=18, font_weight="bold")
+    yield label(middle, 58, "soft beam over a microstrip line of 80 mm", FAINT, 13)
+    dip = copper - 6
+    curve = f"M{left},{beam} C{press - 55},{beam} {press - 32},{dip} {press - 12},{dip} "
+    curve += f"L{press + 12},{dip} C{press + 32},{dip} {press + 55},{beam} {right},{beam}"
+    yield element("path", d=curve, fill="none", stroke=BEAM, stroke_width=9)
+    yield line((left, copper), (right, copper), color=COPPER, width=5)
+    yield arrow(press, 92, press, beam - 2, INK, 5)
+    yield label(press + 14, 112, "force F at location l", anchor="start")
+    for place, color in ((press - 14, END1), (press + 14, END2)):
+        yield line((place, dip), (place, copper + 44), color=color, width=1.5)
+    yield arrow(left, 232, press - 16, 232, END1, 1.5)
+    yield arrow(right, 232, press + 16, 232, END2, 1.5, stroke_dasharray="9 4")
+    yield label((left + press) / 2 - 6, 252, "phase 1", END1, 13)
+    yield label((right + press) / 2 + 6, 252, "phase 2", END2, 13)
+    # From the switches to the ends of the line.
+    yield line((475, 220), (475, 232), (615, 232), (615, copper), (left, copper), color=END1)
+    yield line(
+        *((555, 220), (600, 220), (600, 286), (932, 286), (932, copper), (right, copper)),
+        color=END2,
+        stroke_dasharray="9 4",
+    )
+    yield label(left, copper + 19, "port 1", FAINT, 12, "start")
+    yield label(right, copper + 19, "port 2", FAINT, 12, "end")
+
+
+def drawing():
+    """The drawing as text."""
+    head = element("path", d="M0,0 L10,5 L0,10 z", fill="context-stroke")
+    marker = (
+        '<defs><marker id="head" viewBox="0 0 10 10" refX="9" refY="5" markerWidth="5" '
+        f'markerHeight="5" orient="auto">{head}</marker></defs>'
+    )
+    paper = element("rect", width=WIDTH, height=HEIGHT, fill="#ffffff")
+    parts = [marker, paper, *reader(), *air(), *tag(), *sensor()]
+    start = (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" '
+        'font-family="sans-serif">'
+    )
+    return "\n".join([start, *parts, "</svg>"]) + "\n"
+
+
+if __name__ == "__main__":
+    PICTURE.write_text(drawing(), encoding="utf-8")

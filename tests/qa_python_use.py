@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The library as people type it in a notebook: short calls, and objects that print well."""
+
+import inspect
+
+import matplotlib
+import numpy as np
+import pandas
+import pytest
+from command_runs import run_command
+from gnuradio import wiforce
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.readings import Reading, SurfaceReading
+
+matplotlib.use("Agg")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Two captures, one in a subfolder."""
+    path = tmp_path_factory.mktemp("captures")
+    (path / "day1").mkdir()
+    for name in ("first", "day1/second"):
+        wiforce.simulate("tabletop", path / name)
+    return path
+
+
+@pytest.fixture(scope="module")
+def readings(folder):
+    return wiforce.read(folder / "first")
+
+
+def test_read_folder_and_list_name_each_capture(folder, readings):
+    """Who joins frames by hand forgets which capture a row is of."""
+    both = wiforce.read(folder)
+    assert both.columns[0] == "capture" and both["capture"].unique().tolist() == [
+        "day1/second",
+        "first",
+    ]
+    pandas.testing.assert_frame_equal(
+        both[both["capture"] == "first"].drop(columns="capture").reset_index(drop=True), readings
+    )
+    assert (both.index == np.arange(2 * len(readings))).all()
+    listed = wiforce.read([folder / "first", str(folder / "day1/*")])
+    assert listed["capture"].unique().tolist() == ["first", "second"]
+
+
+def test_read_of_nothing_and_of_an_empty_folder_says_so(tmp_path):
+    with pytest.raises(InputError, match="^capture: must name one capture or more"):
+        wiforce.read([])
+    with pytest.raises(InputError, match="contains no captures"):
+        wiforce.read(tmp_path)
+    with pytest.raises(InputError, match="^capture: must be the path of a capture, got 3"):
+        wiforce.read([3])
+
+
+def test_plot_shows_frames_and_truth(folder, readings):
+    truth = pandas.read_csv(folder / "first.truth.csv")
+    axes = wiforce.plot(readings, truth=truth)
+    assert len(axes) == 4 and axes[0].get_ylabel() == "force (N)"
+    labels = axes[0].get_legend_handles_labels()[1]
+    assert "truth" in labels and "reading (bars: 2 std)" in labels
+    (bars,) = axes[0].containers
+    shown = readings[readings["ok"] & readings["touch"].notna()]
+    assert bars.lines[0].get_ydata().tolist() == shown["force_n"].fillna(0).tolist()
+
+
+def test_plot_of_several_captures_labels_each(folder):
+    axes = wiforce.plot(wiforce.read(folder))
+    labels = axes[0].get_legend_handles_labels()[1]
+    assert any(label.startswith("day1/second, arm") for label in labels)
+    assert len(axes[0].containers) == 2
+
+
+@pytest.mark.parametrize(
+    ("call", "rule"),
+    [
+        (lambda frame: wiforce.plot(frame.drop(columns="force_n")), "must have the column force_n"),
+        (lambda frame: wiforce.plot(frame, axes=[None]), "axes: must be 4, got 1"),
+        (lambda frame: wiforce.score(frame.drop(columns="flags"), "gauge.csv"), "gauge.csv"),
+        (lambda frame: wiforce.score([1], "gauge.csv"), "readings: must be a pandas frame"),
+        (lambda frame: wiforce.score(frame, "gauge.csv"), "gauge.csv: cannot be read"),
+    ],
+)
+def test_wrong_arguments_are_named(readings, call, rule):
+    with pytest.raises(InputError, match=rule):
+        call(readings)
+
+
+def test_score_of_a_frame_prints_what_the_command_does(folder, readings):
+    truth = folder / "first.truth.csv"
+    found = wiforce.score(readings, truth)
+    assert np.median(np.abs(found.error_n)) < 0.15
+    path = folder / "first.csv"
+    readings.drop(columns="ok").to_csv(path, index=False)
+    done = run_command("score", path, "--against", truth)
+    assert done.stdout.rstrip("\n") == str(found) == str(wiforce.score(path, truth))
+    both = wiforce.read(folder)
+    with pytest.raises(InputError, match="time_s must increase: score one run at a time"):
+        wiforce.score(both, truth)
+
+
+def test_survey_prints_what_the_command_does(folder):
+    found = wiforce.survey(folder / "first")
+    assert found.tags[0].clock_offset_ppm is not None and found.report()["seconds"] > 0.1
+    done = run_command("survey", folder / "first")
+    assert done.stdout.rstrip("\n") == str(found).rstrip("\n")
+
+
+@pytest.mark.parametrize(
+    ("reading", "text"),
+    [
+        (Reading(1.5, "arm", 0), "1.500 s arm: untouched"),
+        (Reading(1.5, "arm", flags=("weak",)), "1.500 s arm: touch unknown (weak)"),
+        (Reading(1.5, "arm", 1), "1.500 s arm: touched"),
+        (
+            Reading(1.5, "arm", 1, None, None, 45.0, 0.1, flags=("force-unobservable",)),
+            "1.500 s arm: unknown N at 45.00 +- 0.10 mm (force-unobservable)",
+        ),
+        (
+            SurfaceReading(1.5, "skin", 1, 4.0, 0.1, 45.0, 0.2, y_mm=12.0, y_std_mm=0.4),
+            "1.500 s skin: 4.00 +- 0.10 N at x 45.00 +- 0.20 mm, y 12.00 +- 0.40 mm",
+        ),
+    ],
+)
+def test_reading_prints_what_it_says(reading, text):
+    assert str(reading) == text
+
+
+def test_plan_prints_its_expected_errors():
+    lines = str(wiforce.plan("tabletop_two")).splitlines()
+    assert len(lines) == 4 and "groups of" in lines[0] and "expected median errors" in lines[1]
+    assert all("force" in line and "mm" in line for line in lines[2:])
+
+
+def test_dir_shows_public_names_alone():
+    """Completion in a notebook offered modules and helpers of the blocks' descriptions."""
+    names = dir(wiforce)
+    assert {"read", "plot", "score", "survey", "plan", "reader", "load_scene"} <= set(names)
+    assert not [name for name in names if name.startswith(("_", "is_")) or name == "importlib"]
+    assert names == sorted(wiforce.__all__)
+    assert not [name for name in names if inspect.ismodule(getattr(wiforce, name))]
+    assert wiforce.is_scene("demo") and wiforce.symbol_length_of("demo") == 64
