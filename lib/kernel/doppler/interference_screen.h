@@ -5,6 +5,7 @@
 #include "phase_group.h"
 #include "recent_level.h"
 
+#include <limits>
 #include <vector>
 
 namespace gr::wiforce::kernel {
@@ -48,7 +49,8 @@ private:
     template <class Condition>
     int count_if(const phase_group& group, const Condition& condition) const;
     double edges_in_all_differences(const phase_group& group) const;
-    float tag_level(const phase_group& group);
+    float tag_level(const phase_group& group,
+                    float noise = std::numeric_limits<float>::infinity());
     void mark(int n);
 
     const int d_length;
