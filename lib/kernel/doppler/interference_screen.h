@@ -38,6 +38,7 @@ public:
     // Marks the snapshots of the next group that are to be rejected, 1 each; valid until
     // the next call.
     const std::vector<std::uint8_t>& examine(const phase_group& group);
+    const std::vector<std::uint8_t>& marks() const { return d_marks; }
     // Number of marks.
     int rejected() const { return d_rejected; }
 

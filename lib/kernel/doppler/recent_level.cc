@@ -21,9 +21,8 @@ constexpr int ROUNDS = 12;
 
 } // namespace
 
-float quantile(std::vector<float>& values, std::size_t candidates, double part)
+float ordered(std::vector<float>& values, std::size_t candidates, std::size_t index)
 {
-    const std::size_t index = part * (values.size() - 1);
     // std::nth_element guesses the outcome of comparisons that nobody can guess. Values
     // are divided here without a branch, until few are left.
     std::size_t first = 0, last = candidates;
@@ -43,6 +42,11 @@ float quantile(std::vector<float>& values, std::size_t candidates, double part)
     const auto at = values.begin() + index;
     std::nth_element(values.begin() + first, at, values.begin() + last);
     return *at;
+}
+
+float quantile(std::vector<float>& values, std::size_t candidates, double part)
+{
+    return ordered(values, candidates, part * (values.size() - 1));
 }
 
 float quantile(std::vector<float>& values, double part)
