@@ -189,11 +189,10 @@ static void bind_phase_group_doppler(py::module& m)
             &phase_group_doppler::collected,
             "group_length"_a,
             "symbol_length"_a = 64,
-            "The snapshots of each group, N_g x symbol_length, absent ones as zeros; the "
-            "tag "
-            "`mask` of\nan incomplete group says which are present, and `disturbed` "
+            "The snapshots of each group, N_g x symbol_length, absent ones as zeros. The "
+            "tag\n`mask` of an incomplete group says which are present, `disturbed` "
             "which "
-            "ones interference hit.")
+            "ones\ninterference hit.")
         .def("rows", &phase_group_doppler::rows, "Rows per output item, M.")
         .def("groups", &phase_group_doppler::groups, "Groups emitted.")
         .def("incomplete_groups",
