@@ -191,8 +191,7 @@ static void bind_phase_group_doppler(py::module& m)
             "symbol_length"_a = 64,
             "The snapshots of each group, N_g x symbol_length, absent ones as zeros. The "
             "tag\n`mask` of an incomplete group says which are present, `disturbed` "
-            "which "
-            "ones\ninterference hit.")
+            "those that\ninterference hit.")
         .def("rows", &phase_group_doppler::rows, "Rows per output item, M.")
         .def("groups", &phase_group_doppler::groups, "Groups emitted.")
         .def("incomplete_groups",
