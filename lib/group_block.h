@@ -44,7 +44,7 @@ protected:
             const bool incomplete = missing + rejected > 0;
             d_incomplete_groups += incomplete;
             if (d_collector.passes_snapshots())
-                tag_snapshots(produced, incomplete);
+                tag_snapshots(produced);
             else if (incomplete)
                 this->message_port_pub(d_incomplete_port, incomplete_pdu());
             if (missing > 0)
@@ -78,13 +78,17 @@ private:
         tag(item, key, pmt::from_uint64(value));
     }
 
-    // What is known of the snapshots that the item consists of.
-    void tag_snapshots(int item, bool incomplete)
+    // Which of the snapshots that the item consists of were received, and which of them
+    // interference hit.
+    void tag_snapshots(int item)
     {
         const kernel::phase_group& group = d_collector.group();
-        tag(item, names::NOISE, noise_value(group.noises().data(), group.length()));
-        if (incomplete)
+        if (!group.is_complete())
             tag(item, names::MASK, pmt::init_u8vector(group.length(), group.mask()));
+        if (d_collector.marked() > 0)
+            tag(item,
+                names::DISTURBED,
+                pmt::init_u8vector(group.length(), d_collector.marks()));
     }
 
     pmt::pmt_t incomplete_pdu() const

@@ -304,12 +304,12 @@ int vector_fold<Sample>::take(const Sample* averaged, int frames, std::uint64_t 
     this->d_folder.fold(averaged,
                         count,
                         this->d_out + this->d_produced * this->d_folder.symbol_length(),
-                        d_noise.data());
+                        d_noise.data(),
+                        &this->d_saturated);
     this->add_item_tag(0,
                        this->nitems_written(0) + this->d_produced,
                        noise_key,
                        noise_value(d_noise.data(), count));
-    this->d_folder.saturated(averaged, count, this->d_saturated);
     for (const int frame : this->d_saturated)
         this->add_item_tag(0,
                            this->nitems_written(0) + this->d_produced + frame,
@@ -347,13 +347,12 @@ int group_fold<Sample>::take(const Sample* averaged, int frames, std::uint64_t s
         if (this->d_produced == this->d_room)
             return 0;
     }
-    const int count =
-        collector.add(snapshot,
-                      std::min(frames, collector.BATCH),
-                      [&](int n, kernel::fc32* folded, kernel::snapshot_noise* noise) {
-                          this->d_folder.fold(averaged, n, folded, noise);
-                      });
-    this->d_folder.saturated(averaged, count, this->d_saturated);
+    const int count = collector.add(
+        snapshot,
+        std::min(frames, collector.BATCH),
+        [&](int n, kernel::fc32* folded, kernel::snapshot_noise* noise) {
+            this->d_folder.fold(averaged, n, folded, noise, &this->d_saturated);
+        });
     collector.note_saturated(this->d_saturated.size());
     if (collector.is_full())
         this->d_produced += this->end_group(this->d_out, this->d_produced);

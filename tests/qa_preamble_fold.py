@@ -189,7 +189,7 @@ def test_tones_in_one_thread_are_those_of_two_blocks_to_the_bit(chunk, item_type
 
 
 @pytest.mark.parametrize("chunk", [None, 364])
-def test_collected_groups_hold_the_snapshots_with_their_noise_and_mask(chunk):
+def test_collected_groups_hold_the_snapshots_with_their_mask(chunk):
     """The room is surveyed in them, and the tones are computed from them."""
     length, rate = 8, 12.5e6
     samples = np.random.default_rng(5).integers(-2000, 2000, size=(90 * 720, 2)).astype(np.int16)
@@ -201,11 +201,10 @@ def test_collected_groups_hold_the_snapshots_with_their_noise_and_mask(chunk):
     for collecting in (one[0], two[1]):  # no port that never sends anything
         assert not pmt.to_python(collecting.message_ports_out())
     folded, tones_tags, _ = run_tones(received, tags, chunk, [fold])
-    by_snapshot, snapshot, noise = {}, 0, []
+    by_snapshot, snapshot = {}, 0
     for offset, vector in enumerate(folded):
         snapshot = tones_tags.get((offset, "snapshot"), snapshot)
-        noise += tones_tags.get((offset, "noise"), [])
-        by_snapshot[snapshot] = vector, noise[2 * offset : 2 * offset + 2]
+        by_snapshot[snapshot] = vector
         snapshot += 1
     for chain in (one, two):
         items, own, pdus = run_tones(received, tags, chunk, chain)
@@ -216,9 +215,7 @@ def test_collected_groups_hold_the_snapshots_with_their_noise_and_mask(chunk):
             assert own.get((row, "mask"), [1] * length) == present.tolist()
             assert own.get((row, "missing"), 0) == np.sum(~present)
             for n in np.flatnonzero(present):
-                vector, of_vector = by_snapshot[first + n]
-                np.testing.assert_array_equal(item[n], vector)
-                assert own[row, "noise"][2 * n : 2 * n + 2] == of_vector
+                np.testing.assert_array_equal(item[n], by_snapshot[first + n])
             assert not item[~present].any()
 
 

@@ -99,17 +99,21 @@ BOOST_AUTO_TEST_CASE(full_scale_is_noticed_where_samples_are_averaged)
     const preamble_folder folder(720, 64, 4);
     std::vector<sc16> x(frames * 720, sc16(32751, -32751));
     std::vector<int> found = { 7 };
-    folder.saturated(&x[64], frames, found);
+    std::vector<fc32> folded(64 * frames);
+    std::vector<snapshot_noise> noise(frames);
+    const auto fold = [&](const auto& samples, int count) {
+        folder.fold(&samples[64], count, folded.data(), noise.data(), &found);
+    };
+    fold(x, frames);
     BOOST_TEST(found.empty());
     x[63] = x[320] = sc16(32767, -32768); // beside the averaged part of frame 0
-    folder.saturated(&x[64], frames, found);
+    fold(x, frames);
     BOOST_TEST(found.empty());
     x[720 + 64] = sc16(0, 32752);
     x[3 * 720 + 319] = sc16(-32752, 0);
-    folder.saturated(&x[64], frames, found);
+    fold(x, frames);
     BOOST_TEST(found == std::vector<int>({ 1, 3 }), boost::test_tools::per_element());
-    const std::vector<fc32> loud(720, fc32(2, 2));
-    folder.saturated(&loud[64], 1, found);
+    fold(std::vector<fc32>(720, fc32(2, 2)), 1);
     BOOST_TEST(found.empty());
 }
 

@@ -198,16 +198,28 @@ BOOST_DATA_TEST_CASE(one_value_that_is_not_finite_is_seen, variants, simd)
         }
 }
 
-BOOST_DATA_TEST_CASE(no_integer_at_the_limit_is_missed, variants, simd)
+BOOST_DATA_TEST_CASE(fold_sc16_returns_the_largest_magnitude,
+                     variants* data::make({ 1, 2, 3, 4 }) * data::make({ 128, 34 }),
+                     simd,
+                     repetitions,
+                     width)
 {
-    constexpr std::int16_t LIMIT = 32752;
-    constexpr int STRIDE = 300, FRAMES = 3, COUNT = 250;
-    for (int n = 0; n < STRIDE * FRAMES; n++)
-        for (const int value : { 32751, 32752, 32767, -32751, -32752, -32768 }) {
-            std::vector<std::int16_t> x(STRIDE * FRAMES);
+    const int frames = 3, stride = repetitions * width + 42;
+    std::vector<float> folded(frames * width), levels(2 * frames);
+    for (int n = 0; n < stride * frames; n++)
+        for (const int value : { 32752, 32767, -32752, -32768 }) {
+            std::vector<std::int16_t> x(stride * frames, 7);
             x[n] = value;
-            const bool looked_at = n % STRIDE < COUNT;
-            BOOST_TEST(simd->reach(x.data(), STRIDE, FRAMES, COUNT, LIMIT) ==
-                       (looked_at && std::abs(value) >= LIMIT));
+            const bool looked_at = n % stride < repetitions * width;
+            const int peak = simd->fold_sc16(x.data(),
+                                             stride,
+                                             frames,
+                                             repetitions,
+                                             width,
+                                             1,
+                                             folded.data(),
+                                             levels.data());
+            if (peak != (looked_at ? std::abs(value) : 7))
+                BOOST_ERROR(n << ": " << value << " of " << peak);
         }
 }

@@ -14,6 +14,7 @@ constexpr char NOISE[] = "noise";
 constexpr char GROUP[] = "group";
 constexpr char MISSING[] = "missing";
 constexpr char REJECTED[] = "rejected";
+constexpr char DISTURBED[] = "disturbed";
 constexpr char SATURATED[] = "saturated";
 constexpr char RETUNED[] = "retuned";
 constexpr char STATE[] = "state";

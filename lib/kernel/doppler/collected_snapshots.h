@@ -5,8 +5,8 @@
 
 namespace gr::wiforce::kernel {
 
-// The snapshots of a phase group as they are, absent ones as zeros: N_g rows. For
-// receivers that examine a group before they compute its tones.
+// The snapshots of a phase group as they are, absent ones as zeros and those that
+// interference hit unchanged: N_g rows. For receivers that survey the room in them.
 class collected_snapshots : public doppler_transform
 {
 public:

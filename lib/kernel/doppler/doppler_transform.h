@@ -14,8 +14,8 @@ public:
     // Whether snapshots that interference hit are to be rejected. Not where nobody solves
     // the group for the rest: their absence lets static paths leak.
     virtual bool rejects_interference() const { return true; }
-    // Whether the rows are the group's snapshots, for receivers that screen and transform
-    // them.
+    // Whether the rows are the group's snapshots, for receivers that transform them and
+    // are told which ones interference hit.
     virtual bool passes_snapshots() const { return false; }
     // Starts with an empty group.
     virtual void clear() = 0;

@@ -23,9 +23,9 @@ bool group_collector::must_end_before(std::uint64_t snapshot) const
 bool group_collector::end()
 {
     d_group.finish();
-    if (d_transform->rejects_interference()) {
+    if (d_transform->rejects_interference() || d_transform->passes_snapshots()) {
         const auto& marks = d_screen.examine(d_group);
-        if (d_screen.rejected() > 0) {
+        if (d_transform->rejects_interference() && d_screen.rejected() > 0) {
             d_group.reject(marks);
             d_transform->clear(); // it had worked ahead on what is rejected
         }

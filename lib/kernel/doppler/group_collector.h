@@ -54,13 +54,16 @@ public:
     }
     void note_saturated(int snapshots) { d_saturated += snapshots; }
 
-    // Ends the group, and rejects the snapshots that interference hit; returns whether it
-    // has any snapshot, rejected ones included.
+    // Ends the group, and rejects the snapshots that interference hit, or marks them
+    // where snapshots are passed on; returns whether it has any, rejected ones included.
     bool end();
     // Of the group that ended:
     std::uint64_t index() const { return d_index; }
     const phase_group& group() const { return d_group; }
     int saturated() const { return d_saturated; } // snapshots
+    // Snapshots that interference hit, 1 each.
+    const std::vector<std::uint8_t>& marks() const { return d_screen.marks(); }
+    int marked() const { return d_screen.rejected(); }
     void transform(fc32* out) { d_transform->finish(d_group, out); }
 
     void clear();

@@ -59,6 +59,8 @@ constexpr int PAIRS = 128;
 constexpr int FARTHEST = 61;
 constexpr double TAG_QUANTILE = 0.97;
 constexpr float TAG_MARGIN = 3.0f;
+// Where so many of the pairs differ by a level, that quantile reaches it.
+constexpr int REACHING = PAIRS - static_cast<int>(TAG_QUANTILE * (PAIRS - 1));
 struct statistics {
     float floor, level;
     float spread; // of the amplitude between LOW and HIGH, over that of the level
@@ -66,11 +68,13 @@ struct statistics {
 
 statistics statistics_of(std::vector<float>& values)
 {
-    const std::size_t below = HIGH * (values.size() - 1) + 1;
+    const auto up_to = [&](double part) -> std::size_t {
+        return part * (values.size() - 1) + 1;
+    };
     const float high = quantile(values, HIGH);
-    const float level = quantile(values, below, LEVEL);
-    const float low = quantile(values, below, LOW);
-    const float floor = quantile(values, below, FLOOR);
+    const float level = quantile(values, up_to(HIGH), LEVEL);
+    const float low = quantile(values, up_to(LEVEL), LOW);
+    const float floor = quantile(values, up_to(LOW), FLOOR);
     const float spread = std::sqrt(high) - std::sqrt(low);
     return { floor, level, level > 0 ? spread / std::sqrt(level) : 0.0f };
 }
@@ -200,18 +204,23 @@ double interference_screen::edges_in_all_differences(const phase_group& group) c
 
 bool interference_screen::mark_beyond_tags(const phase_group& group)
 {
-    const int before = d_rejected;
-    float limit = 0;
-    for (int n = 0; n < d_length; n++) {
-        if (!group.mask()[n] || d_marks[n] ||
-            !(group.noise_of(n).largest > d_largest_limit.value()))
-            continue;
-        if (limit == 0)
-            limit = std::max(d_largest_limit.value(), TAG_MARGIN * tag_level(group));
-        if (group.noise_of(n).largest > limit)
+    const auto is_beyond = [&](int n, float limit) {
+        return group.mask()[n] && !d_marks[n] && group.noise_of(n).largest > limit;
+    };
+    float most = d_largest_limit.value();
+    for (int n = 0; n < d_length; n++)
+        if (is_beyond(n, most))
+            most = group.noise_of(n).largest;
+    if (!(most > d_largest_limit.value()))
+        return false;
+    const float limit =
+        std::max(d_largest_limit.value(), TAG_MARGIN * tag_level(group, most));
+    if (!(most > limit))
+        return false;
+    for (int n = 0; n < d_length; n++)
+        if (is_beyond(n, limit))
             mark(n);
-    }
-    return d_rejected > before;
+    return true;
 }
 
 void interference_screen::mark_neighbours(const phase_group& group)
@@ -229,8 +238,9 @@ void interference_screen::mark_neighbours(const phase_group& group)
 }
 
 // Half the squared difference of two states of the tags, mean over the samples: what an
-// edge between them adds to the largest difference.
-float interference_screen::tag_level(const phase_group& group)
+// edge between them adds to the largest difference. Where it explains `noise`, any level
+// that does.
+float interference_screen::tag_level(const phase_group& group, float noise)
 {
     d_slots.clear();
     for (int n = 0; n < d_length; n++)
@@ -238,6 +248,7 @@ float interference_screen::tag_level(const phase_group& group)
             d_slots.push_back(n);
     d_values.clear();
     const std::size_t count = d_slots.size();
+    int reaching = 0;
     for (std::size_t i = 0; i < PAIRS; i++) {
         // Many distances: at a single one the clocks might always be in the same state.
         const std::size_t first = i * count / PAIRS;
@@ -247,6 +258,9 @@ float interference_screen::tag_level(const phase_group& group)
         for (int k = 0; k < group.symbol_length(); k++)
             sum += std::norm(a[k] - b[k]);
         d_values.push_back(sum / (2 * group.symbol_length()));
+        reaching += TAG_MARGIN * d_values.back() >= noise;
+        if (reaching == REACHING)
+            return d_values.back();
     }
     return quantile(d_values, TAG_QUANTILE);
 }

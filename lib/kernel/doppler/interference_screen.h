@@ -5,6 +5,7 @@
 #include "phase_group.h"
 #include "recent_level.h"
 
+#include <limits>
 #include <vector>
 
 namespace gr::wiforce::kernel {
@@ -37,6 +38,7 @@ public:
     // Marks the snapshots of the next group that are to be rejected, 1 each; valid until
     // the next call.
     const std::vector<std::uint8_t>& examine(const phase_group& group);
+    const std::vector<std::uint8_t>& marks() const { return d_marks; }
     // Number of marks.
     int rejected() const { return d_rejected; }
 
@@ -48,7 +50,8 @@ private:
     template <class Condition>
     int count_if(const phase_group& group, const Condition& condition) const;
     double edges_in_all_differences(const phase_group& group) const;
-    float tag_level(const phase_group& group);
+    float tag_level(const phase_group& group,
+                    float noise = std::numeric_limits<float>::infinity());
     void mark(int n);
 
     const int d_length;

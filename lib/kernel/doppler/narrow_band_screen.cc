@@ -37,18 +37,10 @@ narrow_band_screen::narrow_band_screen(int group_length, int symbol_length)
       d_typical_median(group_length),
       d_fourier(symbol_length),
       d_spectra(std::size_t(group_length) * symbol_length),
+      d_pairs(group_length),
       d_changes(group_length),
-      d_powers(symbol_length),
-      d_candidate(symbol_length)
+      d_powers(symbol_length)
 {
-}
-
-float narrow_band_screen::median_of(const spectrum& powers)
-{
-    d_sorted = powers;
-    const auto middle = d_sorted.begin() + d_width / 2;
-    std::nth_element(d_sorted.begin(), middle, d_sorted.end());
-    return *middle;
 }
 
 int narrow_band_screen::keep(const phase_group& group, std::vector<std::uint8_t>& marks)
@@ -73,7 +65,7 @@ int narrow_band_screen::keep(const phase_group& group, std::vector<std::uint8_t>
         if (!(d_changes[n].mean > 0) || d_changes[n].median > limit)
             continue;
         if (marks[n]) {
-            measure_change(group, n);
+            measure_pair(d_changes[n].pair);
             for (int k = 0; k < d_width; k++)
                 sums[k] += d_powers[k];
             summed++;
@@ -109,8 +101,10 @@ float narrow_band_screen::measure_changes(const phase_group& group,
                 d_fourier.execute(), d_width, &d_spectra[std::size_t(n) * d_width]);
         }
     d_values.clear();
+    for (int n = 0; n + 1 < d_length; n++)
+        d_pairs[n] = group.mask()[n] && group.mask()[n + 1] ? measure_pair(n) : change{};
     for (int n = 0; n < d_length; n++) {
-        d_changes[n] = measure_change(group, n);
+        d_changes[n] = change_of(n);
         if (!marks[n] && d_changes[n].mean > 0)
             d_values.push_back(d_changes[n].median);
     }
@@ -119,26 +113,26 @@ float narrow_band_screen::measure_changes(const phase_group& group,
     return d_typical_median.value();
 }
 
+// Change from a snapshot to the next one, and its powers.
+narrow_band_screen::change narrow_band_screen::measure_pair(int n)
+{
+    const fc32* const here = &d_spectra[std::size_t(n) * d_width];
+    const fc32* const there = here + d_width;
+    for (int k = 0; k < d_width; k++)
+        d_powers[k] = std::norm(here[k] - there[k]);
+    d_sorted = d_powers;
+    return { ordered(d_sorted, d_width, d_width / 2), mean_of(d_powers), n };
+}
+
 // Change of a snapshot against that neighbour from which it differs less: an edge of a
 // tag is beside one of them. 0 where there is no neighbour.
-narrow_band_screen::change narrow_band_screen::measure_change(const phase_group& group,
-                                                              int n)
+narrow_band_screen::change narrow_band_screen::change_of(int n) const
 {
-    change least{ 0, 0 };
-    for (const int other : { n - 1, n + 1 }) {
-        if (other < 0 || other >= d_length || !group.mask()[n] || !group.mask()[other])
-            continue;
-        const fc32* here = &d_spectra[std::size_t(n) * d_width];
-        const fc32* there = &d_spectra[std::size_t(other) * d_width];
-        for (int k = 0; k < d_width; k++)
-            d_candidate[k] = std::norm(here[k] - there[k]);
-        const float median = median_of(d_candidate);
-        if (least.mean > 0 && median >= least.median)
-            continue;
-        least = { median, mean_of(d_candidate) };
-        d_powers.swap(d_candidate);
-    }
-    return least;
+    const change before = n > 0 ? d_pairs[n - 1] : change{};
+    const change after = n + 1 < d_length ? d_pairs[n] : change{};
+    if (!(before.mean > 0))
+        return after;
+    return after.pair < 0 || after.median >= before.median ? before : after;
 }
 
 } // namespace gr::wiforce::kernel

@@ -33,27 +33,29 @@ public:
 
 private:
     using spectrum = std::vector<float>;
-    struct change { // of a snapshot against its neighbours, over the subcarriers
-        float median;
-        float mean;
+    // From a snapshot, the pair's first one, to the next; over the subcarriers.
+    struct change {
+        float median = 0;
+        float mean = 0;
+        int pair = -1; // none
     };
 
     float measure_changes(const phase_group& group,
                           const std::vector<std::uint8_t>& marks);
-    change measure_change(const phase_group& group, int n);
-    float median_of(const spectrum& powers);
+    change measure_pair(int n);
+    change change_of(int n) const;
 
     const int d_length;
     const int d_width;             // subcarriers
     recent_level d_typical_median; // over the subcarriers
     fourier_transform d_fourier;
     std::vector<fc32> d_spectra;
-    std::vector<change> d_changes;
-    spectrum d_powers;           // of the change of one snapshot
-    std::vector<float> d_values; // scratch
-    spectrum d_candidate;        // scratch
-    spectrum d_sorted;           // scratch
-    std::vector<int> d_narrow;   // snapshots with interference on a few subcarriers
+    std::vector<change> d_pairs;
+    std::vector<change> d_changes; // of each snapshot
+    spectrum d_powers;             // of a pair
+    std::vector<float> d_values;   // scratch
+    spectrum d_sorted;             // scratch
+    std::vector<int> d_narrow;     // snapshots with interference on a few subcarriers
 };
 
 } // namespace gr::wiforce::kernel

@@ -52,8 +52,6 @@ public:
     const fc32* reference() const { return slot(d_reference); }
     const fc32* slot(int n) const { return d_snapshots.data() + offset_of(n); }
     const snapshot_noise& noise_of(int n) const { return d_noise[n]; }
-    // Of all slots; of absent ones it means nothing.
-    const std::vector<snapshot_noise>& noises() const { return d_noise; }
 
     // All slots, absent ones as zeros: symbol_length * length values.
     void copy_to(fc32* out) const;

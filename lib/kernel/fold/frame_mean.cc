@@ -17,10 +17,13 @@ template <class Sample>
 void frame_mean::add(const Sample* samples, std::uint64_t count, std::uint64_t position)
 {
     const std::uint64_t end = std::min(position + count, d_end);
-    for (std::uint64_t at = std::max(position, d_begin); at < end; at++) {
-        const Sample& sample = samples[at - position];
-        d_sum[(at - d_begin) % d_length] +=
-            std::complex<double>(sample.real(), sample.imag());
+    for (std::uint64_t at = std::max(position, d_begin); at < end;) {
+        const std::uint64_t place = (at - d_begin) % d_length;
+        const std::uint64_t run = std::min(d_length - place, end - at);
+        const Sample* const in = samples + (at - position);
+        for (std::uint64_t n = 0; n < run; n++)
+            d_sum[place + n] += std::complex<double>(in[n].real(), in[n].imag());
+        at += run;
     }
     if (end == d_end)
         d_complete.store(true, std::memory_order_release);

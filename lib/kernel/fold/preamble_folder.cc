@@ -4,11 +4,13 @@
 #include "../require.h"
 #include "simd_kernels.h"
 
+#include <algorithm>
+
 namespace gr::wiforce::kernel {
 
 namespace {
 // A 14-bit converter's last codes, left-justified, after rounding on the way.
-constexpr std::int16_t FULL_SCALE = 32752;
+constexpr int FULL_SCALE = 32752;
 } // namespace
 
 preamble_folder::preamble_folder(int frame_length,
@@ -41,8 +43,11 @@ preamble_folder::preamble_folder(int frame_length,
 void preamble_folder::fold(const fc32* averaged,
                            std::size_t frames,
                            fc32* folded,
-                           snapshot_noise* noise) const
+                           snapshot_noise* noise,
+                           std::vector<int>* saturated) const
 {
+    if (saturated)
+        saturated->clear();
     fastest_kernels().fold_fc32(reinterpret_cast<const float*>(averaged),
                                 2 * d_frame_length,
                                 frames,
@@ -56,36 +61,35 @@ void preamble_folder::fold(const fc32* averaged,
 void preamble_folder::fold(const sc16* averaged,
                            std::size_t frames,
                            fc32* folded,
-                           snapshot_noise* noise) const
+                           snapshot_noise* noise,
+                           std::vector<int>* saturated) const
 {
-    fastest_kernels().fold_sc16(reinterpret_cast<const std::int16_t*>(averaged),
-                                2 * d_frame_length,
-                                frames,
-                                d_repetitions,
-                                2 * d_symbol_length,
-                                1.0f / (32768.0f * d_repetitions),
-                                reinterpret_cast<float*>(folded),
-                                reinterpret_cast<float*>(noise));
+    const int peak =
+        fastest_kernels().fold_sc16(reinterpret_cast<const std::int16_t*>(averaged),
+                                    2 * d_frame_length,
+                                    frames,
+                                    d_repetitions,
+                                    2 * d_symbol_length,
+                                    1.0f / (32768.0f * d_repetitions),
+                                    reinterpret_cast<float*>(folded),
+                                    reinterpret_cast<float*>(noise));
+    if (!saturated)
+        return;
+    saturated->clear();
+    for (std::size_t frame = 0; peak >= FULL_SCALE && frame < frames; frame++)
+        if (is_saturated(averaged + frame * d_frame_length))
+            saturated->push_back(frame);
 }
 
-void preamble_folder::saturated(const sc16* averaged,
-                                int frames,
-                                std::vector<int>& found) const
+bool preamble_folder::is_saturated(const sc16* averaged) const
 {
-    const auto reach = [&](int first, int count) {
-        return fastest_kernels().reach(reinterpret_cast<const std::int16_t*>(averaged) +
-                                           2 * static_cast<std::size_t>(first) *
-                                               d_frame_length,
-                                       2 * d_frame_length,
-                                       count,
-                                       2 * static_cast<std::size_t>(averaged_length()),
-                                       FULL_SCALE);
-    };
-    found.clear();
-    if (reach(0, frames))
-        for (int frame = 0; frame < frames; frame++)
-            if (reach(frame, 1))
-                found.push_back(frame);
+    const auto* parts = reinterpret_cast<const std::int16_t*>(averaged);
+    std::int16_t low = 0, high = 0;
+    for (int n = 0; n < 2 * averaged_length(); n++) {
+        low = std::min(low, parts[n]);
+        high = std::max(high, parts[n]);
+    }
+    return high >= FULL_SCALE || low <= -FULL_SCALE;
 }
 
 } // namespace gr::wiforce::kernel

@@ -34,21 +34,22 @@ public:
     int averaged_length() const { return d_repetitions * d_symbol_length; }
 
     // `averaged` is the first averaged sample of the first frame; frames follow each
-    // other at frame_length. Writes symbol_length * frames values, and the noise of each
-    // frame.
+    // other at frame_length. Writes symbol_length * frames values, the noise of each
+    // frame and, to `saturated`, the frames that hold averaged samples at a converter's
+    // full scale; floats have none. Allocates nothing where it has room for all frames.
     void fold(const fc32* averaged,
               std::size_t frames,
               fc32* folded,
-              snapshot_noise* noise) const;
+              snapshot_noise* noise,
+              std::vector<int>* saturated = nullptr) const;
     void fold(const sc16* averaged,
               std::size_t frames,
               fc32* folded,
-              snapshot_noise* noise) const;
+              snapshot_noise* noise,
+              std::vector<int>* saturated = nullptr) const;
 
-    // Fills `found` with the frames that hold averaged samples at a converter's full
-    // scale; floats have none. Allocates nothing where `found` has room for all frames.
-    void saturated(const fc32*, int, std::vector<int>& found) const { found.clear(); }
-    void saturated(const sc16* averaged, int frames, std::vector<int>& found) const;
+private:
+    bool is_saturated(const sc16* averaged) const;
 
 private:
     const int d_frame_length;

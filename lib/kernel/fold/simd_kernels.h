@@ -18,24 +18,25 @@ struct simd_kernels {
 
     // folded[width f + n] = scale sum_r in[stride f + width r + n], and in noise[2 f] and
     // noise[2 f + 1] the snapshot_noise of frame f for samples scale * repetitions * in.
-    void (*fold_fc32)(const float* in,
-                      std::size_t stride,
-                      std::size_t frames,
-                      int repetitions,
-                      int width,
-                      float scale,
-                      float* folded,
-                      float* noise);
+    int (*fold_fc32)(const float* in,
+                     std::size_t stride,
+                     std::size_t frames,
+                     int repetitions,
+                     int width,
+                     float scale,
+                     float* folded,
+                     float* noise);
 
-    // The same on integers: exact for up to 65536 repetitions.
-    void (*fold_sc16)(const std::int16_t* in,
-                      std::size_t stride,
-                      std::size_t frames,
-                      int repetitions,
-                      int width,
-                      float scale,
-                      float* folded,
-                      float* noise);
+    // The same on integers: exact for up to 65536 repetitions. Returns the largest
+    // magnitude of the integers summed; of floats, 0.
+    int (*fold_sc16)(const std::int16_t* in,
+                     std::size_t stride,
+                     std::size_t frames,
+                     int repetitions,
+                     int width,
+                     float scale,
+                     float* folded,
+                     float* noise);
 
     // sums[width r + c] += sum_n weights[rows n + r] (snapshots[width n + c] -
     // reference[c]) for r < rows; rows is a multiple of ROW_BLOCK.
@@ -49,13 +50,6 @@ struct simd_kernels {
 
     // Whether `count` floats are finite.
     bool (*are_finite)(const float* values, std::size_t count);
-
-    // Whether any in[stride f + n], n < count, is `limit` or more, or -limit or less.
-    bool (*reach)(const std::int16_t* in,
-                  std::size_t stride,
-                  std::size_t frames,
-                  std::size_t count,
-                  std::int16_t limit);
 
     static constexpr int ROW_BLOCK = 4;
 };

@@ -5,57 +5,18 @@
 // the newest processor for everyone.
 #include "../types.h"
 #include "simd_kernels.h"
-
-#ifdef __ARM_NEON
-#include <arm_neon.h>
-#endif
+#include "simd_samples.h"
 
 namespace gr::wiforce::kernel::WIFORCE_SIMD {
 
 namespace {
 
-constexpr int LANES = WIFORCE_LANES;
 constexpr int DEFAULT_WIDTH = 2 * DEFAULT_SYMBOL_LENGTH;
-typedef float lanes __attribute__((vector_size(4 * LANES), aligned(4), may_alias));
-
-typedef std::int32_t integer_lanes __attribute__((vector_size(4 * LANES)));
-typedef std::int16_t short_lanes
-    __attribute__((vector_size(2 * LANES), aligned(2), may_alias));
-
-struct fc32_samples {
-    using component = float;
-    using sum = lanes;
-    static sum load(const float* x) { return *reinterpret_cast<const lanes*>(x); }
-    static lanes to_float(sum s) { return s; }
-    static float one(float x) { return x; }
-};
-
-struct sc16_samples {
-    using component = std::int16_t;
-    using sum = integer_lanes;
-    static sum load(const std::int16_t* x)
-    {
-#ifdef __ARM_NEON
-        // GCC 12 takes the conversion below for four numbers, one after the other.
-        static_assert(LANES == 4, "lanes of NEON");
-        return reinterpret_cast<integer_lanes>(vmovl_s16(vld1_s16(x)));
-#else
-        return __builtin_convertvector(*reinterpret_cast<const short_lanes*>(x),
-                                       integer_lanes);
-#endif
-    }
-    static lanes to_float(sum s) { return __builtin_convertvector(s, lanes); }
-    static std::int32_t one(std::int16_t x) { return x; }
-};
 
 // Frames lie apart, so the processor's own prefetcher meets each one anew. Two frames
 // ahead cover the latency of memory.
 constexpr int FRAMES_AHEAD = 2;
 constexpr int CACHE_LINE = 64; // bytes
-
-// Comparisons of this form become one instruction.
-inline lanes smaller(lanes a, lanes b) { return a < b ? a : b; }
-inline lanes larger(lanes a, lanes b) { return a > b ? a : b; }
 
 inline float sum_of(lanes values)
 {
@@ -67,69 +28,56 @@ inline float sum_of(lanes values)
 
 // REPETITIONS = 0 and WIDTH = 0: known at run time only.
 template <class Samples, int REPETITIONS, int WIDTH>
-void fold(const typename Samples::component* in,
-          std::size_t stride,
-          std::size_t frames,
-          int repetitions,
-          int any_width,
-          float scale,
-          float* folded,
-          float* noise)
+int fold(const typename Samples::component* in,
+         std::size_t stride,
+         std::size_t frames,
+         int repetitions,
+         int any_width,
+         float scale,
+         float* folded,
+         float* noise)
 {
-    constexpr int STEP = CACHE_LINE / sizeof(*in); // components per cache line
+    constexpr int LINE = CACHE_LINE / sizeof(*in); // components
     const int count = REPETITIONS ? REPETITIONS : repetitions;
     const int width = WIDTH ? WIDTH : any_width;
     const float unit = scale * count;
+    Samples samples;
     for (std::size_t frame = 0; frame < frames; frame++) {
         const auto* x = in + frame * stride;
         float* out = folded + frame * width;
-        lanes smallest = {};
-        lanes largest = {};
+        frame_noise levels;
         int n = 0;
-        for (; n + LANES <= width; n += LANES) {
-            auto before = Samples::load(x + n);
-            auto sum = before;
-            lanes low = {};
-            lanes high = {};
-            for (int r = 1; r < count; r++) {
-                const auto value = Samples::load(x + r * width + n);
-                sum += value;
-                // Taken before squaring: the squares of a strong static path would round
-                // the noise away.
-                const lanes difference = Samples::to_float(value - before);
-                const lanes square = difference * difference;
-                low = r == 1 ? square : smaller(low, square);
-                high = larger(high, square);
-                before = value;
-            }
-            smallest += low;
-            largest += high;
-            if (n % STEP == 0)
+        for (; n + Samples::STEP <= width; n += Samples::STEP) {
+            if (n % LINE == 0)
                 for (int r = 0; r < count; r++)
                     __builtin_prefetch(x + FRAMES_AHEAD * stride + r * width + n);
-            *reinterpret_cast<lanes*>(out + n) = scale * Samples::to_float(sum);
+            samples.template step<REPETITIONS>(
+                x + n, width, count, scale, out + n, levels);
         }
-        float low_rest = 0;
-        float high_rest = 0;
         for (; n < width; n++) {
             auto sum = Samples::one(x[n]);
             float low = 0;
             float high = 0;
+            samples.see(x[n]);
             for (int r = 1; r < count; r++) {
                 const auto value = Samples::one(x[r * width + n]);
+                samples.see(x[r * width + n]);
                 sum += value;
                 const float difference = value - Samples::one(x[(r - 1) * width + n]);
                 const float square = difference * difference;
                 low = r == 1 || square < low ? square : low;
                 high = square > high ? square : high;
             }
-            low_rest += low;
-            high_rest += high;
+            levels.smallest_rest += low;
+            levels.largest_rest += high;
             out[n] = scale * sum;
         }
-        noise[2 * frame] = unit * unit / width * (sum_of(smallest) + low_rest);
-        noise[2 * frame + 1] = unit * unit / width * (sum_of(largest) + high_rest);
+        noise[2 * frame] =
+            unit * unit / width * (sum_of(levels.smallest) + levels.smallest_rest);
+        noise[2 * frame + 1] =
+            unit * unit / width * (sum_of(levels.largest) + levels.largest_rest);
     }
+    return samples.peak();
 }
 
 template <class Samples, int WIDTH>
@@ -141,19 +89,19 @@ auto fold_of_width(int repetitions)
 }
 
 template <class Samples>
-void fold_any(const typename Samples::component* in,
-              std::size_t stride,
-              std::size_t frames,
-              int repetitions,
-              int width,
-              float scale,
-              float* folded,
-              float* noise)
+int fold_any(const typename Samples::component* in,
+             std::size_t stride,
+             std::size_t frames,
+             int repetitions,
+             int width,
+             float scale,
+             float* folded,
+             float* noise)
 {
     const auto run = width == DEFAULT_WIDTH
                          ? fold_of_width<Samples, DEFAULT_WIDTH>(repetitions)
                          : fold_of_width<Samples, 0>(repetitions);
-    run(in, stride, frames, repetitions, width, scale, folded, noise);
+    return run(in, stride, frames, repetitions, width, scale, folded, noise);
 }
 
 // A tile of ROWS x (COLUMNS * LANES) sums stays in registers over all snapshots.
@@ -276,33 +224,6 @@ bool are_finite(const float* values, std::size_t count)
     return largest < exponent;
 }
 
-bool reach(const std::int16_t* in,
-           std::size_t stride,
-           std::size_t frames,
-           std::size_t count,
-           std::int16_t limit)
-{
-    typedef std::int16_t wide
-        __attribute__((vector_size(4 * LANES), aligned(2), may_alias));
-    wide low = {};
-    wide high = {};
-    bool rest = false;
-    for (std::size_t frame = 0; frame < frames; frame++) {
-        const std::int16_t* x = in + frame * stride;
-        std::size_t n = 0;
-        for (; n + 2 * LANES <= count; n += 2 * LANES) {
-            const wide v = *reinterpret_cast<const wide*>(x + n);
-            low = v < low ? v : low;
-            high = v > high ? v : high;
-        }
-        for (; n < count; n++)
-            rest |= x[n] >= limit || x[n] <= -limit;
-    }
-    for (int n = 0; n < 2 * LANES; n++)
-        rest |= high[n] >= limit || low[n] <= -limit;
-    return rest;
-}
-
 } // namespace
 
 extern const simd_kernels kernels;
@@ -310,7 +231,6 @@ const simd_kernels kernels = { WIFORCE_SIMD_NAME,
                                fold_any<fc32_samples>,
                                fold_any<sc16_samples>,
                                accumulate,
-                               are_finite,
-                               reach };
+                               are_finite };
 
 } // namespace gr::wiforce::kernel::WIFORCE_SIMD

@@ -45,8 +45,7 @@ void recorded_frames::fold(int frames, fc32* folded, snapshot_noise* noise)
 {
     d_recording.visit([&](const auto* samples) {
         const auto* averaged = samples + d_walk.lead();
-        d_folder.fold(averaged, frames, folded, noise);
-        d_folder.saturated(averaged, frames, d_saturated);
+        d_folder.fold(averaged, frames, folded, noise, &d_saturated);
         const std::uint64_t count = d_walk.span(frames);
         d_walk.pass(samples, count);
         d_recording.drop(count);

@@ -189,10 +189,9 @@ static void bind_phase_group_doppler(py::module& m)
             &phase_group_doppler::collected,
             "group_length"_a,
             "symbol_length"_a = 64,
-            "The snapshots of each group, N_g x symbol_length, absent ones as zeros; the "
-            "tag "
-            "`noise` holds\ntwo values for each, and `mask` of an incomplete group "
-            "which are present.")
+            "The snapshots of each group, N_g x symbol_length, absent ones as zeros. The "
+            "tag\n`mask` of an incomplete group says which are present, `disturbed` "
+            "those that\ninterference hit.")
         .def("rows", &phase_group_doppler::rows, "Rows per output item, M.")
         .def("groups", &phase_group_doppler::groups, "Groups emitted.")
         .def("incomplete_groups",

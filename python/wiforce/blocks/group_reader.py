@@ -94,20 +94,23 @@ def snapshot_group(item: Array, tags: dict[str, Any], symbol_length: int = 64) -
 
     Examples
     --------
-    >>> tags = {"group": pmt.from_uint64(7), "noise": pmt.init_f32vector(8, [0.1] * 8)}
-    >>> snapshot_group(np.zeros(4 * 64, np.complex64), tags).snapshots.tolist()
-    [28, 29, 30, 31]
+    >>> tags = {"group": pmt.from_uint64(7), "disturbed": pmt.init_u8vector(4, [0, 1, 0, 0])}
+    >>> snapshot_group(np.zeros(4 * 64, np.complex64), tags).kept.tolist()
+    [True, False, True, True]
     """
     folded = item.reshape(-1, symbol_length)
     present = np.ones(len(folded), bool)
     if names.MASK in tags:
         present = np.array(pmt.u8vector_elements(tags[names.MASK]), bool)
-    noise = np.array(pmt.f32vector_elements(tags[names.NOISE]), np.float32)
+    kept = present
+    if names.DISTURBED in tags:
+        kept = present & (np.array(pmt.u8vector_elements(tags[names.DISTURBED])) == 0)
     return SnapshotGroup(
         int(pmt.to_uint64(tags[names.GROUP])),
         folded,
-        noise.reshape(-1, 2),
+        None,
         present,
         count_of(tags, names.SATURATED),
         names.RETUNED in tags,
+        kept,
     )

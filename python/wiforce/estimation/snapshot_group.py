@@ -21,8 +21,9 @@ class SnapshotGroup:
         On the grid of the run.
     folded : ndarray of complex64, shape (N, symbol_length)
         Folded frames.
-    noise : ndarray, shape (N, 2)
-        Smallest and largest difference of the averaged repetitions, as a power per sample.
+    noise : ndarray, shape (N, 2), or None
+        Smallest and largest difference of the averaged repetitions, as a power per sample; not
+        needed where ``kept`` is known.
     present : ndarray of bool, shape (N,)
         Which snapshots were received; what the others hold means nothing.
     saturated : int
@@ -30,7 +31,8 @@ class SnapshotGroup:
     retuned : bool
         Whether the receiver's rate or carrier was changed before the group.
     kept : ndarray of bool, shape (N,), optional
-        Which snapshots are to be used; set by :class:`GroupScreen`.
+        Which snapshots are to be used; set by the blocks that collect them, or by
+        :class:`GroupScreen`.
 
     Examples
     --------
@@ -41,7 +43,7 @@ class SnapshotGroup:
 
     index: int
     folded: Array = field(repr=False)
-    noise: Array = field(repr=False)
+    noise: Array | None = field(repr=False)
     present: Array = field(repr=False)
     saturated: int = 0
     retuned: bool = False
@@ -80,8 +82,8 @@ class GroupScreen:
 
     def process(self, group: SnapshotGroup) -> SnapshotGroup:
         """Take the next group; give it with ``kept``."""
+        if group.kept is not None or group.noise is None:
+            return group
         present = group.present
-        if present.all():
-            return replace(group, kept=~self._kernel.examine(present, group.folded, group.noise))
         marks = self._kernel.examine(present, group.folded[present], group.noise[present])
         return replace(group, kept=present & ~marks)

@@ -1,9 +1,10 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: GPL-3.0-or-later
-# README's two commands. The second shows a window, which must stay open for ten seconds.
+# README's commands. The last shows a window, which must stay open for ten seconds.
 set -euo pipefail
 cd gr-wiforce
 ./bootstrap demo
+./bootstrap
 sudo DEBIAN_FRONTEND=noninteractive apt-get install -q -y --no-install-recommends \
     xvfb xauth x11-utils >/dev/null
 xvfb-run --auto-servernum bash -euo pipefail -c '
