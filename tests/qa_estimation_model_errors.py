@@ -262,8 +262,6 @@ def test_noise_on_the_lines_alone_is_flagged(surveyed_snr_db, in_lamps, std_deg,
         in_reference=~none,
         late_reference=none,
         reshaped=none,
-        group_ratios=np.ones((1, 2), complex),
-        group_variance=np.full((1, 2), 2 * np.radians(std_deg) ** 2),
         reference_step=np.ones((1, 2), complex),
     )
     model = load_sensor("line-900mhz")

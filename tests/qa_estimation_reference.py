@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.estimation.average import AdaptiveAverage, SubcarrierAverage
+from gnuradio.wiforce.estimation.average import SubcarrierAverage
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.reference import ConjugateDifference, subcarrier_weights
 from long_cases import cases
@@ -29,9 +29,9 @@ def normal(rng, *shape):
     return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
 
 
-def averaged(groups, difference, smoothing_groups=1, tare_at=None):
+def averaged(groups, difference, tare_at=None):
     """Groups with their ratios, given one after the other; a tare before group ``tare_at``."""
-    average, ready = SubcarrierAverage(smoothing_groups), []
+    average, ready = SubcarrierAverage(), []
     for group in groups:
         if group.index[0] == tare_at:
             difference.tare()
@@ -140,16 +140,6 @@ def test_reference_of_an_end_that_is_not_received_survives_a_tare():
     assert not results.late_reference.any()
 
 
-def test_average_after_a_tare_excludes_the_groups_before():
-    channel = normal(np.random.default_rng(3), 2, K)
-    # Less than the noise that is stated would let show.
-    turned = channel * np.exp(1j * np.radians(1.0))
-    groups = [group_of(g, turned if 2 <= g < 8 else channel, [0.1, 0.1]) for g in range(10)]
-    results = averaged(groups, ConjugateDifference(2, 2), smoothing_groups=5, tare_at=6)
-    angles = angles_of(results)
-    assert angles[7] > 0.5 and angles[8:] == pytest.approx([-1, -1], abs=1e-3)
-
-
 def test_reference_previous_group_gives_steps_across_a_lost_group():
     rng = np.random.default_rng(4)
     channel = normal(rng, 2, K)
@@ -170,11 +160,6 @@ def test_reference_invalid_setting_is_refused(arguments, message):
         ConjugateDifference(*arguments)
 
 
-def test_average_over_no_group_is_refused():
-    with pytest.raises(InputError, match="smoothing_groups: must be at least 1, got 0"):
-        SubcarrierAverage(0)
-
-
 @pytest.mark.parametrize(
     "gamma_db, group_length", cases((-15, 625), (0, 125), long=((0, 625), (20, 625)))
 )
@@ -192,88 +177,3 @@ def test_ratios_stated_standard_deviation_matches_the_errors(gamma_db, group_len
     # 320 values: the fraction is known to 2.5 %, the root mean square to 8 %.
     assert 0.90 <= np.mean(np.abs(relative) < 2) <= 0.99
     assert np.sqrt(np.mean(relative**2)) == pytest.approx(1.0, abs=0.15)
-
-
-def smoothed(length, ratios, variance=1e-4):
-    average = AdaptiveAverage(length)
-    values = [average.update(r, np.full(len(r), variance)) for r in ratios]
-    return np.array([v[0] for v in values]), np.array([v[1] for v in values])
-
-
-def test_average_of_steady_groups_spans_the_window():
-    rng = np.random.default_rng(7)
-    ratios = np.exp(1j * np.array([0.3, -2.0])) + 1e-2 * normal(rng, 600, 2)
-    mean, variance = smoothed(5, ratios)
-    expected = np.array([ratios[g - 4 : g + 1].mean(axis=0) for g in range(4, 600)])
-    whole = np.isclose(variance[4:, 0], 1e-4 / 5)
-    # Chance shortens the window now and then; it must stay rare.
-    assert np.mean(whole) > 0.9
-    assert np.max(np.abs(mean[4:] - expected)[whole]) < 1e-12
-    spread = np.std(np.angle(mean[4:] / np.exp(1j * np.array([0.3, -2.0]))))
-    assert spread == pytest.approx(1e-2 / np.sqrt(2 * 5), rel=0.1)
-
-
-def test_average_follows_a_step_at_once():
-    rng = np.random.default_rng(8)
-    phase = np.where(np.arange(40) < 20, 0.0, np.radians(60))
-    ratios = np.exp(1j * phase)[:, None] + 1e-2 * normal(rng, 40, 2)
-    mean, variance = smoothed(5, ratios)
-    assert np.abs(np.degrees(np.angle(mean[20:])) - 60).max() < 1.5
-    assert variance[20] == pytest.approx([1e-4, 1e-4])
-
-
-def test_average_of_a_slow_press_lags_less_than_the_noise():
-    """A quarter of a standard deviation per group: lag stays within the noise."""
-    rng = np.random.default_rng(9)
-    phase = 0.25 * 7e-3 * np.arange(800)
-    ratios = np.exp(1j * phase)[:, None] + 1e-2 * normal(rng, 800, 1)
-    mean, variance = smoothed(5, ratios)
-    error = np.angle(mean[:, 0] * np.exp(-1j * phase))[5:]
-    std = np.sqrt(variance[5:, 0] / 2)
-    assert np.mean(np.abs(error) < 2 * std) > 0.75
-    assert np.sqrt(np.mean(error**2)) < 7e-3
-
-
-def test_average_weighs_groups_by_their_variance():
-    average = AdaptiveAverage(5)
-    average.update(np.array([1.0 + 0j]), np.array([4e-4]))
-    mean, variance = average.update(np.array([1.01 + 0j]), np.array([1e-4]))
-    assert mean == pytest.approx([(1.0 / 4 + 1.01) / 1.25]) and variance == pytest.approx([8e-5])
-
-
-def test_average_excludes_absent_groups():
-    average = AdaptiveAverage(5)
-    average.update(np.array([1.0 + 0j]), np.array([1e-4]))
-    mean, variance = average.update(np.array([0j]), np.array([np.inf]))
-    assert mean == [0] and np.isinf(variance[0])
-    mean, variance = average.update(np.array([1.1 + 0j]), np.array([1e-4]))
-    assert mean == pytest.approx([1.1]) and variance == pytest.approx([1e-4])
-
-
-def test_average_of_short_groups_follows_a_touch_and_reaches_the_bound():
-    """60 deg in 20 ms at gamma 10 dB, 139 readings a second: 5 deg within 15 ms of the end."""
-    length, groups = 125, 70
-    period = length * T
-    plan = make_plan(group_length=length, reference_groups=groups, smoothing_groups=5)
-    steady = []
-    for seed in range(2):
-        tag = TagOnAir(
-            offset_ppm=70.0,
-            drift_ppm_per_s=0.5,
-            start_cycles=0.4,
-            untouched_deg=(10.0, -50.0),
-            touched_deg=(70.0, 10.0),
-        )
-        air = make_air(length, [tag], [10, seed], 10.0)
-        start = (groups + 20.3) * period
-        chain, ready = SnapshotChain(plan), []
-        for g in range(groups + 100):
-            share = np.clip((air.times_s(g) - start) / 0.02, 0, 1)
-            ready.append(chain.process(g, air.group(g, share)))
-        results = Groups.concatenate(ready)
-        errors = np.degrees(np.angle(results.ratios)) - 60
-        time = (results.index + 0.5) * period
-        assert np.max(np.abs(errors[time > start + 0.02 + 0.015])) < 5.0
-        steady.append(errors[time > start + 0.02 + 0.1])
-    # The bound at N_g = 625 and gamma 10 dB is .17 deg, reference included; 1 dB is 12 %.
-    assert np.sqrt(np.mean(np.square(np.concatenate(steady)))) < 0.17 * 1.12 * 1.15

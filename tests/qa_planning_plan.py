@@ -105,13 +105,11 @@ def test_steps_not_needed_are_skipped_with_reason():
         "guard and first repetition",
         "channel per snapshot",
         "more lines",
-        "average over groups",
         "inversion while untouched",
     ]
     moving = scene_of(environment={"moving_clutter_hz": 30}, phase_group={"snapshots": 125})
     busy = {s.name: s for s in steps(plan(moving))}
     assert "sequences up to 30 Hz" in busy["tones"].reason
-    assert busy["average over groups"].needed
 
 
 def test_steps_operations_equal_hand_count():

@@ -11,7 +11,6 @@ import pytest
 from device_times import rx_time
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.estimation.average import AdaptiveAverage
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.planning.plan import ACCEPTED_LOSS_DB, HARMONICS, plan
 from gnuradio.wiforce.scene import load_scene
@@ -274,16 +273,6 @@ def test_skip_of_more_lines_costs_what_the_plan_says(codes):
     # 0.1 dB less noise: what the lines left out know differs by 15 % of the noise; 50 values
     spread = np.sqrt(10 ** (ACCEPTED_LOSS_DB / 10) - 1)
     assert np.std(wrap_deg(few - many)[8:] / std[8:]) < 2 * spread
-
-
-def test_skip_of_averaging_one_group_changes_nothing():
-    rng = np.random.default_rng(2)
-    forced = AdaptiveAverage(1)
-    for _ in range(20):
-        ratios, variance = rng.standard_normal(2) + 1j, rng.random(2)
-        again, same = forced.update(ratios, variance)
-        np.testing.assert_allclose(again, ratios, rtol=1e-12)
-        np.testing.assert_allclose(same, variance, rtol=1e-12)
 
 
 def test_skip_of_inverting_untouched_groups_changes_no_touched_one(codes):

@@ -79,8 +79,6 @@ def readings_of(plan, presses, rng, lost=None):
         in_reference=none | (np.arange(count) < _BEFORE - 1)[:, None],
         late_reference=none,
         reshaped=none,
-        group_ratios=ratios,
-        group_variance=2 * (np.radians(std) * np.abs(ratios)) ** 2,
         reference_step=np.ones((count, 8), complex),
     )
     readout = make_readout(plan)

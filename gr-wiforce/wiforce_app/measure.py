@@ -15,7 +15,6 @@ import time
 from pathlib import Path
 
 import numpy as np
-from gnuradio.wiforce.estimation.average import AdaptiveAverage
 from gnuradio.wiforce.estimation.folded_groups import FoldedGroups
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.planning.plan import plan as plan_of
@@ -214,20 +213,15 @@ def _null_sink(block):
 
 
 def _group_skips(plan):
-    """Savings per group: averaging over a single group, inverting untouched groups."""
-    rate, sensors = 1 / plan.group_period_s, len(plan.sensors)
-    took = {}
-    if plan.smoothing_groups == 1:
-        average, ratio = AdaptiveAverage(1), np.ones(2, complex)
-        took["average over groups"] = _each(lambda: average.update(ratio, np.ones(2))) * sensors
+    """Savings per group: inverting untouched groups."""
+    rate = 1 / plan.group_period_s
     carrier_hz, inversion = plan.center_frequency_hz, 0.0
     for sensor in plan.sensors:
         model = sensor.model
         phases = np.array([model.untouched_deg(carrier_hz)])
         model.inverter(carrier_hz)  # its table is not part of what a group costs
         inversion += _each(lambda m=model, p=phases: m.invert(p, 1.0, frequency_hz=carrier_hz))
-    took["inversion while untouched"] = inversion
-    return {name: seconds * rate for name, seconds in took.items()}
+    return {"inversion while untouched": inversion * rate}
 
 
 def _each(call):

@@ -105,7 +105,7 @@ class Receiver:
         self.reference = estimator.difference(
             len(plan.clocks), plan.reference_groups, plan.waveform
         )
-        self.average = SubcarrierAverage(plan.smoothing_groups)
+        self.average = SubcarrierAverage()
         self.readout = make_readout(plan, tracked, on_groups, first_group, counts, states)
         self.tares = TareRequests(self.reference, self.readout.sensors, plan.group_period_s)
         self._separated = False
@@ -290,7 +290,7 @@ def make_readout(
     two_antennas = plan.require_scene().environment.receive_antennas > 1
     tag_ratios = plan.tag_ratios or [_TAG_RATIO if two_antennas else 0.0] * len(plan.sensors)
     if states is None:
-        states = {s.name: _unseen(s, carrier_hz, period_s) for s in plan.sensors}
+        states = {s.name: _unseen(s, plan) for s in plan.sensors}
     sensors = {
         s.name: SensorReadout(
             s.model,
@@ -317,9 +317,10 @@ def make_readout(
     return Readout(sensors, period_s, ratios, on_groups, first_group, counts, surface)
 
 
-def _unseen(sensor: PlannedSensor, carrier_hz: float, period_s: float) -> SensorState:
+def _unseen(sensor: PlannedSensor, plan: Plan) -> SensorState:
     """The state of a sensor that has shown nothing yet."""
-    parameters = {}
+    period_s, carrier_hz = plan.group_period_s, plan.center_frequency_hz
+    parameters = {"smoothing_s": plan.smoothing_groups * period_s}
     if sensor.drift_deg_per_sqrt_s is not None:
         parameters["drift_deg"] = sensor.drift_deg_per_sqrt_s
     if sensor.turns_per_s is not None:

@@ -1,175 +1,194 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Random presses, group by group, and what a receiver reads of them."""
+"""Random presses in seconds, and what else may happen to a sensor; by the signal model alone."""
 
-from collections import Counter
-from functools import lru_cache
+from dataclasses import dataclass
 
 import numpy as np
 from gnuradio import wiforce
-from gnuradio.wiforce.estimation.groups import Groups
-from gnuradio.wiforce.receiver import Receiver
-from plain import WAVEFORM
 
-K = len(WAVEFORM.bins)
-POINTS = 24  # of a group, over which its phasors are averaged
-GROUPS = 400
-# A reading is wrong if it is off by more than each of these, as in tests/soak/judge.py.
-_STDS, _FORCE_N, _LOCATION_MM, _ONSET_MARGIN_N = 5.0, 0.3, 1.0, 0.3
+REFERENCE_S, DURATION_S = 0.5, 14.0
+SNAPSHOT_S = 57.6e-6
+_POINT_S = 2e-3  # a group is the mean over points so far apart, or over six
+_LOCATION_MM = (16.0, 64.0)
+_FORCE_N = (1.3, 8.0)
 
-
-@lru_cache
-def plan_of(sensors):
-    named = [
-        {"name": f"s{i}", "model": "line-900mhz", "clock_hz": 1000 + 400 * i}
-        for i in range(sensors)
-    ]
-    return wiforce.plan({"sensors": named})
-
-
-class _AsSeparated:
-    """In place of the separation: groups that have been separated."""
-
-    def process(self, groups):
-        return groups
-
-    def flush(self):
-        return Groups([])
+#: What happens in each family beside presses.
+FAMILIES = {
+    "plain": (),
+    "gaps": ("gaps",),
+    "silence": ("silence",),
+    "tares": ("tares",),
+    "drift": ("drift",),
+    "turns": ("turns",),
+    "gain": ("gain",),
+    "carrier": ("carrier",),
+    "hand": ("hand",),
+    "mixture": ("gaps", "tares", "drift", "gain", "silence"),
+    "turning mixture": ("turns", "tares", "drift"),
+}
 
 
-def _knots(rng, begin, end):
-    """Times in groups, forces and locations, linear in between: taps, slides, slow and fast."""
-    knots, time = [(0.0, 0.0, 40.0)], begin
-    while time < end:
-        force_n, location_mm = rng.uniform(1.3, 8), _location(rng)
-        rise, fall = (_one_of(rng, 0.01, (0.1, 2), (2, 12), (30, 300)) for _ in range(2))
-        hold = _one_of(rng, (0.05, 1), (1, 5), (8, 60), (200, 300))
-        knots += [(time, 0.0, location_mm), (time + rise, force_n, location_mm)]
-        time += rise + hold
-        knots.append((time, force_n, location_mm))
-        if rng.random() < 0.3:  # slides, changes its force, or is replaced by another press
-            time += rng.choice([0.01, rng.uniform(1, 30)])
-            force_n, location_mm = rng.uniform(1.3, 8), _location(rng)
-            knots.append((time, force_n, location_mm))
-            time += hold
-            knots.append((time, force_n, location_mm))
-        time += fall
-        knots.append((time, 0.0, location_mm))
-        time += _one_of(rng, (0.1, 1), (1, 3.5), (4, 40), (80, 200))
-    return np.array(knots)
+def _one_of(rng, *ranges):
+    """A value of one of four ranges, the last of them rarely."""
+    return rng.uniform(*ranges[rng.choice(4, p=[0.3, 0.35, 0.3, 0.05])])
+
+
+def _log_uniform(rng, low, high):
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
 def _location(rng):
     """At mid-line, where both phases change alike, more often than elsewhere."""
-    return rng.uniform(38, 42) if rng.random() < 0.4 else rng.uniform(3, 77)
+    return rng.uniform(38, 42) if rng.random() < 0.4 else rng.uniform(*_LOCATION_MM)
 
 
-def _one_of(rng, *ranges):
-    """A value of one of these ranges, the last of them rarely."""
-    chosen = ranges[rng.choice(len(ranges), p=[0.35, 0.3, 0.3, 0.05])]
-    return rng.uniform(*chosen) if isinstance(chosen, tuple) else chosen
+def _moments(rng, per_s, end):
+    """Times of events of a rate, from shortly after the reference on."""
+    time = REFERENCE_S + 0.2
+    while (time := time + rng.exponential(1 / per_s)) < end:
+        yield time
+
+
+def _smooth_step(t, begin, duration):
+    x = np.clip((t - begin) / duration, 0, 1)
+    return x * x * (3 - 2 * x)
+
+
+def _presses(rng, end):
+    """Knots (time, force, location), linear in between, and when each press begins and ends."""
+    knots, spans = [(0.0, 0.0, 40.0)], []
+    time = REFERENCE_S + rng.uniform(0.3, 1.5)
+    while time < end:
+        force, location, begin = _log_uniform(rng, *_FORCE_N), _location(rng), time
+        rise, fall = (
+            _one_of(rng, (0.001, 0.005), (0.005, 0.06), (0.06, 0.4), (1, 3)) for _ in range(2)
+        )
+        hold = _one_of(rng, (0.05, 0.2), (0.2, 0.6), (0.6, 2.5), (4, 8))
+        knots += [(time, 0.0, location), (time + rise, force, location)]
+        time += rise + hold
+        knots.append((time, force, location))
+        if rng.random() < 0.3:  # slides, changes its force, or is replaced by another press
+            time += _one_of(rng, (0.001, 0.003), (0.003, 0.03), (0.03, 1), (1, 2))
+            kind = rng.random()
+            force = _log_uniform(rng, *_FORCE_N) if kind < 0.7 else force
+            location = _location(rng) if kind > 0.4 else location
+            knots.append((time, force, location))
+            time += hold
+            knots.append((time, force, location))
+        time += fall
+        knots.append((time, 0.0, location))
+        spans.append((begin, time))
+        time += _one_of(rng, (0.005, 0.04), (0.04, 0.4), (0.4, 1.5), (2, 5))
+    return np.array(knots), spans
+
+
+@dataclass
+class _Tag:
+    """One sensor over the points of time (G, P), and whether its tag is on in each group."""
+
+    force: np.ndarray
+    location: np.ndarray
+    ratios: np.ndarray  # R of both ends, (G, P, 2)
+    on: np.ndarray
 
 
 class Sequence:
-    """Presses on one sensor or two, and the readings of them.
+    """What happens in 14 s to one sensor or two, group by group.
 
     Parameters
     ----------
     seed : int
-    tares : bool
-        Requests tares at any moment, also forced.
-    gaps : bool
-        Loses groups, and switches a tag off.
+    snapshots : int
+        Snapshots of a group, N_g.
+    family : str
+        Of ``FAMILIES``.
 
     Attributes
     ----------
-    counts : Counter
-        Of readings.
-    wrong : list of str
-        Readings without a flag that are not what they say.
+    groups : int
+    period_s : float
+        Length of a group.
+    tags : list of _Tag
+    receiver : ndarray of complex, shape (G, P)
+        Logarithm of the receiver's gain, which the static path has as well.
+    received : ndarray of bool, shape (G,)
+    tares : list of (int, bool)
+        Groups before which a tare is asked for, and whether it is forced.
+    noise_deg : float
+        Standard deviation of arg R of an untouched end.
     """
 
-    def __init__(self, seed, tares=False, gaps=False):
-        rng = np.random.default_rng([seed, tares, gaps])
-        self._rng, self._sensors = rng, 2 if rng.random() < 0.2 else 1
-        self._plan = plan_of(self._sensors)
-        self._tares = tares
-        times = (np.arange(GROUPS * POINTS) + 0.5) / POINTS
-        begin = self._plan.reference_groups + rng.uniform(5, 40)
-        pressed = [_knots(rng, begin, GROUPS).T for _ in range(self._sensors)]
-        self._force = [np.interp(times, k[0], k[1]).reshape(GROUPS, POINTS) for k in pressed]
-        self._location = [np.interp(times, k[0], k[2]).reshape(GROUPS, POINTS) for k in pressed]
-        self._received, self._on = self._lose(gaps)
-        self.counts, self.wrong = Counter(), []
-        for reading in self._read():
-            self._judge(reading)
+    truth = wiforce.load_sensor("line-900mhz")
 
-    def _lose(self, gaps):
-        received, on = np.ones(GROUPS, bool), np.ones((GROUPS, self._sensors), bool)
-        first = self._plan.reference_groups + 5
-        while gaps and first < GROUPS:
-            lost = slice(
-                first, first + int(_one_of(self._rng, (1, 5), (5, 28), (28, 60), (60, 99)))
-            )
-            if self._rng.random() < 0.5:
-                received[lost] = False
-            else:
-                on[lost, self._rng.integers(self._sensors)] = False
-            first = lost.stop + int(self._rng.exponential(60))
-        return received, on
+    def __init__(self, seed, snapshots, family):
+        self.family, effects = family, FAMILIES[family]
+        rng = self._rng = np.random.default_rng([seed, snapshots, list(FAMILIES).index(family)])
+        self.snapshots, self.period_s = snapshots, snapshots * SNAPSHOT_S
+        self.groups = int(DURATION_S / self.period_s)
+        points = max(6, int(np.ceil(self.period_s / _POINT_S)))
+        self._shape = self.groups, points
+        self._end = self.groups * self.period_s
+        self._t = (np.arange(self.groups * points) + 0.5) * self.period_s / points
+        log_gain = np.zeros(len(self._t), complex)
+        if "gain" in effects:
+            for at in _moments(rng, 0.2, self._end):
+                db = rng.choice([-1, 1]) * rng.uniform(1, 6)
+                turn = np.radians(rng.uniform(-30, 30))
+                log_gain += (self._t > at) * (db / 20 * np.log(10) + 1j * turn)
+        if "carrier" in effects:
+            for at in _moments(rng, 0.2, self._end):
+                turn = np.radians(rng.choice([-1, 1]) * _log_uniform(rng, 0.5, 180))
+                log_gain += (self._t > at) * 1j * turn
+        self.receiver = log_gain.reshape(self._shape)
+        self.drift_deg = _log_uniform(rng, 0.03, 1.0) if "drift" in effects else 0.0
+        self.tags = [self._tag(effects) for _ in range(2 if seed % 5 == 4 else 1)]
+        self.received = np.ones(self.groups, bool)
+        if "gaps" in effects:
+            for at in _moments(rng, 0.3, self._end):
+                last = at + _log_uniform(rng, 0.004, 2)
+                self.received[int(at / self.period_s) : int(last / self.period_s) + 1] = False
+        self.tares = []
+        if "tares" in effects:
+            tares = _moments(rng, 0.15, self._end)
+            self.tares = [(int(at / self.period_s), bool(rng.random() < 0.4)) for at in tares]
+        self.noise_deg = _log_uniform(rng, 0.03, 0.2) * np.sqrt(625 / snapshots)
 
-    def _groups(self):
-        """Groups with the channels of the ends, and noise."""
-        rng, model, ends = self._rng, self._plan.sensors[0].model, []
-        for force, location in zip(self._force, self._location, strict=True):
-            psi = model.phases_deg(force.ravel(), location.ravel())
-            psi[force.ravel() == 0] = model.untouched_deg()
-            ends.append(np.exp(1j * np.radians(psi)).reshape(GROUPS, POINTS, 2).mean(axis=1))
-        delays = np.linspace(0.02, 0.06, 2 * self._sensors)
-        channel = np.exp(-2j * np.pi * np.outer(delays, WAVEFORM.subcarriers / 5.12))
-        # What more noise leaves without a flag: docs/estimation.md, section "Limits".
-        variance = 2 * K * np.radians(np.exp(rng.uniform(np.log(0.03), np.log(0.2)))) ** 2
-        noise = rng.standard_normal((2, GROUPS, *channel.shape)) * np.sqrt(variance / 2)
-        return Groups(
-            np.arange(GROUPS),
-            np.zeros((GROUPS, len(self._plan.table.tones), K)),
-            ends=channel * np.concatenate(ends, axis=1)[:, :, None] + noise[0] + 1j * noise[1],
-            gain=np.where(np.repeat(self._on, 2, axis=1), 1.0, np.inf),
-            noise=np.full((GROUPS, K), variance),
-            snr_db=np.full((GROUPS, 2 * self._sensors), 10.0),
-            locked=self._on,
-            overlapping=np.zeros((GROUPS, self._sensors), bool),
-            retuned=np.zeros(GROUPS, bool),
+    def _tag(self, effects):
+        rng, t = self._rng, self._t
+        knots, spans = _presses(rng, self._end)
+        force, location = (np.interp(t, knots[:, 0], knots[:, i]) for i in (1, 2))
+        psi = self.truth.phases_deg(np.maximum(force, 1e-3), location)
+        psi[force < self.truth.onset_force_n] = self.truth.untouched_deg()
+        log_ratio = 1j * np.radians(psi - self.truth.untouched_deg())
+        if self.drift_deg:
+            step = np.radians(self.drift_deg) * np.sqrt(self.period_s / self._shape[1])
+            log_ratio += 1j * np.cumsum(step * rng.standard_normal((len(t), 2)), axis=0)
+        if "turns" in effects:
+            for at in _moments(rng, 0.3, self._end):
+                lasts = rng.uniform(0.002, 0.02) if rng.random() < 0.5 else rng.uniform(0.2, 2)
+                turn = 0.05 * rng.standard_normal() + 1j * np.radians(rng.uniform(-40, 40))
+                log_ratio += (_smooth_step(t, at, lasts) * turn)[:, None]
+        ratios = np.exp(log_ratio)
+        if "hand" in effects:
+            ratios *= (1 + self._hand(spans))[:, None]
+        on = np.ones(len(t), bool)
+        if "silence" in effects:
+            for at in _moments(rng, 0.15, self._end):
+                on &= ~((t > at) & (t < at + _log_uniform(rng, 0.05, 3.5)))
+        return _Tag(
+            force.reshape(self._shape),
+            location.reshape(self._shape),
+            ratios.reshape(*self._shape, 2),
+            on.reshape(self._shape).all(axis=1),
         )
 
-    def _read(self):
-        """Readings, in batches of any size."""
-        groups, rng = self._groups()[self._received], self._rng
-        receiver = Receiver(self._plan)
-        receiver.separation = _AsSeparated()
-        readings, begin = [], 0
-        while begin < len(groups):
-            end = begin + int(rng.choice([1, 3, 16, 28, 100]))
-            if self._tares and rng.random() < 0.15:
-                receiver.tare(force=rng.random() < 0.4)
-            readings += receiver.process(groups[begin:end])
-            begin = end
-        return readings + receiver.finish(GROUPS)
-
-    def _judge(self, reading):
-        sensor = int(reading.sensor[1:])
-        force, location = self._force[sensor][reading.group], self._location[sensor][reading.group]
-        onset = self._plan.sensors[0].model.onset_force_n
-        steady = np.ptp(force) == 0 and np.ptp(location) == 0
-        self.counts["steady touches"] += steady and force[0] > onset
-        self.counts["unflagged steady touches"] += steady and force[0] > onset and not reading.flags
-        if reading.flags or reading.touch is None:
-            return
-        wrong = reading.touch == 1 and force.max() < onset - _ONSET_MARGIN_N
-        wrong |= reading.touch == 0 and force.min() > onset + _ONSET_MARGIN_N
-        if steady and reading.touch == 1 and reading.force_n is not None:
-            off_n = abs(reading.force_n - force[0])
-            off_mm = abs(reading.location_mm - location[0])
-            wrong |= off_n > max(_STDS * reading.force_std_n, _FORCE_N)
-            wrong |= off_mm > max(_STDS * reading.location_std_mm, _LOCATION_MM)
-        if wrong:
-            self.wrong.append(f"{force.min():.2f} N to {force.max():.2f} N, read as {reading}")
+    def _hand(self, spans):
+        """The echo of the hand that presses: it comes, stays while it presses, trembling, goes."""
+        rng, t, echo = self._rng, self._t, np.zeros(len(self._t), complex)
+        for begin, end in spans:
+            comes = rng.uniform(0.2, 0.6)
+            near = _smooth_step(t, begin - comes, comes) * (1 - _smooth_step(t, end, comes))
+            away_mm = 150 * (1 - near) + 3 * np.sin(2 * np.pi * (0.7 * t + rng.random()))
+            turn = rng.random() - 2 * away_mm / 333
+            echo += rng.uniform(0.02, 0.1) * near * np.exp(2j * np.pi * turn)
+        return echo

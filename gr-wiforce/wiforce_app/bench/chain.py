@@ -27,7 +27,7 @@ class SnapshotChain:
         self.difference = estimator.difference(
             len(plan.clocks), plan.reference_groups, plan.waveform
         )
-        self.average = SubcarrierAverage(plan.smoothing_groups)
+        self.average = SubcarrierAverage()
         self.unfolder = RatioUnfolder(estimator.ratios)
 
     def process(self, index, snapshots, present=None):

@@ -37,6 +37,9 @@ public:
     //! of the evidence for the rates that is kept.
     double update(double phase, double noise, double memory);
 
+    //! Its rates are as likely as those of another phase that drifts for the same reason.
+    void share_rates(const drift_bank& other) { d_log_weight = other.d_log_weight; }
+
     moments estimate() const;
     //! Geometric mean of the rates.
     double usual_rate() const;

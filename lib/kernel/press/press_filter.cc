@@ -49,6 +49,20 @@ double squared(double x) { return x * x; }
 const double log_any_phases = -2 * std::log(two_pi);
 const double log_any_mixture = log_any_phases - 2 * std::log(0.7);
 
+// Of both ends, whose mean and difference these are.
+pair_of_ends phases_of(const drift_bank& common, const drift_bank& difference)
+{
+    const double mean = common.estimate().mean, apart = difference.estimate().mean;
+    return { mean + apart / 2, mean - apart / 2 };
+}
+
+phase_covariance covariance_of(const drift_bank& common, const drift_bank& difference)
+{
+    const double mean = common.estimate().variance,
+                 apart = difference.estimate().variance / 4;
+    return { mean + apart, mean + apart, mean - apart };
+}
+
 const pair_of_ends alike_both{ std::sqrt(0.5), std::sqrt(0.5) };
 
 } // namespace
@@ -83,6 +97,8 @@ void press_filter::take(const press_observation& group)
     for (auto& from : d_kept) {
         from.common.predict(d_elapsed_s);
         from.difference.predict(d_elapsed_s);
+        from.held_common.predict(d_elapsed_s);
+        from.held_difference.predict(d_elapsed_s);
         from.amplitude_variance += squared(d_set.fading_np) * d_elapsed_s;
         from.age_s += d_elapsed_s;
         from.turned_now = false;
@@ -337,23 +353,21 @@ press_filter::courses(const explanation& from) const
 
 void press_filter::remain_untouched(const explanation& from, double probability)
 {
-    if (hopeless(from, probability))
+    auto followed = follow(from, probability);
+    if (!followed)
         return;
-    auto next = from;
-    next.jolted = next.jumped = false;
+    auto& next = *followed;
     next.turning = false;
-    next.log_weight += std::log(probability);
-    const double likelihood = update_baseline(next);
-    give(next, likelihood);
+    next.lasts = true;
+    give(next, update_baseline(next));
 }
 
 void press_filter::turn_suddenly(const explanation& from, double probability)
 {
-    if (hopeless(from, probability))
+    auto followed = follow(from, probability);
+    if (!followed)
         return;
-    auto next = from;
-    next.jolted = next.jumped = false;
-    next.log_weight += std::log(probability);
+    auto& next = *followed;
     next.turns++;
     next.turning = next.steady = next.near = false;
     next.jolted = next.turned_now = true;
@@ -368,11 +382,10 @@ void press_filter::turn_suddenly(const explanation& from, double probability)
 void press_filter::turn_slowly(
     const explanation& from, double probability, course how, std::size_t speed, bool near)
 {
-    if (hopeless(from, probability))
+    auto followed = follow(from, probability);
+    if (!followed)
         return;
-    auto next = from;
-    next.jolted = next.jumped = false;
-    next.log_weight += std::log(probability);
+    auto& next = *followed;
     next.speed = speed;
     next.steady = false;
     next.turning = how != course::ends;
@@ -403,11 +416,7 @@ void press_filter::begin_turn(explanation& to) const
             d_common_noise); // how far it turns is seen with the noise of a group
         return;
     }
-    const auto common = to.common.estimate(), apart = to.difference.estimate();
-    to.motion.hold(baseline(to),
-                   { common.variance + apart.variance / 4,
-                     common.variance + apart.variance / 4,
-                     common.variance - apart.variance / 4 });
+    to.motion.hold(baseline(to), covariance_of(to.common, to.difference));
     to.strength = { to.amplitude, 0, to.amplitude_variance, 0 };
 }
 
@@ -418,6 +427,7 @@ double press_filter::follow_turn(explanation& to, const pair_of_ends& was) const
     drift(to);
     double likelihood = to.motion.evidence(d_group.phase, d_noise);
     to.motion.update(d_group.phase, d_noise);
+    hold_level(to);
     const double before = to.strength.mean;
     likelihood += update_strength(to, 0);
     const auto is = to.motion.phase();
@@ -442,13 +452,12 @@ double press_filter::follow_turn(explanation& to, const pair_of_ends& was) const
 
 void press_filter::release(const explanation& from, double probability)
 {
-    if (hopeless(from, probability))
+    auto followed = follow(from, probability);
+    if (!followed)
         return;
-    auto next = from;
-    next.jolted = next.jumped = false;
+    auto& next = *followed;
     next.is = untouched;
     next.age_s = 0;
-    next.log_weight += std::log(probability);
     double likelihood;
     if (from.known)
         likelihood = update_baseline(next);
@@ -471,13 +480,12 @@ void press_filter::release(const explanation& from, double probability)
 
 void press_filter::press(const explanation& from, double probability)
 {
-    if (hopeless(from, probability))
+    auto followed = follow(from, probability);
+    if (!followed)
         return;
-    auto next = from;
-    next.jolted = next.jumped = false;
+    auto& next = *followed;
     next.is = pressed;
     next.age_s = 0;
-    next.log_weight += std::log(probability);
     begin_press(next);
     if (next.turning) {
         next.motion.move(next.velocity, squared(next.velocity) / 4);
@@ -489,14 +497,13 @@ void press_filter::press(const explanation& from, double probability)
 
 void press_filter::touch_unexplained(const explanation& from, double probability)
 {
-    if (hopeless(from, probability))
+    auto followed = follow(from, probability);
+    if (!followed)
         return;
-    auto next = from;
-    next.jolted = next.jumped = false;
+    auto& next = *followed;
     next.is = unexplained;
     next.age_s = 0;
     next.turning = false;
-    next.log_weight += std::log(probability);
     begin_press(next);
     double explained = 0, near = 0;
     if (from.known) {
@@ -514,33 +521,30 @@ void press_filter::touch_unexplained(const explanation& from, double probability
 
 void press_filter::hold(const explanation& from, double probability)
 {
-    if (hopeless(from, probability))
+    auto followed = follow(from, probability);
+    if (!followed)
         return;
-    auto next = from;
-    next.jolted = next.jumped = false;
+    auto& next = *followed;
     next.steady = false;
-    next.log_weight += std::log(probability);
-    if (!from.known && !from.steady) {
-        // As long as nothing happens it looks like the untouched line, drift included.
-        const double likelihood = update_baseline(next);
-        const double common = next.common.estimate().variance,
-                     apart = next.difference.estimate().variance / 4;
-        next.motion.hold(baseline(next),
-                         { common + apart, common + apart, common - apart });
-        next.strength = { next.amplitude, 0, next.amplitude_variance, 0 };
-        give(next, likelihood);
-        return;
-    }
-    drift(next);
+    next.lasts = !from.steady;
     if (from.steady) {
         next.age_s = 0;
+        drift(next);
         next.motion.predict(d_elapsed_s);
         next.motion.stop(d_elapsed_s);
+        const double likelihood = next.motion.evidence(d_group.phase, d_noise);
+        next.motion.update(d_group.phase, d_noise);
+        hold_level(next);
+        give(next, likelihood + update_strength(next, 0));
+        return;
     }
-    double likelihood = next.motion.evidence(d_group.phase, d_noise);
-    next.motion.update(d_group.phase, d_noise);
-    likelihood += update_strength(next, 0);
-    give(next, likelihood);
+    // What is held drifts as the untouched line does, and looks like it.
+    const double likelihood = update_phases(next.held_common, next.held_difference);
+    next.common.share_rates(next.held_common);
+    next.difference.share_rates(next.held_difference);
+    next.motion.hold(phases_of(next.held_common, next.held_difference),
+                     covariance_of(next.held_common, next.held_difference));
+    give(next, likelihood + update_strength(next, 0));
 }
 
 void press_filter::change_steadily(const explanation& from,
@@ -548,15 +552,14 @@ void press_filter::change_steadily(const explanation& from,
                                    bool slides,
                                    std::size_t speed)
 {
-    if (hopeless(from, probability))
+    auto followed = follow(from, probability);
+    if (!followed)
         return;
-    auto next = from;
-    next.jolted = next.jumped = false;
+    auto& next = *followed;
     next.steady = true;
     next.slides = slides;
     next.speed = speed;
     next.age_s = 0;
-    next.log_weight += std::log(probability);
     drift(next);
     // What slides, or rolls, moves both phases in any direction.
     const auto direction = press_direction(from);
@@ -624,14 +627,13 @@ void press_filter::part_turn(explanation& to,
 
 void press_filter::jump(const explanation& from, double probability)
 {
-    if (hopeless(from, probability))
+    auto followed = follow(from, probability);
+    if (!followed)
         return;
-    auto next = from;
-    next.jolted = next.jumped = false;
+    auto& next = *followed;
     next.age_s = 0;
     next.steady = false;
     next.jumped = true;
-    next.log_weight += std::log(probability);
     drift(next);
     const auto direction = press_direction(from);
     const double x = direction[0], y = direction[1], along = squared(jump_deg * deg),
@@ -642,6 +644,7 @@ void press_filter::jump(const explanation& from, double probability)
     const auto was = from.motion.phase();
     double likelihood = next.motion.evidence(d_group.phase, d_noise);
     next.motion.update(d_group.phase, d_noise);
+    hold_level(next);
     likelihood += update_strength(next, 0);
     // What hardly differs is no jump.
     double jumped = 0;
@@ -659,11 +662,10 @@ void press_filter::jump(const explanation& from, double probability)
 
 void press_filter::mix(const explanation& from, double probability, double ends)
 {
-    if (hopeless(from, probability))
+    auto followed = follow(from, probability);
+    if (!followed)
         return;
-    auto next = from;
-    next.jolted = next.jumped = false;
-    next.log_weight += std::log(probability);
+    auto& next = *followed;
     next.is = mixed;
     next.steady = false;
     next.turning &= !next.near;
@@ -703,9 +705,18 @@ void press_filter::mix(const explanation& from, double probability, double ends)
 
 // ---- parts of them
 
-bool press_filter::hopeless(const explanation& from, double probability) const
+// What follows with this probability, before the event has changed it; nothing where even
+// the best prediction of the group would leave no weight.
+std::optional<press_filter::explanation>
+press_filter::follow(const explanation& from, double probability) const
 {
-    return !(from.log_weight + std::log(probability) + d_peak > d_best + negligible - 12);
+    const double log_weight = from.log_weight + std::log(probability);
+    if (!(log_weight + d_peak > d_best + negligible - 12))
+        return std::nullopt;
+    auto next = from;
+    next.log_weight = log_weight;
+    next.jolted = next.jumped = next.lasts = false;
+    return next;
 }
 
 void press_filter::give(explanation& next, double log_likelihood)
@@ -714,22 +725,47 @@ void press_filter::give(explanation& next, double log_likelihood)
     if (!(next.log_weight > d_best + negligible))
         return;
     d_best = std::max(d_best, next.log_weight);
+    average(next);
     next.last = next.now;
     next.now = describe(next);
     d_next.push_back(next);
 }
 
-double press_filter::step_probability() const
+// Mean of the groups for as long as nothing changes: of as many as last smoothing_s.
+void press_filter::average(explanation& to) const
+{
+    auto& mean = to.mean;
+    const double x = d_set.smoothing_s > 0 ? d_elapsed_s / d_set.smoothing_s : 1;
+    const double kept = to.lasts ? std::max(0.0, (1 - x) / (1 + x)) : 0;
+    for (int e = 0; e < 2; e++) {
+        const double noise = d_group.variance[e], weight = kept * mean.weight[e],
+                     gain = 1 / (1 + weight * noise);
+        mean.phase[e] = d_group.phase[e] +
+                        (1 - gain) * wrapped(mean.phase[e] - d_group.phase[e]);
+        mean.amplitude[e] += gain * (d_group.amplitude[e] - mean.amplitude[e]);
+        mean.variance[e] =
+            squared(gain) * noise + squared(1 - gain) * mean.variance[e];
+        mean.weight[e] = weight + 1 / noise;
+    }
+}
+
+double press_filter::step_probability()
 {
     if (d_group.retuned)
-        return 1;
+        return d_stepped = 1;
     const double variance = d_group.receiver_variance;
-    const double prior = -std::expm1(-d_set.steps * d_elapsed_s);
-    const double log_step = std::log(prior + 1e-300) - std::log(2 * two_pi),
+    // A step may take a part of the group before and a part of this one.
+    const double prior =
+        std::max(-std::expm1(-d_set.steps * d_elapsed_s), d_stepped * lasting());
+    // Of any size, in equal parts per octave of four decades.
+    const double size2 = squared(d_group.receiver_phase) +
+                         squared(d_group.receiver_amplitude) + variance;
+    const double log_step = std::log(prior + 1e-300) -
+                            std::log(two_pi * size2 * std::log(1e4)),
                  log_none = log_normal(d_group.receiver_phase, variance) +
                             log_normal(d_group.receiver_amplitude, variance);
     const double steps = 1 / (1 + std::exp(std::min(log_none - log_step, 700.0)));
-    return steps < 1e-7 ? 0 : steps > 1 - 1e-7 ? 1 : steps;
+    return d_stepped = steps < 1e-7 ? 0 : steps > 1 - 1e-7 ? 1 : steps;
 }
 
 void press_filter::step_receiver(explanation& to) const
@@ -746,9 +782,14 @@ void press_filter::step_receiver(explanation& to) const
     to.amplitude_variance += variance;
     to.motion.turn(by);
     to.motion.widen({ variance, variance, variance });
+    to.held_common.turn(by);
+    to.held_common.widen(variance);
     to.strength.mean += gain;
     to.strength.mean_variance += variance;
     for (int e = 0; e < 2; e++) {
+        to.mean.phase[e] += by;
+        to.mean.amplitude[e] += gain;
+        to.mean.weight[e] = unknown ? 0 : to.mean.weight[e];
         to.start[e] *= std::polar(std::exp(gain), by);
         to.seen[e] *= std::polar(std::exp(gain), by);
     }
@@ -772,15 +813,31 @@ void press_filter::drift(explanation& to) const
     to.motion.widen({ common + apart, common + apart, common - apart });
 }
 
-double press_filter::update_baseline(explanation& to) const
+// Takes the phases of the group as those of a line that drifts.
+double press_filter::update_phases(drift_bank& common, drift_bank& difference) const
 {
     const double memory = std::max(0.0, 1 - d_elapsed_s / d_set.drift_memory_s);
-    const auto known = to.difference.estimate();
+    const auto known = difference.estimate();
     const double apart =
         known.mean + wrapped(d_group.phase[0] - d_group.phase[1] - known.mean);
-    double likelihood =
-        to.common.update(d_group.phase[1] + apart / 2, d_common_noise, memory) +
-        to.difference.update(apart, d_difference_noise, memory);
+    return common.update(d_group.phase[1] + apart / 2, d_common_noise, memory) +
+           difference.update(apart, d_difference_noise, memory);
+}
+
+// A press is held from where it is now.
+void press_filter::hold_level(explanation& to) const
+{
+    const auto is = to.motion.phase();
+    const auto sure = to.motion.covariance();
+    const double apart = wrapped(is[0] - is[1]);
+    to.held_common.reset(is[1] + apart / 2,
+                         (sure.first + sure.second + 2 * sure.both) / 4);
+    to.held_difference.reset(apart, sure.first + sure.second - 2 * sure.both);
+}
+
+double press_filter::update_baseline(explanation& to) const
+{
+    double likelihood = update_phases(to.common, to.difference);
     const double off = d_amplitude - to.amplitude,
                  variance = to.amplitude_variance + d_amplitude_noise;
     likelihood += log_normal(off, variance) +
@@ -844,6 +901,9 @@ void press_filter::begin_press(explanation& to) const
 {
     to.steady = false;
     to.motion.hold(d_group.phase, d_noise);
+    to.held_common = to.common;
+    to.held_difference = to.difference;
+    hold_level(to);
     to.strength = {
         d_amplitude, d_amplitude_difference, d_amplitude_noise, 4 * d_amplitude_noise
     };
@@ -910,9 +970,7 @@ press_filter::both_ends press_filter::seen_ratio() const
 
 pair_of_ends press_filter::baseline(const explanation& of) const
 {
-    const double common = of.common.estimate().mean,
-                 apart = of.difference.estimate().mean;
-    return { common + apart / 2, common - apart / 2 };
+    return phases_of(of.common, of.difference);
 }
 
 pair_of_ends press_filter::press_direction(const explanation& of) const
@@ -930,10 +988,11 @@ press_filter::outcome press_filter::describe(const explanation& of) const
              of.before,
              of.known,
              of.turned_now || of.turning,
-             { common.mean + apart.mean / 2, common.mean - apart.mean / 2 },
+             baseline(of),
              common.variance + (of.is == pressed ? of.near_square / 2 : 0),
              apart.variance,
-             of.amplitude };
+             of.amplitude,
+             of.mean };
 }
 
 // ---- keeping the likely ones
@@ -966,14 +1025,6 @@ void press_filter::settle()
 double press_filter::turn_rate(const explanation& of) const
 {
     return (d_set.turns * d_set.turns_s + of.turns) / (d_set.turns_s + of.untouched_s);
-}
-
-double press_filter::turn_rate() const
-{
-    double rate = 0;
-    for (const auto& kept : d_kept)
-        rate += std::exp(kept.log_weight) * turn_rate(kept);
-    return rate;
 }
 
 bool press_filter::alike(const explanation& a, const explanation& b) const
@@ -1070,9 +1121,15 @@ void press_filter::claim_untouched(double probability)
             next.amplitude_variance = next.strength.mean_variance;
         }
         next.now = describe(next);
-        next.log_weight = 0;
-        for (auto& kept : d_kept)
+        // If it is true, nothing changes any more; so it is compared with a press that rests.
+        for (auto& kept : d_kept) {
             kept.log_weight += std::log1p(-probability);
+            if (kept.steady) {
+                kept.steady = false;
+                kept.age_s = 0;
+                hold_level(kept);
+            }
+        }
         next.log_weight = std::log(probability);
         d_kept.insert(d_kept.begin(), next);
         return;
@@ -1098,6 +1155,8 @@ void press_filter::change_reference(const pair_of_ends& phase, const pair_of_end
     for (auto& kept : d_kept) {
         kept.common.turn(mean);
         kept.difference.turn(apart);
+        kept.held_common.turn(mean);
+        kept.held_difference.turn(apart);
         kept.amplitude += amplitude;
         kept.quiet_amplitude += amplitude;
         kept.quiet_phase += mean;
@@ -1109,6 +1168,10 @@ void press_filter::change_reference(const pair_of_ends& phase, const pair_of_end
         for (int e = 0; e < 2; e++) {
             kept.start[e] *= std::polar(std::exp(by[e]), phase[e]);
             kept.seen[e] *= std::polar(std::exp(by[e]), phase[e]);
+            for (auto* mean : { &kept.mean, &kept.now.mean, &kept.last.mean }) {
+                mean->phase[e] += phase[e];
+                mean->amplitude[e] += by[e];
+            }
             kept.now.baseline[e] += phase[e];
             kept.last.baseline[e] += phase[e];
         }

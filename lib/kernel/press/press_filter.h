@@ -9,6 +9,7 @@
 #include <array>
 #include <complex>
 #include <memory>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -45,6 +46,12 @@ public:
         mixed,       // something changed inside the group
     };
 
+    //! Phases and amplitudes of both ends, averaged for as long as nothing changes.
+    struct average_of_groups {
+        pair_of_ends phase{}, amplitude{}, variance{}; // rad, Np, of each
+        pair_of_ends weight{};                         // of the groups before
+    };
+
     //! What an explanation says of one group.
     struct outcome {
         state is = untouched, before = untouched;
@@ -55,6 +62,7 @@ public:
         double common_variance = 0,
                difference_variance = 0; // of their mean and difference
         double amplitude = 0;           // of both ends, Np
+        average_of_groups mean;         // of what was received
     };
 
     struct weighted_outcome {
@@ -78,8 +86,6 @@ public:
     //! its successor is known; largest weight first.
     std::vector<weighted_outcome> newest() const;
     std::vector<weighted_outcome> before_newest() const;
-    //! Turns per second, as learned.
-    double turn_rate() const;
 
 private:
     using complex = std::complex<double>;
@@ -109,6 +115,7 @@ private:
         // Both phases of the press, or of the untouched line while the tag turns; and
         // whether the press changes steadily: at a speed, sliding or not.
         phase_motion motion;
+        drift_bank held_common, held_difference;
         press_amplitude strength;
         bool steady = false, slides = false;
         bool jolted = false,
@@ -121,6 +128,8 @@ private:
         both_ends start{}, seen{};
         double seen_variance = 0;
         int groups = 0;
+        bool lasts = false; // nothing has changed since the group before
+        average_of_groups mean;
         outcome now, last;
     };
 
@@ -163,17 +172,20 @@ private:
     void begin_turn(explanation& to) const;
     double follow_turn(explanation& to, const pair_of_ends& was) const;
     void give(explanation& next, double log_likelihood);
-    bool hopeless(const explanation& from, double probability) const;
+    std::optional<explanation> follow(const explanation& from, double probability) const;
+    void average(explanation& to) const;
 
     double turn_rate(const explanation& of) const;
     void step_receiver(explanation& to) const;
-    double step_probability() const;
+    double step_probability();
     void reset_baseline(explanation& to) const;
     void drift(explanation& to) const;
+    double update_phases(drift_bank& common, drift_bank& difference) const;
+    void hold_level(explanation& to) const;
     double update_baseline(explanation& to) const;
     void notice_hand(explanation& to) const;
     double compare_contact(const explanation& with, double spread) const;
-    double update_strength(explanation& to, double steps) const;
+    double update_strength(explanation& to, double dip) const;
     void begin_press(explanation& to) const;
     double density(const explanation& of, const pair_of_ends& phase) const;
     double chord(const explanation& from, const both_ends& to, double variance) const;
@@ -193,6 +205,7 @@ private:
 
     press_observation d_group;
     double d_elapsed_s = 0; // since the group before
+    double d_stepped = 0;   // probability that the receiver has stepped since
     phase_covariance d_noise;
     double d_common_noise = 0, d_difference_noise = 0, d_amplitude_noise = 0;
     double d_amplitude = 0, d_amplitude_difference = 0; // mean of both ends

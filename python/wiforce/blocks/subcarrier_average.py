@@ -35,7 +35,7 @@ class subcarrier_average(GroupBlock):
     def __init__(self, plan: Plan) -> None:
         self._ends = 2 * len(plan.clocks)
         self._bins, self._width = plan.waveform.bins, plan.waveform.symbol_length
-        self.stage = SubcarrierAverage(plan.smoothing_groups)
+        self.stage = SubcarrierAverage()
         GroupBlock.__init__(self, "subcarrier_average", self._ends * self._width, self._ends)
 
     def take(self, items: Array, tags: Tags) -> tuple[int, Groups]:

@@ -151,8 +151,7 @@ class RatioUnfolder:
     >>> from gnuradio.wiforce.estimation.groups import Groups
     >>> steps = np.exp(1j * np.radians([[0.0, 0.0], [30.0, 10.0], [15.0, 5.0]]))
     >>> groups = Groups(
-    ...     np.arange(3), ratios=steps, phase_std_deg=np.ones((3, 2)), group_ratios=steps,
-    ...     group_variance=np.ones((3, 2)),
+    ...     np.arange(3), ratios=steps, phase_std_deg=np.ones((3, 2)),
     ...     new_reference=np.array([True, False, False]))
     >>> changes = RatioUnfolder("step").process(groups).ratios
     >>> np.degrees(np.angle(changes)).round(6).tolist()
@@ -169,7 +168,6 @@ class RatioUnfolder:
         """Convert the ratios of a batch, their variances and standard deviations."""
         if self._ratios == "change" or not len(groups):
             return groups
-        alone = groups.ratios if groups.group_ratios is None else groups.group_ratios
         received = np.isfinite(groups.phase_std_deg) & (np.abs(groups.ratios) > 0)
         unfolded = np.empty_like(groups.ratios)
         for row, restarts in enumerate(groups.new_reference.tolist()):
@@ -178,17 +176,7 @@ class RatioUnfolder:
             unfold = self._add_step if self._ratios == "step" else self._take_root
             unfolded[row] = unfold(groups.ratios[row], received[row], self._last)
         folds = 2 if self._ratios == "square" else 1
-        with np.errstate(divide="ignore", invalid="ignore"):
-            # The same standard deviation of the phase, over the number of folds.
-            scale = (np.abs(unfolded) / np.abs(alone) / folds) ** 2
-            own = 2 * (np.radians(groups.phase_std_deg) * np.abs(alone)) ** 2
-            variance = np.where(received, own * scale, np.inf)
-        return groups.having(
-            ratios=unfolded,
-            phase_std_deg=groups.phase_std_deg / folds,
-            group_ratios=unfolded,
-            group_variance=variance,
-        )
+        return groups.having(ratios=unfolded, phase_std_deg=groups.phase_std_deg / folds)
 
     def _add_step(self, ratios: Array, received: Array, last: Array) -> Array:
         steps = np.where(received, ratios, 1.0)

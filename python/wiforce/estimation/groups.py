@@ -123,10 +123,6 @@ class Groups:
     phase_std_deg : ndarray, shape (G, 2S)
         Standard deviation of arg R_i by the noise of the groups averaged; infinite where there is
         no ratio. That of the reference is common to all groups.
-    group_ratios : ndarray of complex, shape (G, 2S)
-        R_i of the group alone, without an average over groups.
-    group_variance : ndarray, shape (G, 2S)
-        Variance of these by the noise of the group.
     touch : ndarray of int, shape (G, S)
         By the readout: 1, 0, or -1 where it is unknown.
     phases_deg : ndarray, shape (G, S, 2)
@@ -179,8 +175,6 @@ class Groups:
     reference_gain: Array = _set_by_stage()
     ratios: Array = _set_by_stage()
     phase_std_deg: Array = _set_by_stage()
-    group_ratios: Array = _set_by_stage()
-    group_variance: Array = _set_by_stage()
     touch: Array = _set_by_stage()
     phases_deg: Array = _set_by_stage()
     psi_std_deg: Array = _set_by_stage()

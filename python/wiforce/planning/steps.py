@@ -14,8 +14,6 @@ from .plan import ACCEPTED_LOSS_DB, HARMONICS, Plan
 _MULTIPLY_ADD = 8
 # Real operations of one inversion: two Taylor expansions, covariance, checks.
 _INVERSION = 200
-# Real operations of averaging over groups, roughly, per end and group of the average.
-_SMOOTHING = 40
 MORE_LINES = "more lines"
 
 
@@ -35,7 +33,7 @@ class Step:
 
     Examples
     --------
-    >>> Step("average over groups", False, "a group is long enough by itself", 2222.0).needed
+    >>> Step("inversion while untouched", False, "not defined", 2222.0).needed
     False
     """
 
@@ -203,15 +201,6 @@ def _group_steps(plan: Plan) -> Iterator[Step]:
         "average", True, f"{subcarriers} subcarriers, weighted by their noise",
         rate * _MULTIPLY_ADD * ends * subcarriers,
     )  # fmt: skip
-    several = plan.smoothing_groups > 1
-    yield Step(
-        "average over groups",
-        several,
-        f"up to {plan.smoothing_groups} groups while nothing changes"
-        if several
-        else "a group is long enough by itself",
-        rate * _SMOOTHING * ends * plan.smoothing_groups,
-    )
     off = any(np.any(sensor.off_reflection) for sensor in scene.sensors)
     inversion = rate * _INVERSION * len(plan.clocks)
     reason = "phases to force and location" + ("; corrected for the off state" if off else "")

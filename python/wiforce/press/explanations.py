@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 # States of a sensor, as in lib/kernel/press/press_filter.h.
 UNTOUCHED, PRESSED, UNEXPLAINED, MIXED = range(4)
+# Of a row of the kernel.
+COLUMNS = 17
 # The image of presses: forces from the onset to 1.3 times the calibrated one, since harder presses
 # are presses as well, and the error of models that has been seen in calibrations (docs/press.md).
 _FORCES, _BEYOND, _STEP_MM, _SPREAD_DEG = 80, 1.3, 0.25, 1.5
@@ -43,6 +45,10 @@ class Explanations(NamedTuple):
         Of the mean and the difference of both, rad^2.
     amplitude : ndarray, shape (m,)
         ln |R| of the untouched line.
+    ratios : ndarray of complex, shape (m, 2)
+        R, averaged over the groups for as long as nothing has changed.
+    variance : ndarray, shape (m, 2)
+        Of arg R by the noise of these groups, rad^2.
     """
 
     row: Array
@@ -55,6 +61,8 @@ class Explanations(NamedTuple):
     common_variance: Array
     difference_variance: Array
     amplitude: Array
+    ratios: Array
+    variance: Array
 
     @staticmethod
     def of(table: Array, first: int = 0) -> Explanations:
@@ -71,6 +79,8 @@ class Explanations(NamedTuple):
             table[:, 8],
             table[:, 9],
             table[:, 10],
+            np.exp(table[:, 13:15] + 1j * table[:, 11:13]),
+            table[:, 15:17],
         )
 
     @staticmethod
@@ -135,11 +145,3 @@ def filter_of(
         parameters["contact_np"] = float(np.hypot(parameters.get("contact_np", 0.05), spread))
     step = float(np.log(forces[1] / forces[0]))
     return press_filter(np.angle(ratios), step, np.radians(_SPREAD_DEG), parameters)
-
-
-def filter_without_model() -> press_filter:
-    """Make the filter of a sensor that is not known, on a tag that lies still: any phases."""
-    angles = np.arange(0.0, 2 * np.pi, np.radians(_SPREAD_DEG))
-    anything = np.stack(np.meshgrid(angles, angles, indexing="ij"), axis=-1)
-    still = {"turns": 0.0, "hands": 0.0, "unexplained": 0.0}
-    return press_filter(anything, 1.0, np.radians(_SPREAD_DEG), still)

@@ -14,8 +14,8 @@ from ..estimation.groups import Array, Groups
 _MEMORY_S, _MOST = 1.0, 9.0
 # Variance of the static path of a converter, of 2 mdeg: of the receiver, no less.
 _LEAST = 1e-9
-# An end is switched on for half of the time at most: what a press changes in the mean.
-_DUTY = 0.5
+# Part of the time for which an end is switched on: so much of it is in the mean of a group.
+_DUTY = 0.25
 
 
 class ReceiverSteps:
@@ -32,7 +32,7 @@ class ReceiverSteps:
 
     def __init__(self, group_period_s: float) -> None:
         self._share = min(1.0, group_period_s / _MEMORY_S)
-        self._last: Array | None = None
+        self._last: tuple[Array, Array] | None = None
         self._variance = math.nan  # of a turn and a gain
 
     def process(self, groups: Groups) -> Array:
@@ -41,7 +41,7 @@ class ReceiverSteps:
         Parameters
         ----------
         groups : Groups
-            With ``static``, where it is known, and ``reference_power``.
+            With ``ratios`` and ``reference_power``; with ``static``, where it is known.
 
         Returns
         -------
@@ -51,22 +51,28 @@ class ReceiverSteps:
         changes = np.tile([0.0, 0.0, _LEAST], (len(groups), 1))
         if groups.static is None:
             return changes
-        static = groups.static
-        first = static[:1] if self._last is None else self._last[None]
-        kept = np.concatenate([first, static])
+        seen = np.repeat(groups.locked, 2, axis=1)
+        ratios = np.where(seen, groups.ratios, np.nan)
+        first = (groups.static[:1], ratios[:1]) if self._last is None else self._last
+        static, ratios = (
+            np.concatenate(each) for each in zip(first, (groups.static, ratios), strict=True)
+        )
         # The newest group before each that was received.
-        there = np.any(kept != 0, axis=1)
-        before = kept[np.maximum.accumulate(np.where(there, np.arange(len(kept)), 0))]
-        self._last, before = before[-1].copy(), before[:-1]
+        there = np.any(static != 0, axis=1)
+        before = np.maximum.accumulate(np.where(there, np.arange(len(static)), 0))
+        self._last = static[before[-1:]], ratios[before[-1:]]
+        before, now = before[:-1], slice(1, None)
         with np.errstate(divide="ignore", invalid="ignore"):
-            power = np.sum(np.abs(before) ** 2, axis=1)
-            factor = np.sum(static * before.conj(), axis=1) / power
-            rest = np.sum(np.abs(static - factor[:, None] * before) ** 2, axis=1) / power
+            power = np.sum(np.abs(static[before]) ** 2, axis=1)
+            factor = np.sum(static[now] * static[before].conj(), axis=1) / power
+            rest = np.abs(static[now] - factor[:, None] * static[before]) ** 2
             steps = np.log(factor)
-            # Presses change the tag's own part of the static path.
-            tag = _DUTY**2 * groups.reference_power.sum(axis=1) * static.shape[1] / power
+            # Presses change the tag's own part of the static path; unseen, to the opposite.
+            changed = np.abs(ratios[now] - ratios[before]) ** 2
+            changed = np.where(np.isfinite(changed), changed, 4.0) * groups.reference_power
+            tag = _DUTY**2 * changed.sum(axis=1) * static.shape[1]
             # A path of another shape, as with another timing, says nothing of a common factor.
-            noise = rest + tag
+            noise = (rest.sum(axis=1) + tag) / power
         for row, (turn, gain, own) in enumerate(
             zip(steps.imag.tolist(), steps.real.tolist(), noise.tolist(), strict=True)
         ):

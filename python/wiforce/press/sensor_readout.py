@@ -15,7 +15,7 @@ from ..estimation.off_state import corrected_phase_deg
 from ..io.readings import ESTIMATES, WEAK_FORCE_N, WEAK_PHASE_DEG, Flag, flag_bits
 from ..wiforce_kernels import INVERSION_FLAGS
 from .evidence import Suspicion
-from .explanations import MIXED, PRESSED, UNEXPLAINED, UNTOUCHED, Explanations
+from .explanations import COLUMNS, MIXED, PRESSED, UNEXPLAINED, UNTOUCHED, Explanations
 from .sensor_state import DOUBT, SensorState
 from .stage_flags import has_phases, stage_flags
 
@@ -147,7 +147,7 @@ class SensorReadout:
         Readout
             ``values`` (G, 4): force, its standard deviation, location, its standard deviation.
         """
-        count, ends = len(groups), slice(2 * sensor, 2 * sensor + 2)
+        count = len(groups)
         readable = has_phases(groups, sensor)
         found = found.choose(readable[found.row])
         # What turned both ends in the group alone is as little known as the untouched line.
@@ -162,8 +162,6 @@ class SensorReadout:
         likeliest, there = found.likeliest(count)
         readable &= there
         touch = np.where(readable, (untouched <= 0.5).astype(int), -1)
-        ratios = groups.ratios[:, ends]
-        variance = self._variance(groups, ratios, ends)
         if not len(found.row):
             found = _nothing()
             likeliest = np.zeros(count, int)
@@ -179,7 +177,7 @@ class SensorReadout:
         unseen &= (flags & ~(Flag.INCONSISTENT | Flag.AMBIGUOUS).value) == 0
         flags[unseen] |= Flag.WEAK.value
         best = found.choose(likeliest)
-        phases, std = self._phases(ratios, variance, best, 0.0, True)
+        phases, std = self._phases(best, 0.0, True)
         larger = std.max(axis=1)
         unsure = self._is_disturbed(groups, sensor) & (larger > _DISTURBED_DEG)
         flags[readable & unsure] |= Flag.INCONSISTENT.value
@@ -189,9 +187,9 @@ class SensorReadout:
         if self._tracker is not None:
             self._track(phases, std, touched, readable, values, flags)
         elif touched.any():
-            self._invert(ratios, variance, found, likeliest, touched, values, flags)
+            self._invert(found, likeliest, touched, values, flags)
         if self.state.evidence is not None:
-            level = self._level(ratios, best, 0.0)
+            level = self._level(best, 0.0)
             no_press = (flags & _NO_PRESS) != 0
             against = self.state.evidence.take(level, phases, std, touch, clear, no_press)
             flags[against] |= Flag.INCONSISTENT.value
@@ -201,21 +199,14 @@ class SensorReadout:
             self.force_n, _, self.location_mm, _ = values[touched][-1].tolist()
         return Readout(touch, phases, std, values, flags)
 
-    def _variance(self, groups: Groups, ratios: Array, ends: slice) -> Array:
-        """Variance of arg R of each end, by the noise of the group, rad^2; shape (G, 2)."""
-        variance = np.radians(groups.phase_std_deg[:, ends]) ** 2
-        if self._tag_ratio:
-            variance = variance + np.radians(curvature_deg(ratios, self._tag_ratio)) ** 2
-        return variance
-
     @staticmethod
-    def _level(ratios: Array, found: Explanations, shift: ArrayLike) -> Array:
+    def _level(found: Explanations, shift: ArrayLike) -> Array:
         """R against the untouched line of each explanation, turned by ``shift``; shape (m, 2)."""
         turn = found.baseline + np.asarray(shift)[..., None]
-        return ratios * np.exp(-found.amplitude[:, None] - 1j * turn)
+        return found.ratios * np.exp(-found.amplitude[:, None] - 1j * turn)
 
     def _phases(
-        self, ratios: Array, variance: Array, found: Explanations, shift: ArrayLike, whole: bool
+        self, found: Explanations, shift: ArrayLike, whole: bool
     ) -> tuple[Array, Array]:
         """psi of both ends, degrees, by each explanation, and their standard deviations; (m, 2).
 
@@ -223,17 +214,17 @@ class SensorReadout:
         """
         with np.errstate(invalid="ignore"):
             phases, slope = corrected_phase_deg(
-                self._level(ratios, found, shift), self._untouched, self._off
+                self._level(found, shift), self._untouched, self._off
             )
-            own = variance + found.difference_variance[:, None] / 4
+            own = found.variance + found.difference_variance[:, None] / 4
+            if self._tag_ratio:
+                own = own + np.radians(curvature_deg(found.ratios, self._tag_ratio)) ** 2
             if whole:
                 own = own + found.common_variance[:, None]
             return phases, np.degrees(np.sqrt(own)) * slope
 
     def _invert(
         self,
-        ratios: Array,
-        variance: Array,
         found: Explanations,
         likeliest: Array,
         touched: Array,
@@ -250,7 +241,7 @@ class SensorReadout:
         at = np.repeat(np.arange(len(chosen)), len(_NODES))
         common = np.sqrt(press.common_variance)[at] * np.tile(_NODES, len(chosen))
         each = press.choose(at)
-        phases, std = self._phases(ratios[each.row], variance[each.row], each, common, False)
+        phases, std = self._phases(each, common, False)
         inverted = self._model.invert(phases, std, frequency_hz=self._frequency_hz)
         weight = each.weight * np.tile(_SHARES, len(chosen))
         means = np.stack([inverted.force_n, inverted.location_mm], axis=1)
@@ -300,7 +291,7 @@ class SensorReadout:
 
 def _nothing() -> Explanations:
     """One explanation of group 0 that says nothing, for batches without any."""
-    return Explanations.of(np.zeros((1, 11)))
+    return Explanations.of(np.zeros((1, COLUMNS)))
 
 
 def as_arrays(readouts: list[Readout]) -> dict[str, Array]:

@@ -13,7 +13,7 @@ import numpy as np
 from ..estimation.groups import Array, Groups
 from ..wiforce_kernels import press_filter
 from .evidence import PressEvidence
-from .explanations import MIXED, PRESSED, UNEXPLAINED, UNTOUCHED, Explanations
+from .explanations import COLUMNS, MIXED, PRESSED, UNEXPLAINED, UNTOUCHED, Explanations
 from .stage_flags import has_phases
 
 # Probability that a sensor is untouched where the user says so, and where a tare was forced
@@ -57,7 +57,6 @@ class SensorState:
         self.evidence = evidence
         self.received = self.seen = self.retuned = False
         self._last = -1  # newest group that was taken
-        self._readable = False  # whether that one could be read
         self._ratios: deque[tuple[int, Array]] = deque(maxlen=_REMEMBERED)
         self._claim: float | None = None
         self._new_phase = False
@@ -70,7 +69,7 @@ class SensorState:
         Parameters
         ----------
         groups : Groups
-            With ``group_ratios``, ``group_variance`` and the arrays of separation and reference.
+            With ``ratios``, ``phase_std_deg`` and the arrays of separation and reference.
             Those that were taken before, with other weights, only show how R is counted now.
         sensor : int
             Index of the sensor in them.
@@ -111,7 +110,7 @@ class SensorState:
             self.received = bool(readable[-1])
             self.seen |= bool(readable.any())
         if not parts:
-            return Explanations.of(np.zeros((0, 11))), retuned
+            return Explanations.of(np.zeros((0, COLUMNS))), retuned
         return Explanations.concatenate(parts), retuned
 
     @property
@@ -152,15 +151,14 @@ class SensorState:
     def _observations(self, groups: Groups, sensor: int, period_s: float, receiver: Array) -> Array:
         """Rows for the kernel; NaN where a group cannot be read; shape (G, 13)."""
         ends = slice(2 * sensor, 2 * sensor + 2)
-        ratios = groups.group_ratios[:, ends]
+        ratios = groups.ratios[:, ends]
         readable = has_phases(groups, sensor)
         rows = np.empty((len(groups), 13))
         rows[:, 0] = (groups.index + 0.5) * period_s
         with np.errstate(divide="ignore", invalid="ignore"):
-            size = np.abs(ratios)
             rows[:, 1:3] = np.angle(ratios)
-            rows[:, 3:5] = np.log(size)
-            rows[:, 5:7] = groups.group_variance[:, ends] / (2 * size**2)
+            rows[:, 3:5] = np.log(np.abs(ratios))
+            rows[:, 5:7] = np.radians(groups.phase_std_deg[:, ends]) ** 2
         rows[:, 7] = np.radians(groups.common_std_deg) ** 2
         rows[:, 8:11] = receiver
         rows[:, 11] = groups.retuned

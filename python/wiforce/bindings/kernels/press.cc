@@ -29,6 +29,7 @@ struct outcome_row {
     double row, weight, is, before, known, turns;
     double baseline[2];
     double common_variance, difference_variance, amplitude;
+    double mean_phase[2], mean_amplitude[2], mean_variance[2];
 };
 
 press_parameters parameters_of(const py::dict& values)
@@ -54,6 +55,7 @@ press_parameters parameters_of(const py::dict& values)
         { "amplitude_np", &press_parameters::amplitude_np },
         { "fading_np", &press_parameters::fading_np },
         { "drift_memory_s", &press_parameters::drift_memory_s },
+        { "smoothing_s", &press_parameters::smoothing_s },
         { "drift_deg", &press_parameters::drift_deg },
     };
     press_parameters set;
@@ -103,7 +105,10 @@ void add(std::vector<outcome_row>& rows,
                              { what.baseline[0], what.baseline[1] },
                              what.common_variance,
                              what.difference_variance,
-                             what.amplitude });
+                             what.amplitude,
+                             { what.mean.phase[0], what.mean.phase[1] },
+                             { what.mean.amplitude[0], what.mean.amplitude[1] },
+                             { what.mean.variance[0], what.mean.variance[1] } });
 }
 
 py::array_t<double> table(const std::vector<outcome_row>& rows)
@@ -167,11 +172,12 @@ void bind_press(py::module& m)
             "groups: (n, 13) time, both phases, amplitudes and variances, variance of a\n"
             "rotation of both ends, turn, gain and variance of the receiver, whether it\n"
             "was retuned, probability that the user says it is untouched. Gives (m, "
-            "11):\n"
+            "17):\n"
             "i, weight, state, state before, whether the untouched line is known, "
             "whether\n"
             "the tag turns, both phases of the untouched line, variances of their mean\n"
-            "and their difference, amplitude; of the group before group i.")
+            "and their difference, amplitude; both phases, amplitudes and variances of\n"
+            "what was received, averaged; of the group before group i.")
         .def(
             "newest",
             [](const press_filter& filter) {
@@ -192,6 +198,5 @@ void bind_press(py::module& m)
             "phase"_a,
             "amplitude"_a,
             "By how much both phases (rad) and amplitudes (Np) of all groups are larger\n"
-            "than against the former reference.")
-        .def("turn_rate", py::overload_cast<>(&press_filter::turn_rate, py::const_));
+            "than against the former reference.");
 }

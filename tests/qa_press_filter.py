@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The press filter against plain computations, and what it makes of single events."""
+
+import numpy as np
+import pytest
+from gnuradio import wiforce
+from gnuradio.wiforce.press.explanations import (
+    MIXED,
+    PRESSED,
+    UNEXPLAINED,
+    UNTOUCHED,
+    Explanations,
+    filter_of,
+)
+
+PERIOD_S, NOISE_DEG, SMOOTHING_S = 0.0072, 0.2, 0.036
+MODEL = wiforce.load_sensor("line-900mhz")
+PRESS = np.asarray(MODEL.phases_deg(4.0, 30.0)) - MODEL.untouched_deg()
+MIDDLE = np.asarray(MODEL.phases_deg(4.0, 40.0)) - MODEL.untouched_deg()
+
+
+def rows_of(phases_deg, receiver=None, noise_deg=NOISE_DEG, period_s=PERIOD_S, untouched=20):
+    """Rows of the kernel for groups with these phases (n, 2), without loss of amplitude."""
+    rows = np.zeros((len(phases_deg), 13))
+    rows[:, 0] = (np.arange(len(rows)) + 0.5) * period_s
+    rows[:, 1:3] = np.radians(phases_deg)
+    rows[:, 5:7] = np.radians(noise_deg) ** 2
+    rows[:, 10] = 1e-8
+    if receiver is not None:
+        rows[:, 8] = np.radians(receiver)
+    rows[:untouched, 12] = 0.999
+    return rows
+
+
+def phases_of(press_deg, untouched=60, pressed=60, released=60, noise_deg=NOISE_DEG, seed=1):
+    """Phases in degrees, untouched, pressed and untouched again; with noise."""
+    rng = np.random.default_rng(seed)
+    level = np.zeros((untouched + pressed + released, 2))
+    level[untouched : untouched + pressed] = press_deg
+    return level + noise_deg * rng.standard_normal(level.shape)
+
+
+def explained(rows, press_filter=None, **parameters):
+    """What may have happened in each of the groups."""
+    if press_filter is None:
+        press_filter = filter_of(MODEL, 900e6, 0.0, **parameters)
+    found = Explanations.of(press_filter.take(rows))
+    newest = Explanations.of(press_filter.newest()).later(len(rows))
+    found = Explanations.concatenate([found, newest]).later(-1)
+    return found.choose(found.row >= 0)
+
+
+def state_of(found, group):
+    """State of a group and its probability."""
+    here = found.choose(found.row == group)
+    return int(here.state[0]), float(here.weight[here.state == here.state[0]].sum())
+
+
+def test_press_and_release_are_recognized_in_their_groups():
+    found = explained(rows_of(phases_of(PRESS)))
+    for group, state in ((50, UNTOUCHED), (60, PRESSED), (100, PRESSED), (121, UNTOUCHED)):
+        assert state_of(found, group) == (state, pytest.approx(1, abs=0.01)), group
+
+
+def test_half_a_group_of_press_is_a_mixture():
+    phases = phases_of(PRESS)
+    turn = np.exp(1j * np.radians(PRESS))
+    rows = rows_of(phases)
+    rows[60, 1:3], rows[60, 3:5] = np.angle((1 + turn) / 2), np.log(np.abs((1 + turn) / 2))
+    assert state_of(explained(rows), 60)[0] == MIXED
+
+
+def test_phases_of_no_press_are_unexplained():
+    found = explained(rows_of(phases_of((150.0, 150.0))))
+    assert state_of(found, 100) == (UNEXPLAINED, pytest.approx(1, abs=0.01))
+
+
+def test_average_is_the_recursion_over_groups_of_a_state():
+    rng = np.random.default_rng(3)
+    noise = rng.uniform(0.1, 0.4, (40, 2))
+    phases = noise * rng.standard_normal(noise.shape)
+    found = explained(rows_of(phases, noise_deg=noise), smoothing_s=SMOOTHING_S)
+    x = PERIOD_S / SMOOTHING_S
+    mean, variance, weight = np.zeros(2), np.zeros(2), np.zeros(2)
+    for group in range(40):
+        weight *= (1 - x) / (1 + x) if group else 0
+        own = 1 / np.radians(noise[group]) ** 2
+        gain = own / (own + weight)
+        mean = mean + gain * (phases[group] - mean)
+        variance = gain**2 / own + (1 - gain) ** 2 * variance
+        weight = weight + own
+        here = found.choose(found.row == group)
+        np.testing.assert_allclose(np.degrees(np.angle(here.ratios[0])), mean, atol=1e-9)
+        np.testing.assert_allclose(here.variance[0], variance, rtol=1e-9)
+
+
+def test_average_has_the_noise_of_the_time_that_is_stated():
+    """Five groups in 36 ms: a fifth of the variance."""
+    found = explained(rows_of(phases_of(0, 3000, 0, 0)), smoothing_s=SMOOTHING_S)
+    first, _ = found.likeliest(3000)
+    means = np.degrees(np.angle(found.ratios[first[100:]]))
+    # 2900 values, correlated over five: the variance is known to 6 %.
+    assert means.var() == pytest.approx(NOISE_DEG**2 / 5, rel=0.15)
+    assert np.degrees(np.sqrt(found.variance[first[-1], 0])) == pytest.approx(NOISE_DEG / 5**0.5)
+
+
+def test_average_begins_anew_with_a_press_and_follows_a_slow_one():
+    phases = phases_of(PRESS, pressed=400)
+    phases[60:460] += 0.25 * NOISE_DEG * np.arange(400)[:, None] * (0.3, 1)
+    truth = PRESS + 0.25 * NOISE_DEG * np.arange(400)[:, None] * (0.3, 1)
+    found = explained(rows_of(phases), smoothing_s=SMOOTHING_S)
+    first, _ = found.likeliest(len(phases))
+    means = np.degrees(np.angle(found.ratios[first[60:460]] * np.exp(-1j * np.radians(truth))))
+    assert np.abs(means[0] - (phases[60] - truth[0])).max() < 1e-6
+    std = np.degrees(np.sqrt(found.variance[first[60:460]]))
+    assert np.mean(np.abs(means) < 2 * std) > 0.75
+    assert np.sqrt(np.mean(means**2)) < 1.05 * NOISE_DEG
+
+
+def test_press_and_untouched_line_follow_a_step_of_the_receiver():
+    for turn in (0.5, 3.0, 40.0, -170.0):
+        phases, receiver = phases_of(PRESS, pressed=100), np.zeros(220)
+        phases[100:] += turn
+        receiver[100] = turn
+        found = explained(rows_of(phases, receiver))
+        here = found.choose(found.row == 120)
+        assert state_of(found, 120) == (PRESSED, pytest.approx(1, abs=0.01))
+        off = np.degrees(here.baseline[0]) - turn
+        assert np.abs((off + 180) % 360 - 180).max() < 0.5, turn
+
+
+def test_turn_at_mid_line_is_decided_by_the_release():
+    """The page of the press model says so: force and turn look alike until then."""
+    phases = phases_of(MIDDLE, pressed=120)
+    phases[100:] += 8.0
+    for turns, doubt in ((3e-4, (0.0, 0.5)), (3.0, (0.5, 1.0))):
+        found = explained(rows_of(phases), turns=turns)
+        turned = found.baseline.mean(axis=1) > np.radians(4)
+        share = found.probability(turned & (found.state == PRESSED), 240)[150]
+        assert doubt[0] <= share <= doubt[1], turns
+        at_last = found.choose(found.row == 230)
+        assert at_last.state[0] == UNTOUCHED
+        assert np.degrees(at_last.baseline[0]) == pytest.approx([8, 8], abs=0.3)
+
+
+def test_claim_beside_a_press_leaves_both_possible_until_the_release():
+    press_filter, rows = filter_of(MODEL, 900e6, 0.0), rows_of(phases_of(PRESS))
+    explained(rows[:90], press_filter)
+    press_filter.claim_untouched(0.5)
+    newest = Explanations.of(press_filter.newest())
+    assert newest.weight[newest.state == UNTOUCHED].sum() == pytest.approx(0.5, abs=0.01)
+    found = explained(rows[90:], press_filter)
+    assert state_of(found, 85) == (UNTOUCHED, pytest.approx(1, abs=0.01))
+
+
+def test_reference_may_be_exchanged_at_any_time():
+    """The same groups against another reference: the same explanations, turned."""
+    rows = rows_of(phases_of(PRESS))
+    plain = explained(rows)
+    press_filter, turn = filter_of(MODEL, 900e6, 0.0), np.radians([12.0, -7.0])
+    press_filter.take(rows[:90])
+    press_filter.change_reference(-turn, np.zeros(2))
+    rows[90:, 1:3] -= turn
+    found = explained(rows[90:], press_filter)
+    for group in (0, 20, 60, 85):
+        now, then = (
+            each.choose(each.row == at) for each, at in ((found, group), (plain, group + 90))
+        )
+        assert now.state[0] == then.state[0]
+        np.testing.assert_allclose(now.baseline[0] + turn, then.baseline[0], atol=1e-6)
+
+
+def test_group_that_cannot_be_read_changes_nothing():
+    rows = rows_of(phases_of(PRESS))
+    press_filter = filter_of(MODEL, 900e6, 0.0)
+    press_filter.take(rows[:100])
+    before = press_filter.newest()
+    lost = rows[100:101].copy()
+    lost[0, 1] = np.nan
+    np.testing.assert_array_equal(press_filter.take(lost), before)
+
+
+def test_unknown_parameter_is_refused():
+    with pytest.raises(ValueError, match="unknown parameter noise"):
+        filter_of(MODEL, 900e6, 0.0, noise=1.0)

@@ -1,0 +1,273 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Readings of random presses by a receiver or a stream reader, and how many of them are wrong."""
+
+from collections import Counter
+from functools import lru_cache
+
+import numpy as np
+from gnuradio import wiforce
+from gnuradio.wiforce.estimation.groups import Groups
+from gnuradio.wiforce.estimation.snapshot_group import SnapshotGroup
+from gnuradio.wiforce.receiver import Receiver
+from gnuradio.wiforce.stream import StreamReader
+from press_sequences import REFERENCE_S, SNAPSHOT_S, Sequence
+
+CLOCKS_HZ, TURNS_PER_S = (1000.0, 1400.0), 0.3
+# A reading is wrong if it is off by more than each of these, as in tests/soak/judge.py; and far off
+# by so many standard deviations.
+_STDS, _FORCE_N, _LOCATION_MM, _ONSET_MARGIN_N, _FAR_STDS = 5.0, 0.3, 1.0, 0.3, 20.0
+_STATIC_DB = 50.0  # static path over the tag's line 1
+_BATCHES = 1, 3, 16, 28, 100
+
+
+@lru_cache
+def plan_of(sensors, snapshots, turning):
+    named = [
+        {"name": f"s{i}", "model": "line-900mhz-calibrated", "clock_hz": CLOCKS_HZ[i]}
+        | ({"turns_per_s": TURNS_PER_S} if turning else {})
+        for i in range(sensors)
+    ]
+    return wiforce.plan({"phase_group": {"snapshots": snapshots}, "sensors": named})
+
+
+def _plan(sequence):
+    return plan_of(len(sequence.tags), sequence.snapshots, "turn" in sequence.family)
+
+
+class _AsSeparated:
+    """In place of the separation: groups that have been separated."""
+
+    acquisition_groups = 0
+
+    def process(self, groups):
+        return groups
+
+    def flush(self):
+        return Groups([])
+
+
+def _separated(sequence, plan):
+    """Groups with the channels of the ends, and noise, and the static path."""
+    rng = np.random.default_rng(1)
+    k = plan.waveform.subcarriers
+    delays = np.linspace(0.02, 0.06, 2 * len(sequence.tags))
+    channel = np.exp(-2j * np.pi * np.outer(delays, k / 5.12))
+    gain = np.exp(sequence.receiver)
+    ends = np.concatenate(
+        [(tag.ratios * gain[..., None]).mean(axis=1) for tag in sequence.tags], axis=1
+    )
+    variance = 2 * len(k) * np.radians(sequence.noise_deg) ** 2
+    shape = sequence.groups, len(ends[0]), len(k)
+    noise = rng.standard_normal((2, *shape)) * np.sqrt(variance / 2)
+    on = np.stack([tag.on for tag in sequence.tags], axis=1)
+    static = 10 ** (_STATIC_DB / 20) * gain.mean(axis=1)[:, None] * np.exp(-0.03j * k)
+    static = static + np.sqrt(variance / 2) * (
+        rng.standard_normal(static.shape) + 1j * rng.standard_normal(static.shape)
+    )
+    return Groups(
+        np.arange(sequence.groups),
+        np.zeros((sequence.groups, len(plan.table.tones), len(k))),
+        ends=channel * ends[:, :, None] + noise[0] + 1j * noise[1],
+        gain=np.where(np.repeat(on, 2, axis=1), 1.0, np.inf),
+        noise=np.full((sequence.groups, len(k)), variance),
+        snr_db=np.full((sequence.groups, len(ends[0])), 10.0),
+        locked=on,
+        overlapping=np.zeros((sequence.groups, len(sequence.tags)), bool),
+        retuned=np.zeros(sequence.groups, bool),
+        static=static,
+    )
+
+
+def by_receiver(sequence):
+    """Readings of groups that are separated already."""
+    plan = _plan(sequence)
+    groups, receiver = _separated(sequence, plan), Receiver(plan)
+    receiver.separation = _AsSeparated()
+    readings = []
+    for batch, tare in _batches(sequence):
+        if tare is not None:
+            receiver.tare(force=tare)
+        readings += receiver.process(groups[batch][sequence.received[batch]])
+    return readings + receiver.finish(sequence.groups)
+
+
+def _batches(sequence):
+    """Slices of any length, and whether a tare is asked for before each, and forced."""
+    rng, begin, tares = np.random.default_rng(2), 0, list(sequence.tares)
+    while begin < sequence.groups:
+        tare = tares.pop(0)[1] if tares and tares[0][0] <= begin else None
+        end = min(begin + int(rng.choice(_BATCHES)), sequence.groups)
+        if tares:
+            end = min(end, max(tares[0][0], begin + 1))
+        yield slice(begin, end), tare
+        begin = end
+
+
+def by_stream(sequence):
+    """Readings of channel snapshots, with the tags' clocks and the survey of the room."""
+    reader = StreamReader(_plan(sequence))
+    snapshots = _Snapshots(sequence, reader.plan.waveform)
+    readings = []
+    for batch, tare in _batches(sequence):
+        if tare is not None:
+            reader.tares.request(tare)
+        received = np.flatnonzero(sequence.received[batch]) + batch.start
+        readings += reader.process([snapshots.group(int(index)) for index in received])
+    return readings + reader.finish()
+
+
+class _Snapshots:
+    """Folded frames of a static path and of the tags' switches, with noise."""
+
+    def __init__(self, sequence, waveform):
+        self._sequence, self._waveform = sequence, waveform
+        self._rng = np.random.default_rng(3)
+        k = waveform.subcarriers
+        delays = np.linspace(0.02, 0.06, 2 * len(sequence.tags))
+        self._channel = np.exp(-2j * np.pi * np.outer(delays, k / 5.12))
+        line = np.sin(np.pi / 4) / np.pi  # first line of pulses a quarter of the clock long
+        self._static = line * 10 ** (_STATIC_DB / 20) * np.exp(-0.03j * k)
+        # The mean over a group of N snapshots and all subcarriers has the noise that is asked for.
+        # Both ends are separated at about the variance of white noise over the power of line 1.
+        self._noise = np.sqrt(2 * len(k) * sequence.snapshots) * line
+        self._noise *= np.radians(sequence.noise_deg)
+
+    def group(self, index):
+        """The folded frames of one group."""
+        sequence, waveform = self._sequence, self._waveform
+        n = sequence.snapshots
+        begin = (index * n + np.arange(n)) * SNAPSHOT_S
+        point = np.arange(n) * sequence.receiver.shape[1] // n
+        channel = np.repeat(self._static[None], n, axis=0)
+        for i, tag in enumerate(sequence.tags):
+            if tag.on[index]:
+                on = _on_time(begin, waveform.averaging_s, CLOCKS_HZ[i] * (1 + 20e-6))
+                ends = on * tag.ratios[index, point]
+                channel = channel + ends @ self._channel[2 * i : 2 * i + 2]
+        channel = channel * np.exp(sequence.receiver[index, point])[:, None]
+        noise = self._rng.standard_normal((2, *channel.shape)) * self._noise / np.sqrt(2)
+        spectrum = np.zeros((n, waveform.symbol_length), complex)
+        sent = np.fft.fft(waveform.symbol)[waveform.bins]
+        spectrum[:, waveform.bins] = (channel + noise[0] + 1j * noise[1]) * sent
+        folded = np.fft.ifft(spectrum, axis=1).astype(np.complex64)
+        everything = np.ones(n, bool)
+        return SnapshotGroup(index, folded, None, everything, kept=everything)
+
+
+def _on_time(begin, duration, clock_hz):
+    """Parts of windows in which each switch is on; (n, 2).
+
+    Switch 1 is on for a quarter of the clock around its beginning, switch 2, at twice the clock,
+    for an eighth around each odd quarter.
+    """
+
+    def until(cycles, centre, period, width):
+        x = (cycles - centre + width / 2) / period
+        return (np.floor(x) + np.minimum((x - np.floor(x)) * period / width, 1)) * width
+
+    first, last = (begin * clock_hz + 0.3, (begin + duration) * clock_hz + 0.3)
+    parts = [
+        until(last, *pulses) - until(first, *pulses)
+        for pulses in ((0.0, 1.0, 0.25), (0.25, 0.5, 0.125))
+    ]
+    return np.stack(parts, axis=1) / (duration * clock_hz)
+
+
+class Score:
+    """Counts readings of sequences; ``wrong`` describes those that are."""
+
+    def __init__(self):
+        self.counts, self.wrong, self.far = Counter(), [], []
+
+    def add(self, sequence, readings):
+        for reading in readings:
+            tag = sequence.tags[int(reading.sensor[1:])]
+            at = reading.group
+            self._judge(sequence, reading, tag.force[at], tag.location[at], tag.on[at])
+
+    def _judge(self, sequence, reading, force, location, on):
+        onset, flags = sequence.truth.onset_force_n, set(reading.flags) - {"reference"}
+        read, steady = not flags and reading.touch is not None, np.ptp(force) + np.ptp(location)
+        seen = bool(on and sequence.received[reading.group])
+        untouched = force.max() == 0 and reading.time_s > REFERENCE_S
+        pressed = steady == 0 and force[0] > onset + _ONSET_MARGIN_N
+        counted = {
+            "unflagged": read,
+            "untouched": seen and untouched,
+            "untouched, read": read and untouched and reading.touch == 0,
+            "pressed": seen and pressed,
+            "pressed, read": read and pressed and reading.touch == 1,
+        }
+        self.counts.update([what for what, is_so in counted.items() if is_so])
+        if not read:
+            if pressed and seen:
+                self.counts.update(f"flag {flag}" for flag in flags)
+            return
+        missed = reading.touch == 0 and force.min() > onset + _ONSET_MARGIN_N
+        wrong = missed or (reading.touch == 1 and force.max() < onset - _ONSET_MARGIN_N)
+        far = missed
+        if reading.touch == 1 and reading.force_n is not None and not wrong and force.min() > onset:
+            off_n = max(force.min() - reading.force_n, reading.force_n - force.max())
+            off_mm = max(
+                location.min() - reading.location_mm, reading.location_mm - location.max()
+            )
+            stds = max(
+                (off > least) * off / std
+                for off, least, std in (
+                    (off_n, _FORCE_N, reading.force_std_n),
+                    (off_mm, _LOCATION_MM, reading.location_std_mm),
+                )
+            )
+            wrong, far = stds > _STDS, stds > _FAR_STDS
+        if wrong:
+            text = f"{force.min():.2f} N to {force.max():.2f} N at {location.mean():.1f} mm"
+            self.wrong.append(f"{text}, read as {reading}")
+        if far:
+            self.far.append(self.wrong[-1])
+
+    def share(self, what, of):
+        """One count as a part of another."""
+        return self.counts[what] / max(self.counts[of], 1)
+
+    def __str__(self):
+        return (
+            f"pressed {100 * self.share('pressed, read', 'pressed'):5.1f} %, "
+            f"untouched {100 * self.share('untouched, read', 'untouched'):5.1f} % read; "
+            f"{len(self.wrong)} of {self.counts['unflagged']} wrong "
+            f"({len(self.wrong) / max(self.counts['unflagged'], 1):.1e}), {len(self.far)} far off"
+        )
+
+
+def score(seeds, snapshots, family, read=by_receiver):
+    """The score of some sequences of a family."""
+    found = Score()
+    for seed in seeds:
+        sequence = Sequence(seed, snapshots, family)
+        before = len(found.wrong)
+        found.add(sequence, read(sequence))
+        found.wrong[before:] = [f"seed {seed}: {text}" for text in found.wrong[before:]]
+    return found
+
+
+def main():
+    """python3 sequence_readings.py SEEDS N_g[,N_g...] [FAMILY ...] [--stream] [-v]"""
+    import sys
+    import time
+
+    from press_sequences import FAMILIES
+
+    words = [word for word in sys.argv[1:] if not word.startswith("-")]
+    for snapshots in map(int, words[1].split(",")):
+        for family in words[2:] or FAMILIES:
+            began = time.monotonic()
+            read = by_stream if "--stream" in sys.argv else by_receiver
+            found = score(range(int(words[0])), snapshots, family, read)
+            flags = {k[5:]: v for k, v in found.counts.items() if k.startswith("flag ")}
+            took = time.monotonic() - began
+            print(f"{snapshots:5d} {family:16s} {found}; {took:.0f} s", flags, flush=True)
+            if "-v" in sys.argv:
+                print("\n".join(found.wrong))
+
+
+if __name__ == "__main__":
+    main()
