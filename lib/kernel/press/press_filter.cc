@@ -324,7 +324,7 @@ press_filter::courses(const explanation& from) const
 {
     auto other = from;
     if (from.turning && from.near) {
-        other.turning = false;
+        lose_sight_of_hand(other);
         return { { other, 1 } };
     }
     if (from.turning) {
@@ -668,7 +668,8 @@ void press_filter::mix(const explanation& from, double probability, double ends)
     auto& next = *followed;
     next.is = mixed;
     next.steady = false;
-    next.turning &= !next.near;
+    if (next.turning && next.near)
+        lose_sight_of_hand(next);
     if (next.turning) {
         const double by = next.velocity * d_elapsed_s;
         next.common.turn(by);
@@ -847,6 +848,13 @@ double press_filter::update_baseline(explanation& to) const
     to.amplitude_variance *= 1 - gain;
     notice_hand(to);
     return likelihood;
+}
+
+// It goes on to where it presses.
+void press_filter::lose_sight_of_hand(explanation& to) const
+{
+    to.turning = false;
+    to.near_square += squared(to.velocity * d_set.near_s);
 }
 
 // A hand that comes near adds a phasor. While it moves the untouched line shows how large

@@ -184,6 +184,7 @@ private:
     void hold_level(explanation& to) const;
     double update_baseline(explanation& to) const;
     void notice_hand(explanation& to) const;
+    void lose_sight_of_hand(explanation& to) const;
     double compare_contact(const explanation& with, double spread) const;
     double update_strength(explanation& to, double dip) const;
     void begin_press(explanation& to) const;
