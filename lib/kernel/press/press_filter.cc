@@ -429,6 +429,9 @@ double press_filter::follow_turn(explanation& to, const pair_of_ends& was) const
     to.motion.update(d_group.phase, d_noise);
     hold_level(to);
     const double before = to.strength.mean;
+    // What turns changes the amplitude as well.
+    to.strength.mean_variance += squared(to.motion.common_velocity() * d_elapsed_s *
+                                         d_set.turn_np / (d_set.turn_deg * deg));
     likelihood += update_strength(to, 0);
     const auto is = to.motion.phase();
     const double by = (is[0] - was[0] + is[1] - was[1]) / 2;
