@@ -8,9 +8,7 @@ from gnuradio.wiforce.estimation.average import SubcarrierAverage
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.reference import ConjugateDifference, subcarrier_weights
 from long_cases import cases
-from plain import WAVEFORM, T, errors_deg, make_air, make_plan, random_tag, run_chain, stated_deg
-from wiforce_app.bench.air import TagOnAir
-from wiforce_app.bench.chain import SnapshotChain
+from plain import WAVEFORM, errors_deg, make_air, make_plan, random_tag, run_chain, stated_deg
 
 K = len(WAVEFORM.bins)
 

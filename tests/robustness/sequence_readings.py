@@ -208,9 +208,7 @@ class Score:
         far = missed
         if reading.touch == 1 and reading.force_n is not None and not wrong and force.min() > onset:
             off_n = max(force.min() - reading.force_n, reading.force_n - force.max())
-            off_mm = max(
-                location.min() - reading.location_mm, reading.location_mm - location.max()
-            )
+            off_mm = max(location.min() - reading.location_mm, reading.location_mm - location.max())
             stds = max(
                 (off > least) * off / std
                 for off, least, std in (

@@ -99,7 +99,8 @@ void press_filter::take(const press_observation& group)
         from.difference.predict(d_elapsed_s);
         from.held_common.predict(d_elapsed_s);
         from.held_difference.predict(d_elapsed_s);
-        from.amplitude_variance += squared(d_set.fading_np) * d_elapsed_s;
+        from.line.mean_variance += squared(d_set.fading_np) * d_elapsed_s;
+        from.strength.mean_variance += squared(d_set.fading_np) * d_elapsed_s;
         from.age_s += d_elapsed_s;
         from.turned_now = false;
         from.untouched_s += from.is == untouched ? d_elapsed_s : 0;
@@ -341,10 +342,10 @@ press_filter::courses(const explanation& from) const
     }
     const double turns = turn_probability(from), variance = squared(d_set.turn_deg * deg);
     other.turned_now = true;
-    other.turns++;
+    other.turns += from.is == untouched;
     other.common.widen(variance);
     other.motion.widen({ variance, variance, variance });
-    other.amplitude_variance += squared(d_set.turn_np);
+    other.line.mean_variance += squared(d_set.turn_np);
     other.strength.mean_variance += squared(d_set.turn_np);
     return { { from, 1 - turns }, { other, turns } };
 }
@@ -368,7 +369,7 @@ void press_filter::turn_suddenly(const explanation& from, double probability)
     if (!followed)
         return;
     auto& next = *followed;
-    next.turns++;
+    next.turns += from.is == untouched;
     next.turning = next.steady = next.near = false;
     next.jolted = next.turned_now = true;
     begin_turn(next);
@@ -391,7 +392,7 @@ void press_filter::turn_slowly(
     next.turning = how != course::ends;
     next.near = near;
     if (how == course::begins) {
-        next.turns += !near;
+        next.turns += !near && from.is == untouched;
         begin_turn(next);
     }
     if (near) // adds a phasor of any angle, so it changes amplitude and phase alike
@@ -417,7 +418,7 @@ void press_filter::begin_turn(explanation& to) const
         return;
     }
     to.motion.hold(baseline(to), covariance_of(to.common, to.difference));
-    to.strength = { to.amplitude, 0, to.amplitude_variance, 0 };
+    to.strength = to.line;
 }
 
 // Both ends turn alike, whether they are touched or not, and the untouched line with
@@ -429,17 +430,14 @@ double press_filter::follow_turn(explanation& to, const pair_of_ends& was) const
     to.motion.update(d_group.phase, d_noise);
     hold_level(to);
     const double before = to.strength.mean;
-    // What turns changes the amplitude as well.
-    to.strength.mean_variance += squared(to.motion.common_velocity() * d_elapsed_s *
-                                         d_set.turn_np / (d_set.turn_deg * deg));
-    likelihood += update_strength(to, 0);
+    likelihood += update_amplitude(to.strength);
     const auto is = to.motion.phase();
     const double by = (is[0] - was[0] + is[1] - was[1]) / 2;
     to.common.turn(by);
     // What is seen in the second group of a press may have begun in the first.
     if (to.is != untouched && to.age_s < 1.5 * d_elapsed_s)
         to.common.widen(squared(by / 2));
-    to.amplitude += to.strength.mean - before;
+    to.line.mean += to.strength.mean - before;
     if (!to.near)
         to.quiet_amplitude += to.strength.mean - before;
     to.velocity = to.motion.common_velocity();
@@ -447,7 +445,7 @@ double press_filter::follow_turn(explanation& to, const pair_of_ends& was) const
         const auto sure = to.motion.covariance();
         to.common.reset(to.common.estimate().mean,
                         (sure.first + sure.second + 2 * sure.both) / 4);
-        to.amplitude_variance = to.strength.mean_variance;
+        to.line = to.strength;
         notice_hand(to);
     }
     return likelihood;
@@ -538,7 +536,7 @@ void press_filter::hold(const explanation& from, double probability)
         const double likelihood = next.motion.evidence(d_group.phase, d_noise);
         next.motion.update(d_group.phase, d_noise);
         hold_level(next);
-        give(next, likelihood + update_strength(next, 0));
+        give(next, likelihood + update_amplitude(next.strength));
         return;
     }
     // What is held drifts as the untouched line does, and looks like it.
@@ -547,7 +545,7 @@ void press_filter::hold(const explanation& from, double probability)
     next.difference.share_rates(next.held_difference);
     next.motion.hold(phases_of(next.held_common, next.held_difference),
                      covariance_of(next.held_common, next.held_difference));
-    give(next, likelihood + update_strength(next, 0));
+    give(next, likelihood + update_amplitude(next.strength));
 }
 
 void press_filter::change_steadily(const explanation& from,
@@ -566,7 +564,7 @@ void press_filter::change_steadily(const explanation& from,
     drift(next);
     // What slides, or rolls, moves both phases in any direction.
     const auto direction = press_direction(from);
-    const double aside = slides ? 1.0 : squared(d_set.aside);
+    const double aside = slides ? 1.0 : direction_variance(from);
     if (from.steady && !slides)
         next.motion.bend(from.direction, direction);
     next.direction = direction;
@@ -595,7 +593,9 @@ void press_filter::change_steadily(const explanation& from,
     double turned = 0;
     for (int e = 0; e < 2; e++)
         turned += squared(wrapped(d_group.phase[e] - was[e]));
-    likelihood += update_strength(next, turned / 24);
+    next.strength.mean_variance += squared(turned / 24);
+    next.strength.difference_variance += squared(turned / 24);
+    likelihood += update_amplitude(next.strength);
     if (next.is == pressed && next.known) {
         const double inside = density(next, next.motion.phase()),
                      before = density(from, was);
@@ -640,7 +640,7 @@ void press_filter::jump(const explanation& from, double probability)
     drift(next);
     const auto direction = press_direction(from);
     const double x = direction[0], y = direction[1], along = squared(jump_deg * deg),
-                 across = squared(d_set.aside) * along;
+                 across = direction_variance(from) * along;
     next.motion.widen({ along * x * x + across * y * y,
                         along * y * y + across * x * x,
                         (along - across) * x * y });
@@ -648,7 +648,7 @@ void press_filter::jump(const explanation& from, double probability)
     double likelihood = next.motion.evidence(d_group.phase, d_noise);
     next.motion.update(d_group.phase, d_noise);
     hold_level(next);
-    likelihood += update_strength(next, 0);
+    likelihood += update_amplitude(next.strength);
     // What hardly differs is no jump.
     double jumped = 0;
     for (int e = 0; e < 2; e++)
@@ -711,8 +711,8 @@ void press_filter::mix(const explanation& from, double probability, double ends)
 
 // What follows with this probability, before the event has changed it; nothing where even
 // the best prediction of the group would leave no weight.
-std::optional<press_filter::explanation>
-press_filter::follow(const explanation& from, double probability) const
+std::optional<press_filter::explanation> press_filter::follow(const explanation& from,
+                                                              double probability) const
 {
     const double log_weight = from.log_weight + std::log(probability);
     if (!(log_weight + d_peak > d_best + negligible - 12))
@@ -744,11 +744,10 @@ void press_filter::average(explanation& to) const
     for (int e = 0; e < 2; e++) {
         const double noise = d_group.variance[e], weight = kept * mean.weight[e],
                      gain = 1 / (1 + weight * noise);
-        mean.phase[e] = d_group.phase[e] +
-                        (1 - gain) * wrapped(mean.phase[e] - d_group.phase[e]);
+        mean.phase[e] =
+            d_group.phase[e] + (1 - gain) * wrapped(mean.phase[e] - d_group.phase[e]);
         mean.amplitude[e] += gain * (d_group.amplitude[e] - mean.amplitude[e]);
-        mean.variance[e] =
-            squared(gain) * noise + squared(1 - gain) * mean.variance[e];
+        mean.variance[e] = squared(gain) * noise + squared(1 - gain) * mean.variance[e];
         mean.weight[e] = weight + 1 / noise;
     }
 }
@@ -762,10 +761,10 @@ double press_filter::step_probability()
     const double prior =
         std::max(-std::expm1(-d_set.steps * d_elapsed_s), d_stepped * lasting());
     // Of any size, in equal parts per octave of four decades.
-    const double size2 = squared(d_group.receiver_phase) +
-                         squared(d_group.receiver_amplitude) + variance;
-    const double log_step = std::log(prior + 1e-300) -
-                            std::log(two_pi * size2 * std::log(1e4)),
+    const double size2 =
+        squared(d_group.receiver_phase) + squared(d_group.receiver_amplitude) + variance;
+    const double log_step =
+                     std::log(prior + 1e-300) - std::log(two_pi * size2 * std::log(1e4)),
                  log_none = log_normal(d_group.receiver_phase, variance) +
                             log_normal(d_group.receiver_amplitude, variance);
     const double steps = 1 / (1 + std::exp(std::min(log_none - log_step, 700.0)));
@@ -780,10 +779,10 @@ void press_filter::step_receiver(explanation& to) const
                  variance = unknown ? unknown_phase : 2 * d_group.receiver_variance;
     to.common.turn(by);
     to.common.widen(variance);
-    to.amplitude += gain;
+    to.line.mean += gain;
     to.quiet_amplitude += gain;
     to.quiet_phase += by;
-    to.amplitude_variance += variance;
+    to.line.mean_variance += variance;
     to.motion.turn(by);
     to.motion.widen({ variance, variance, variance });
     to.held_common.turn(by);
@@ -804,8 +803,8 @@ void press_filter::reset_baseline(explanation& to) const
     const double apart = wrapped(d_group.phase[0] - d_group.phase[1]);
     to.common.reset(d_group.phase[1] + apart / 2, d_common_noise);
     to.difference.reset(apart, d_difference_noise);
-    to.amplitude = to.quiet_amplitude = d_amplitude;
-    to.amplitude_variance = d_amplitude_noise;
+    to.line = seen_amplitude();
+    to.quiet_amplitude = d_amplitude;
     to.quiet_phase = to.common.estimate().mean;
     to.near_square = 0;
 }
@@ -842,13 +841,7 @@ void press_filter::hold_level(explanation& to) const
 double press_filter::update_baseline(explanation& to) const
 {
     double likelihood = update_phases(to.common, to.difference);
-    const double off = d_amplitude - to.amplitude,
-                 variance = to.amplitude_variance + d_amplitude_noise;
-    likelihood += log_normal(off, variance) +
-                  log_normal(d_amplitude_difference, 4 * d_amplitude_noise);
-    const double gain = to.amplitude_variance / variance;
-    to.amplitude += gain * off;
-    to.amplitude_variance *= 1 - gain;
+    likelihood += update_amplitude(to.line);
     notice_hand(to);
     return likelihood;
 }
@@ -867,10 +860,10 @@ void press_filter::notice_hand(explanation& to) const
     const bool moves = to.turning && to.near;
     const double phase = to.common.estimate().mean,
                  turned = moves ? wrapped(phase - to.quiet_phase) : 0,
-                 grown = to.amplitude - to.quiet_amplitude;
+                 grown = to.line.mean - to.quiet_amplitude;
     const double forgets = std::min(1.0, d_elapsed_s / d_set.near_s);
     to.near_square = std::max((1 - forgets) * to.near_square,
-                              squared(turned) + squared(grown) - to.amplitude_variance);
+                              squared(turned) + squared(grown) - to.line.mean_variance);
     to.quiet_phase = phase - turned * (1 - forgets / 4);
     to.quiet_amplitude += forgets / 4 * grown;
 }
@@ -878,21 +871,19 @@ void press_filter::notice_hand(explanation& to) const
 double press_filter::compare_contact(const explanation& with, double spread) const
 {
     const double known =
-        with.amplitude_variance + with.near_square / 2 + d_amplitude_noise;
+        with.line.mean_variance + with.near_square / 2 + d_amplitude_noise;
     const auto density = [&](double loss) {
-        return log_normal(d_amplitude - with.amplitude, known + squared(loss) / 2) +
-               log_normal(d_amplitude_difference,
-                          4 * d_amplitude_noise + 2 * squared(loss));
+        return log_normal(d_amplitude - with.line.mean, known + squared(loss) / 2) +
+               log_normal(d_amplitude_difference - with.line.difference,
+                          with.line.difference_variance + 4 * d_amplitude_noise +
+                              2 * squared(loss));
     };
     // Good contacts lose nothing.
     return log_sum(density(spread), density(0)) - std::log(2.0);
 }
 
-double press_filter::update_strength(explanation& to, double dip) const
+double press_filter::update_amplitude(both_amplitudes& own) const
 {
-    auto& own = to.strength;
-    own.mean_variance += squared(d_set.fading_np) * d_elapsed_s + squared(dip);
-    own.difference_variance += squared(dip);
     const double mean = d_amplitude - own.mean,
                  difference = d_amplitude_difference - own.difference;
     const double mean_variance = own.mean_variance + d_amplitude_noise,
@@ -915,7 +906,12 @@ void press_filter::begin_press(explanation& to) const
     to.held_common = to.common;
     to.held_difference = to.difference;
     hold_level(to);
-    to.strength = {
+    to.strength = seen_amplitude();
+}
+
+press_filter::both_amplitudes press_filter::seen_amplitude() const
+{
+    return {
         d_amplitude, d_amplitude_difference, d_amplitude_noise, 4 * d_amplitude_noise
     };
 }
@@ -969,8 +965,9 @@ press_filter::chord(const explanation& from, const both_ends& to, double varianc
 press_filter::both_ends press_filter::untouched_ratio(const explanation& of) const
 {
     const auto at = baseline(of);
-    return { std::polar(std::exp(of.amplitude), at[0]),
-             std::polar(std::exp(of.amplitude), at[1]) };
+    const double half = of.line.difference / 2;
+    return { std::polar(std::exp(of.line.mean + half), at[0]),
+             std::polar(std::exp(of.line.mean - half), at[1]) };
 }
 
 press_filter::both_ends press_filter::seen_ratio() const
@@ -984,6 +981,12 @@ pair_of_ends press_filter::baseline(const explanation& of) const
     return phases_of(of.common, of.difference);
 }
 
+// Of the direction, rad^2; any where the model does not say.
+double press_filter::direction_variance(const explanation& of) const
+{
+    return of.known && of.is == pressed ? squared(d_set.aside) : 1.0;
+}
+
 pair_of_ends press_filter::press_direction(const explanation& of) const
 {
     if (!of.known || of.is != pressed)
@@ -995,15 +998,13 @@ pair_of_ends press_filter::press_direction(const explanation& of) const
 press_filter::outcome press_filter::describe(const explanation& of) const
 {
     const auto common = of.common.estimate(), apart = of.difference.estimate();
-    return { of.is,
-             of.before,
-             of.known,
-             of.turned_now || of.turning,
-             baseline(of),
-             common.variance + (of.is == pressed ? of.near_square / 2 : 0),
-             apart.variance,
-             of.amplitude,
-             of.mean };
+    return {
+        of.is,          of.before,
+        of.known,       of.turned_now || of.turning,
+        baseline(of),   common.variance + (of.is == pressed ? of.near_square / 2 : 0),
+        apart.variance, of.line.mean,
+        of.mean
+    };
 }
 
 // ---- keeping the likely ones
@@ -1128,11 +1129,12 @@ void press_filter::claim_untouched(double probability)
             next.common.reset(level[1] + apart / 2,
                               (sure.first + sure.second + 2 * sure.both) / 4);
             next.difference.reset(apart, sure.first + sure.second - 2 * sure.both);
-            next.amplitude = next.quiet_amplitude = next.strength.mean;
-            next.amplitude_variance = next.strength.mean_variance;
+            next.line = next.strength;
+            next.quiet_amplitude = next.line.mean;
         }
         next.now = describe(next);
-        // If it is true, nothing changes any more; so it is compared with a press that rests.
+        // If it is true, nothing changes any more; so it is compared with a press that
+        // rests.
         for (auto& kept : d_kept) {
             kept.log_weight += std::log1p(-probability);
             if (kept.steady) {
@@ -1168,7 +1170,8 @@ void press_filter::change_reference(const pair_of_ends& phase, const pair_of_end
         kept.difference.turn(apart);
         kept.held_common.turn(mean);
         kept.held_difference.turn(apart);
-        kept.amplitude += amplitude;
+        kept.line.mean += amplitude;
+        kept.line.difference += by[0] - by[1];
         kept.quiet_amplitude += amplitude;
         kept.quiet_phase += mean;
         auto was = kept.motion.phase();

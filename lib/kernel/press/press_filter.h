@@ -91,8 +91,8 @@ private:
     using complex = std::complex<double>;
     using both_ends = std::array<complex, 2>;
 
-    // Mean and difference of the logarithms of both amplitudes of a press.
-    struct press_amplitude {
+    // Mean and difference of the logarithms of both amplitudes.
+    struct both_amplitudes {
         double mean = 0, difference = 0, mean_variance = 0, difference_variance = 0;
     };
 
@@ -102,7 +102,7 @@ private:
         double age_s = 0; // of the state
         // The untouched line.
         drift_bank common, difference;
-        double amplitude = 0, amplitude_variance = 0;
+        both_amplitudes line;
         // A hand nearby adds a phasor: the line without it, and its square.
         double quiet_amplitude = 0, quiet_phase = 0, near_square = 0;
         bool known = true;
@@ -116,7 +116,7 @@ private:
         // whether the press changes steadily: at a speed, sliding or not.
         phase_motion motion;
         drift_bank held_common, held_difference;
-        press_amplitude strength;
+        both_amplitudes strength;
         bool steady = false, slides = false;
         bool jolted = false,
              jumped = false; // suddenly, in this group: it may not be over
@@ -186,7 +186,8 @@ private:
     void notice_hand(explanation& to) const;
     void lose_sight_of_hand(explanation& to) const;
     double compare_contact(const explanation& with, double spread) const;
-    double update_strength(explanation& to, double dip) const;
+    double update_amplitude(both_amplitudes& own) const;
+    both_amplitudes seen_amplitude() const;
     void begin_press(explanation& to) const;
     double density(const explanation& of, const pair_of_ends& phase) const;
     double chord(const explanation& from, const both_ends& to, double variance) const;
@@ -194,6 +195,7 @@ private:
     both_ends seen_ratio() const;
     pair_of_ends baseline(const explanation& of) const;
     pair_of_ends press_direction(const explanation& of) const;
+    double direction_variance(const explanation& of) const;
     outcome describe(const explanation& of) const;
     bool alike(const explanation& a, const explanation& b) const;
     std::vector<weighted_outcome> collect(outcome explanation::*which) const;

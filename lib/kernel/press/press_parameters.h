@@ -33,7 +33,7 @@ struct press_parameters {
     double amplitude_np = 0.003; // likewise of an amplitude
     double fading_np = 0.01;     // Np per sqrt(s): random walk of the tag's amplitude
     double drift_memory_s = 20.0;
-    double smoothing_s = 0; // time over which groups are averaged while nothing changes
+    double smoothing_s = 0;  // time over which groups are averaged while nothing changes
     double drift_deg = -1.0; // deg per sqrt(s): stated random walk; negative to learn it
 };
 

@@ -40,6 +40,8 @@ _BITS = np.array(
 )
 # Explanations that are inverted.
 _LEAST_WEIGHT = 1e-4
+# Standard deviations beyond which a reading is wrong.
+_FAR = 5.0
 # Gauss-Hermite quadrature of a normal variable: nodes in standard deviations, and weights.
 _NODES, _SHARES = np.array([0.0, -math.sqrt(3), math.sqrt(3)]), np.array([2 / 3, 1 / 6, 1 / 6])
 
@@ -205,9 +207,7 @@ class SensorReadout:
         turn = found.baseline + np.asarray(shift)[..., None]
         return found.ratios * np.exp(-found.amplitude[:, None] - 1j * turn)
 
-    def _phases(
-        self, found: Explanations, shift: ArrayLike, whole: bool
-    ) -> tuple[Array, Array]:
+    def _phases(self, found: Explanations, shift: ArrayLike, whole: bool) -> tuple[Array, Array]:
         """psi of both ends, degrees, by each explanation, and their standard deviations; (m, 2).
 
         The variance is ``whole``, or without that of the common phase, which the nodes stand for.
@@ -249,13 +249,18 @@ class SensorReadout:
         weight = np.where(np.isfinite(means).all(axis=1), weight, 0.0)
         means, spreads = np.nan_to_num(means), np.nan_to_num(spreads)
         total = np.bincount(each.row, weight, minlength=count)
+        outside = np.zeros(len(weight), bool)
         with np.errstate(divide="ignore", invalid="ignore"):
             for column in (0, 1):
                 first = np.bincount(each.row, weight * means[:, column], minlength=count) / total
                 square = spreads[:, column] ** 2 + (means[:, column] - first[each.row]) ** 2
                 second = np.bincount(each.row, weight * square, minlength=count) / total
+                std = np.sqrt(second)
+                outside |= np.abs(means[:, column] - first[each.row]) > _FAR * std[each.row]
                 values[touched, 2 * column] = first[touched]
-                values[touched, 2 * column + 1] = np.sqrt(second)[touched]
+                values[touched, 2 * column + 1] = std[touched]
+        far = np.bincount(each.row, weight * outside, minlength=count)
+        flags[touched & (far > DOUBT * total)] |= Flag.AMBIGUOUS.value
         # Flags are those of the likeliest explanation, at the middle of its common phase.
         heavy = np.full(len(found.row), -1)
         heavy[chosen] = np.arange(len(chosen))
