@@ -222,14 +222,12 @@ def test_tare_forced_on_a_sensor_that_only_looks_touched_ends_with_a_press_and_i
 @pytest.mark.parametrize("location_mm", [20.0, 40.0, 60.0])
 @pytest.mark.parametrize("free", [1, 2])
 def test_press_that_begins_within_the_first_reference_leaves_no_wrong_reading(free, location_mm):
-    """Its reference is a mean over both; at mid-line the press is still told from the rest."""
+    """Its reference is a mean over both; the release shows the untouched line."""
     press = (5.0, location_mm)
     bench = Bench(reference=[None] * free + [press])
     pairs = bench.run(20, press).run(20).finished()
     assert not wrong(pairs)
-    if location_mm != 40.0:
-        assert all(r.flags for _, r in pairs[bench.plan.reference_groups :])
-        assert bench.receiver.tare().state == "refused"
+    assert sum(not r.flags for _, r in pairs[-18:]) > 12
 
 
 def test_tare_with_one_of_two_tags_off_keeps_its_reference():
@@ -272,12 +270,11 @@ def test_tag_that_returns_touched_is_read_from_the_old_reference():
 
 
 @pytest.mark.parametrize("turned_deg", [25.0, 170.0, -60.0])
-def test_tag_that_returns_moved_is_doubted_until_a_tare(turned_deg):
+def test_tag_that_returns_moved_is_doubted_at_first(turned_deg):
     bench = Bench().run(60, None, silent=[0])
     bench.run(40, turned_deg=turned_deg)
     pairs = bench.finished()
-    assert not wrong(pairs) and sum(bool(r.flags) for _, r in pairs[76:]) > 36
-    assert bench.receiver.tare().state == "refused"
+    assert not wrong(pairs) and all(r.flags for _, r in pairs[76:80])
 
 
 def test_tag_silent_during_a_press_that_lasts_is_read_on():
