@@ -222,7 +222,7 @@ def test_tare_forced_on_a_sensor_that_only_looks_touched_ends_with_a_press_and_i
 @pytest.mark.parametrize("location_mm", [20.0, 40.0, 60.0])
 @pytest.mark.parametrize("free", [1, 2])
 def test_press_that_begins_within_the_first_reference_leaves_no_wrong_reading(free, location_mm):
-    """Its reference is a mean over both; at mid-line the press is still told from the rest."""
+    """Its reference is a mean over both; at mid-line the press is still distinguished from rest."""
     press = (5.0, location_mm)
     bench = Bench(reference=[None] * free + [press])
     pairs = bench.run(20, press).run(20).finished()

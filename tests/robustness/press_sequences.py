@@ -126,7 +126,7 @@ class Sequence:
             ends.append(np.exp(1j * np.radians(psi)).reshape(GROUPS, POINTS, 2).mean(axis=1))
         delays = np.linspace(0.02, 0.06, 2 * self._sensors)
         channel = np.exp(-2j * np.pi * np.outer(delays, WAVEFORM.subcarriers / 5.12))
-        # What more noise leaves without a flag: docs/estimation.md, section "Limits".
+        # What more noise leaves without a flag: docs/theory.md, section "Limits".
         variance = 2 * K * np.radians(np.exp(rng.uniform(np.log(0.03), np.log(0.2)))) ** 2
         noise = rng.standard_normal((2, GROUPS, *channel.shape)) * np.sqrt(variance / 2)
         return Groups(

@@ -5,7 +5,7 @@ import pytest
 from press_sequences import Sequence
 
 SEEDS, LONG_SEEDS = 12, 200
-# Noise at large forces: docs/estimation.md, section "Limits". A fault of a rule gives tens at once.
+# Noise at large forces: docs/theory.md, section "Limits". A fault of a rule gives tens at once.
 _BY_NOISE = 2e-4
 
 

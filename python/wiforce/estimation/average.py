@@ -15,7 +15,7 @@ from .groups import Array, Groups
 from .reference import subcarrier_weights
 
 # Squared standard deviations by which the newer part of a window must differ from the older:
-# exceeded by noise in 0.5 % of the comparisons (docs/estimation.md, section "Thresholds").
+# exceeded by noise in 0.5 % of the comparisons (docs/data/thresholds.csv).
 _CHANGE = 8.0
 
 
