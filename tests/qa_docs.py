@@ -202,6 +202,40 @@ def test_commands_of_all_pages_exist_with_their_options():
     assert lines > 50
 
 
+def named_files(page):
+    """Files that a page names in backquotes, with at least a folder."""
+    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    return re.findall(r"`((?:[\w.-]+/)+[\w-]+\.(?:py|h|cc|md|csv|yaml|msg|rst))`", text)
+
+
+@pytest.mark.parametrize("page", [*WRITTEN, ROOT / "README.md"], ids=lambda page: page.name)
+def test_source_files_that_a_page_names_exist(page):
+    """The theory sends its readers to the code of each formula."""
+    inside = ("python/wiforce", "lib/kernel", "gr-wiforce", "gr-wiforce/wiforce_app")
+    folders = (ROOT, *(ROOT / each for each in inside))
+    own = {"demo", "evaluation", "readings", "clients"}
+    for name in named_files(page):
+        if name.split("/")[0] not in own:
+            assert any((folder / name).is_file() for folder in folders), name
+
+
+def test_formulas_name_functions_that_exist():
+    text = (ROOT / "docs/theory.md").read_text(encoding="utf-8")
+    rows = text.split("## Formulas")[1].split("\n## ")[0].splitlines()
+    found = [re.findall(r"`([\w/.]+\.py)`, `([\w.]+)`", row) for row in rows]
+    assert sum(map(len, found)) > 9
+    for file, function in sum(found, []):
+        source = (ROOT / "python/wiforce" / file).read_text(encoding="utf-8")
+        for name in function.split("."):
+            assert re.search(rf"^\s*(def|class) {name}\b", source, re.MULTILINE), (file, function)
+
+
+def test_python_of_all_pages_is_valid():
+    for page in (ROOT / "README.md", *WRITTEN):
+        for block in code_blocks(page, "python"):
+            compile(block, page.name, "exec")
+
+
 def test_run_times_of_the_results_are_the_medians_of_their_table():
     rows = list(csv.DictReader((ROOT / "docs/data/tradeoff.csv").open(encoding="utf-8")))
     plans = {row["scene"]: row for row in rows if row["setting"] == "plan"}
