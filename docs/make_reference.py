@@ -21,6 +21,7 @@ from gnuradio.wiforce.scene.simulated import Move, Press, Simulation
 from gnuradio.wiforce.scene.simulated_tags import Tag
 from gnuradio.wiforce.sensor import load_sensor, shipped_sensors
 from gnuradio.wiforce.sensor.file_schema import CarrierCurves, CurvesFile, LineFile, SensorFile
+from wiforce_app.grouped_help import GroupedHelp
 from wiforce_app.main import PROGRAM, command
 
 PAGES = Path(__file__).resolve().parent / "reference"
@@ -160,7 +161,8 @@ def commands():
 def _helps(name, each, parent=None):
     settings = each.context_settings | {"terminal_width": _WIDTH}
     context = click.Context(each, parent, name, **settings)
-    text = "\n".join(line.rstrip() for line in each.get_help(context).splitlines())
+    shown = each.full_help if isinstance(each, GroupedHelp) else each.get_help
+    text = "\n".join(line.rstrip() for line in shown(context).splitlines())
     yield f"## {context.command_path}\n\n```\n{text}\n```"
     if isinstance(each, click.Group):
         for sub in each.list_commands(context):
