@@ -3,6 +3,8 @@
 
 import click
 
+_HELP = ("--help-all", "--help")
+
 
 class GroupedHelp(click.Command):
     """A command whose help fits on a screen; ``--help-all`` explains every option.
@@ -11,7 +13,7 @@ class GroupedHelp(click.Command):
     ----------
     groups : dict
         Names of options by heading, separated by spaces. Those of the first group are explained
-        by ``--help``; of the others it lists the names.
+        by ``--help``; of the others, if there are any, it lists the names.
     examples : tuple of str, optional
         Command lines without the name of the program.
     """
@@ -19,6 +21,8 @@ class GroupedHelp(click.Command):
     def __init__(self, *arguments, groups, examples=(), **options):
         super().__init__(*arguments, **options)
         self._groups, self._examples = groups, examples
+        if len(groups) == 1:
+            return
         self.params.append(
             click.Option(
                 ["--help-all"],
@@ -47,11 +51,11 @@ class GroupedHelp(click.Command):
         for heading, names in self._groups.items():
             shown = [known[name].get_help_record(ctx) for name in names.split()]
             if heading == usual:
-                shown += [known[name].get_help_record(ctx) for name in ("--help-all", "--help")]
+                shown += [known[name].get_help_record(ctx) for name in _HELP if name in known]
             if everything or heading == usual:
                 with formatter.section(heading):
                     formatter.write_dl(shown)
-        if not everything:
+        if not everything and len(self._groups) > 1:
             with formatter.section("More, explained by --help-all"):
                 others = list(self._groups.items())[1:]
                 formatter.write_dl([(heading, names) for heading, names in others])
