@@ -12,8 +12,8 @@ class GroupedHelp(click.Command):
     Parameters
     ----------
     groups : dict
-        Names of options by heading, separated by spaces. Those of the first group are explained
-        by ``--help``; of the others, if there are any, it lists the names.
+        Names of options by heading, separated by spaces. Those of the first group, and options
+        in none of them, are explained by ``--help``; of the others it lists the names.
     examples : tuple of str, optional
         Command lines without the name of the program.
     """
@@ -48,10 +48,14 @@ class GroupedHelp(click.Command):
     def _format(self, ctx, formatter, everything):
         known = {name: each for each in self.get_params(ctx) for name in each.opts}
         usual = next(iter(self._groups))
+        grouped = {*" ".join(self._groups.values()).split(), *_HELP}
         for heading, names in self._groups.items():
-            shown = [known[name].get_help_record(ctx) for name in names.split()]
+            listed = [known[name] for name in names.split()]
             if heading == usual:
-                shown += [known[name].get_help_record(ctx) for name in _HELP if name in known]
+                options = (each for each in self.params if isinstance(each, click.Option))
+                listed += [each for each in options if grouped.isdisjoint(each.opts)]
+                listed += [known[name] for name in _HELP if name in known]
+            shown = [each.get_help_record(ctx) for each in listed]
             if everything or heading == usual:
                 with formatter.section(heading):
                     formatter.write_dl(shown)
