@@ -94,6 +94,7 @@ def write_sources(folder):
     shutil.copytree(DOCS / "site", folder)
     found = pages()
     names = {path.resolve(): name for name, path in found.items()}
+    names[(DOCS / f"{NOTEBOOK}.ipynb").resolve()] = f"{NOTEBOOK}.md"
     for name, path in found.items():
         target = folder / name
         target.parent.mkdir(parents=True, exist_ok=True)
