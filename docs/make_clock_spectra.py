@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Draws docs/images/clock_spectra.png and prints the table of docs/clocks.md.
+"""Draws docs/images/clock_spectra.png and prints the table of docs/theory.md.
 
 build/run python3 docs/make_clock_spectra.py
 """

@@ -23,7 +23,7 @@ PRESSES = (  # start (s), first and last force (N), location (mm)
     (4.0, 7.0, 3.0, 47.0),
     (7.0, 1.5, 4.5, 38.0),
 )
-# Okabe and Ito: told apart with any colour vision.
+# Okabe and Ito: distinguished by any colour vision.
 FORCE, LOCATION, TRUTH = "#0072B2", "#D55E00", "0.6"
 MM_PER_N, SOFTNESS_MM, DEEPEST_MM = 3.2, 7.0, 3.0
 COLORS = 64

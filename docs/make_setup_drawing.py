@@ -11,7 +11,7 @@ from pathlib import Path
 PICTURE = Path(__file__).resolve().parent / "images" / "setup.svg"
 WIDTH, HEIGHT = 960, 330
 INK, FAINT, BEAM, COPPER = "#222222", "#767676", "#595959", "#b87333"
-# Okabe and Ito: told apart with any colour vision.
+# Okabe and Ito: distinguished by any colour vision.
 SENT, END1, END2 = "#222222", "#0072b2", "#d55e00"
 
 

@@ -28,14 +28,31 @@ OTHERS = {
 BLOCKS = "blocks/README.md"
 CONTENTS = "\n```{toctree}\n:hidden:\n:glob:\n\n*\n```\n"
 NOTEBOOK = "first_readings"
+INDEX = "index.md"
+# Beside the pages that the index lists, under the same headings at the site's edge.
+REFERENCE = (
+    "api",
+    "blocks/README",
+    "reference/scenes",
+    "reference/sensor-files",
+    "reference/commands",
+)
+BESIDE = ("readme", NOTEBOOK, "examples", "ros2", "changelog")
 LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)\s]+)\)")
 
 
 def pages():
     """{name on the site: file} of all pages and pictures."""
-    inside = [*DOCS.glob("*.md"), *DOCS.glob("blocks/*.md"), *DOCS.glob("images/*")]
+    inside = [path for each in ("", "blocks/", "reference/") for path in DOCS.glob(f"{each}*.md")]
+    inside += [*DOCS.glob("images/*"), *DOCS.glob("data/*")]
     named = {str(path.relative_to(DOCS)): path for path in inside}
     return named | {name: path for path, name in OTHERS.items()}
+
+
+def contents(index):
+    """{heading: pages} of the site, in the order in which the index lists its pages."""
+    listed = re.findall(r"^\| \[.+?\]\(([\w-]+)\.md\) \|", index, re.MULTILINE)
+    return {"Pages": listed, "Reference": REFERENCE, "Beside": BESIDE}
 
 
 def relinked(text, source, name, names):
@@ -77,12 +94,17 @@ def write_sources(folder):
     shutil.copytree(DOCS / "site", folder)
     found = pages()
     names = {path.resolve(): name for name, path in found.items()}
+    names[(DOCS / f"{NOTEBOOK}.ipynb").resolve()] = f"{NOTEBOOK}.md"
     for name, path in found.items():
         target = folder / name
         target.parent.mkdir(parents=True, exist_ok=True)
         if path.suffix == ".md":
             text = path.read_text(encoding="utf-8")
             text = relinked(text, path, name, names) + (CONTENTS if name == BLOCKS else "")
+            if name == INDEX:
+                for heading, listed in contents(path.read_text(encoding="utf-8")).items():
+                    lines = [f"\n```{{toctree}}\n:hidden:\n:caption: {heading}\n", *listed, "```\n"]
+                    text += "\n".join(lines)
             target.write_text(text, encoding="utf-8")
         else:
             shutil.copy(path, target)

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Draws docs/images/waveforms.png and prints the tables of docs/waveforms.md.
+"""Draws docs/images/waveforms.png and prints docs/data/waveforms.csv.
 
 build/run python3 docs/make_waveforms.py
 """
@@ -119,8 +119,7 @@ def _draw_frame_rate(axis, density):
 
 
 def _draw_papr(axis, density):
-    print("| waveform | symbol | subcarriers | bandwidth | PAPR | noise at the same peak power |")
-    print("|---|---|---|---|---|---|")
+    print("waveform,symbol,subcarriers,bandwidth,PAPR,noise at the same peak power")
     reference = None
     for name, length in SHIPPED:
         waveform = waveform_of(name, length)
@@ -130,8 +129,8 @@ def _draw_papr(axis, density):
         axis.semilogy(peak_db, std, "o", label=f"{name} {length}")
         low, high = waveform.outermost_hz
         print(
-            f"| `{name}` | {length} | {len(waveform.subcarriers)} | {(high - low) / 1e6:.1f} MHz | "
-            f"{peak_db:.1f} dB | {20 * np.log10(std / reference):+.1f} dB |"
+            f"{name},{length},{len(waveform.subcarriers)},{(high - low) / 1e6:.1f} MHz,"
+            f"{peak_db:.1f} dB,{20 * np.log10(std / reference):+.1f} dB"
         )
     axis.set_xlabel("PAPR (dB)")
     axis.set_title("same peak power, 100 Hz clock, no guard")

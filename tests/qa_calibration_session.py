@@ -259,7 +259,7 @@ def test_force_that_does_not_fit_its_neighbours_causes_a_warning(typed_n, true_n
 
 
 def test_all_halved_and_three_quarters_of_doubled_forces_cause_warnings():
-    """docs/guided-calibration.md states these shares."""
+    """docs/sensors.md states these shares."""
     rng = np.random.default_rng(4)
     warned = {0.5: [], 2.0: []}
     for _ in range(10):

@@ -4,6 +4,7 @@
 import json
 import os
 import pty
+import re
 import subprocess
 import sys
 import warnings
@@ -39,6 +40,28 @@ def raising(monkeypatch):
 def test_help_lists_the_subcommands():
     done = run_process("--help")
     assert done.returncode == 0 and "simulate" in done.stdout and done.stderr == ""
+
+
+def helps(each, name):
+    """Commands below this one that are not groups, by name."""
+    if not hasattr(each, "list_commands"):
+        return {name: each}
+    context = click.Context(each, info_name=name)
+    below = [helps(each.get_command(context, sub), sub) for sub in each.list_commands(context)]
+    return {key: found for part in below for key, found in part.items()}
+
+
+def test_help_fits_on_a_screen_and_explains_all_options_on_request():
+    for name, each in helps(app.command, "gr-wiforce").items():
+        settings = app.command.context_settings
+        context = click.Context(each, info_name=name, terminal_width=80, **settings)
+        shown = each.get_help(context)
+        assert len(shown.splitlines()) <= 45, name
+        everything = each.full_help(context) if hasattr(each, "full_help") else shown
+        for parameter in each.params:
+            if isinstance(parameter, click.Option) and not parameter.hidden:
+                assert parameter.opts[-1] in shown, (name, parameter.opts)
+                assert re.search(rf"^  .*{parameter.opts[-1]}\b", everything, re.M), parameter.opts
 
 
 def test_list_shows_shipped_names_with_a_description():

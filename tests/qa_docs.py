@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Generated documentation is up to date with its sources."""
 
+import csv
 import doctest
 import importlib.util
 import json
@@ -86,11 +87,13 @@ def test_completion_scripts_query_the_command():
         assert f"_GR_WIFORCE_COMPLETE={shell}_source" in text
 
 
-def test_shipped_scenes_are_documented():
-    from gnuradio.wiforce.scene import shipped_scenes
-
-    text = (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8")
-    assert [name for name in shipped_scenes() if f"`{name}`" not in text] == []
+def test_reference_matches_declarations_scenes_and_help():
+    maker = loaded("make_reference")
+    hint = "run: build/run python3 docs/make_reference.py"
+    expected = maker.pages()
+    assert {p.name for p in maker.PAGES.glob("*.md")} == set(expected)
+    for name, text in expected.items():
+        assert (maker.PAGES / name).read_text(encoding="utf-8") == text, hint
 
 
 def code_blocks(page, language):
@@ -100,6 +103,15 @@ def code_blocks(page, language):
 
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+WRITTEN = sorted((ROOT / "docs").glob("*.md"))
+LINKED = [
+    *WRITTEN,
+    *(ROOT / "docs").glob("*/*.md"),
+    *(ROOT / n for n in ("README.md", "SECURITY.md")),
+]
+LINKED += [
+    ROOT / n for n in ("CONTRIBUTING.md", "CHANGELOG.md", "examples/README.md", "ros2/README.md")
+]
 
 
 @pytest.fixture(scope="module")
@@ -128,15 +140,127 @@ def readme_code(part):
 
 def test_readme_is_read_in_minutes_and_its_links_lead_somewhere():
     assert len(README.splitlines()) <= 80 and len(README.split()) <= 750
-    targets = re.findall(r"\]\(([^)#]+)#?([^)]*)\)", README)
-    for target, heading in targets:
-        if not target.startswith("https:"):
-            assert (ROOT / target).exists(), target
+    assert "](docs/index.md)" in README and "](docs/results.md" in README
+
+
+@pytest.mark.parametrize("page", LINKED, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_to_files_and_headings(page):
+    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    for target, heading in re.findall(r"\]\(([^)#\s]*)#?([^)\s]*)\)", text):
+        if target.startswith("https:"):
+            continue
+        found = page.parent / target if target else page
+        assert found.exists(), target
         if heading:
-            page = (ROOT / target).read_text(encoding="utf-8")
-            titles = re.findall(r"^#+ (.+)$", page, re.MULTILINE)
-            assert heading in [re.sub(r"[^\w-]", "", t.lower().replace(" ", "-")) for t in titles]
-    assert {f"docs/{p.name}" for p in (ROOT / "docs").glob("results.md")} < {t for t, _ in targets}
+            titles = re.findall(r"^#+ (.+)$", found.read_text(encoding="utf-8"), re.MULTILINE)
+            anchors = [re.sub(r"[^\w-]", "", t.lower().replace(" ", "-")) for t in titles]
+            assert heading in anchors, f"{target}#{heading}"
+
+
+def test_documentation_is_small_enough_to_be_read():
+    """It had 30 pages and 84 000 words, in which nobody found anything."""
+    words = {page.name: len(page.read_text(encoding="utf-8").split()) for page in WRITTEN}
+    assert len(words) <= 14 and sum(words.values()) <= 30_000
+    for page in WRITTEN:
+        if words[page.name] > 1500:
+            head = page.read_text(encoding="utf-8").split("\n", 10)[2:9]
+            starts = [line[:3] for line in head]
+            assert starts == ["In ", "", "1. ", "2. ", "3. ", "4. ", "5. "], page.name
+    assert len((ROOT / "docs/architecture.md").read_text(encoding="utf-8").splitlines()) <= 150
+
+
+def test_index_lists_every_page_with_its_reading_time():
+    index = (ROOT / "docs/index.md").read_text(encoding="utf-8")
+    listed = dict(re.findall(r"^\| \[.+?\]\((.+?)\) \| (\d+) \|", index, re.MULTILINE))
+    assert set(listed) == {page.name for page in WRITTEN} - {"index.md"}
+    for page in WRITTEN:
+        if page.name in listed:
+            minutes = len(page.read_text(encoding="utf-8").split()) / 200
+            assert abs(int(listed[page.name]) - minutes) < 2, page.name
+
+
+def test_commands_of_all_pages_exist_with_their_options():
+    """A page that names an option of yesterday costs its reader the first ten minutes."""
+    from wiforce_app.main import command
+
+    lines = 0
+    for page in (ROOT / "README.md", *WRITTEN):
+        for block in code_blocks(page, "sh"):
+            for line in block.replace("\\\n", " ").splitlines():
+                for part in re.findall(r"(?<![\w/-])gr-wiforce ([^|#;)>]+)", line):
+                    words = shlex.split(part.rstrip("& "))
+                    each = command.get_command(None, words[0])
+                    if each is None:
+                        assert page.name == "install.md" and "apt" in line, line
+                        continue
+                    if hasattr(each, "commands") and words[1] in each.commands:
+                        each = each.get_command(None, words[1])
+                    known = {name for option in each.params for name in option.opts}
+                    used = {word.split("=")[0] for word in words if word.startswith("-")}
+                    assert used <= known | {"--help"}, line
+                    lines += 1
+    assert lines > 50
+
+
+def named_files(page):
+    """Files that a page names in backquotes, with at least a folder."""
+    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    return re.findall(r"`((?:[\w.-]+/)+[\w-]+\.(?:py|h|cc|md|csv|yaml|msg|rst))`", text)
+
+
+@pytest.mark.parametrize("page", [*WRITTEN, ROOT / "README.md"], ids=lambda page: page.name)
+def test_source_files_that_a_page_names_exist(page):
+    """The theory sends its readers to the code of each formula."""
+    inside = ("python/wiforce", "lib/kernel", "gr-wiforce", "gr-wiforce/wiforce_app")
+    folders = (ROOT, *(ROOT / each for each in inside))
+    own = {"demo", "evaluation", "readings", "clients"}
+    for name in named_files(page):
+        if name.split("/")[0] not in own:
+            assert any((folder / name).is_file() for folder in folders), name
+
+
+def test_formulas_name_functions_that_exist():
+    text = (ROOT / "docs/theory.md").read_text(encoding="utf-8")
+    rows = text.split("## Formulas")[1].split("\n## ")[0].splitlines()
+    found = [re.findall(r"`([\w/.]+\.py)`, `([\w.]+)`", row) for row in rows]
+    assert sum(map(len, found)) > 9
+    for file, function in sum(found, []):
+        source = (ROOT / "python/wiforce" / file).read_text(encoding="utf-8")
+        for name in function.split("."):
+            assert re.search(rf"^\s*(def|class) {name}\b", source, re.MULTILINE), (file, function)
+
+
+def test_python_of_all_pages_is_valid():
+    for page in (ROOT / "README.md", *WRITTEN):
+        for block in code_blocks(page, "python"):
+            compile(block, page.name, "exec")
+
+
+def test_run_times_of_the_results_are_the_medians_of_their_table():
+    rows = list(csv.DictReader((ROOT / "docs/data/tradeoff.csv").open(encoding="utf-8")))
+    plans = {row["scene"]: row for row in rows if row["setting"] == "plan"}
+    page = (ROOT / "docs/results.md").read_text(encoding="utf-8")
+    shown = re.findall(r"^\| `([^`]+)` \| ([\d.]+) \| ([\d.]+) \| ([\d.]+) \|$", page, re.MULTILINE)
+    assert len(shown) > 10
+    for setting, *ratios in shown:
+        own = [r for r in rows if r["setting"] == setting and r["phase (deg)"]]
+        pairs = [(r, plans[r["scene"]]) for r in own if plans[r["scene"]]["phase (deg)"]]
+        for column, ratio in zip(("ms per s", "phase (deg)", "readings/s"), ratios, strict=True):
+            found = statistics.median(
+                float(row[column]) / float(plan[column]) for row, plan in pairs
+            )
+            assert float(ratio) == pytest.approx(found, abs=0.006), (setting, column)
+
+
+def test_architecture_is_drawn_by_its_program(monkeypatch):
+    from qa_layers import LAYERS
+
+    monkeypatch.syspath_prepend(ROOT / "docs")
+    maker = loaded("make_architecture_drawings")
+    hint = "run: build/run python3 docs/make_architecture_drawings.py"
+    for name, text in maker.drawings().items():
+        assert (maker.IMAGES / name).read_text(encoding="utf-8") == text, hint
+    assert [set(layer) for layer, _ in maker.CHAPTERS] == list(LAYERS[:-1])
 
 
 def test_readme_commands_write_readings_and_a_picture(press):
@@ -222,7 +346,7 @@ def test_page_of_many_captures_prints_a_median_for_each(tmp_path, monkeypatch, c
     (tmp_path / "captures").mkdir()
     for name in ("a", "b"):
         wiforce.simulate("tabletop", f"captures/{name}")
-    (code,) = code_blocks("many-captures.md", "python")
+    (code,) = [code for code in code_blocks("outputs.md", "python") if "groupby" in code]
     exec(code, {})
     medians = re.findall(r"^[ab] +([\d.]+)$", capsys.readouterr().out, re.MULTILINE)
     assert len(medians) == 2 and all(1 < float(median) < 8 for median in medians)
@@ -233,8 +357,8 @@ def test_waveform_page_scene_is_planned_with_its_symbol(tmp_path, monkeypatch):
     from gnuradio import wiforce
 
     monkeypatch.chdir(tmp_path)
-    exec(code_blocks("waveforms.md", "python")[0], {})
-    (tmp_path / "scene.yaml").write_text(code_blocks("waveforms.md", "yaml")[0])
+    exec(code_blocks("radios.md", "python")[0], {})
+    (tmp_path / "scene.yaml").write_text(code_blocks("radios.md", "yaml")[1])
     settings = wiforce.plan("scene.yaml")
     assert settings.waveform.symbol_length == 128 and settings.scene.simulation.presses
 
@@ -244,7 +368,7 @@ def test_pages_of_packets_and_surfaces_hold_whole_scenes(tmp_path):
 
     (tmp_path / "wifi.yaml").write_text(code_blocks("wifi.md", "yaml")[0])
     assert wiforce.load_scene(tmp_path / "wifi.yaml").simulation.snr_db == -12
-    strips, presses = code_blocks("surfaces.md", "yaml")[:2]
+    strips, presses = code_blocks("sensors.md", "yaml")[1:3]
     for name in ("low.yaml", "high.yaml"):
         strips = strips.replace(name, "line-900mhz-calibrated")
     bare = "".join(line for line in strips.splitlines(True) if "spreading_file" not in line)
@@ -300,9 +424,8 @@ def test_tutorial_scene_is_valid():
 def test_walkthrough_examples_give_output_shown(tmp_path, monkeypatch, numbers_without_types):
     """A reader who learns the stages from the page must see what the page shows."""
     monkeypatch.chdir(tmp_path)
-    text = (ROOT / "docs" / "walkthrough.md").read_text(encoding="utf-8")
-    without_fences = re.sub(r"^```.*$", "", text, flags=re.MULTILINE)
-    page = doctest.DocTestParser().get_doctest(without_fences, {}, "walkthrough.md", None, 0)
+    shown = "\n".join(code_blocks("tutorial.md", "pycon"))
+    page = doctest.DocTestParser().get_doctest(shown, {}, "tutorial.md", None, 0)
     result = doctest.DocTestRunner().run(page)
     assert result.attempted > 50
     assert result.failed == 0, f"{result.failed} of {result.attempted} examples, shown above"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files that versions before 1.0 wrote are read as they were then (docs/migration.md)."""
+"""Files that versions before 1.0 wrote are read as they were then (docs/install.md)."""
 
 import json
 from pathlib import Path

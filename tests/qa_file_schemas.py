@@ -3,7 +3,6 @@
 
 import copy
 import dataclasses
-import importlib.util
 import json
 from pathlib import Path
 
@@ -201,20 +200,12 @@ def test_declared_keys_are_documented_and_their_defaults_keep_their_rules(cls):
             assert read_back == key.default, dotted
 
 
-@pytest.mark.parametrize("page", ["scenes.md", "sensor-files.md"])
-def test_tables_in_documentation_equal_the_declarations(page):
-    spec = importlib.util.spec_from_file_location("tables", DOCS / "make_schema_tables.py")
-    maker = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(maker)
-    hint = "run: build/run python3 docs/make_schema_tables.py"
-    text = (DOCS / page).read_text(encoding="utf-8")
-    assert "<!-- keys: " in text and text == maker.page(DOCS / page), hint
-
-
-@pytest.mark.parametrize("page", ["scenes.md", "sensor-files.md"])
+@pytest.mark.parametrize("page", ["reference/scenes.md", "sensors.md", "tutorial.md"])
 def test_yaml_examples_in_documentation_are_valid(page):
     blocks = (DOCS / page).read_text(encoding="utf-8").split("```yaml\n")[1:]
     examples = [yaml.safe_load(block.partition("```")[0]) for block in blocks]
+    # Those of surfaces need files; qa_docs.py loads them.
+    examples = [each for each in examples if page != "sensors.md" or "kind" in each]
     assert examples
     for example in examples:
         if "kind" in example:

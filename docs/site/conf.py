@@ -16,6 +16,8 @@ html_theme_options = {"navigation_depth": 3}
 version = release = VERSION
 html_title = f"gr-wiforce {VERSION}"
 html_copy_source = False
+html_static_path = ["static"]
+html_css_files = ["site.css"]
 
 # Links to headings of other pages, as on every forge.
 myst_heading_anchors = 4

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A software USRP N210: the device's side of the protocol of libuhd's ``usrp2`` driver.
 
-``python3 -m software_n210 --air cable`` runs one; docs/software-n210.md describes it.
+``python3 -m software_n210 --air cable`` runs one; docs/radios.md describes it.
 """
 
 from .air import Cable, Counter

@@ -136,7 +136,7 @@ class Device:
             wait_s = self._advance()
 
     def status(self) -> dict:
-        """State and counters as plain values; docs/software-n210.md lists them."""
+        """State and counters as plain values; docs/radios.md lists them."""
         return {
             "cpu_s": time.process_time(),
             **self._hardware.status(),

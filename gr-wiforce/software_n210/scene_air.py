@@ -20,7 +20,7 @@ _CARRIER_TOLERANCE = 1e-6
 
 
 class SceneAir(Cable):
-    """Applies the channel of a scene to the transmitted signal; see docs/software-n210.md.
+    """Applies the channel of a scene to the transmitted signal; see docs/radios.md.
 
     Time 0 of the scene is the first sample of the first stream after the device is opened. Every
     session starts the scene again.

@@ -10,6 +10,7 @@ from gnuradio.wiforce.io.textfile import check_output
 from gnuradio.wiforce.signal.carrier import CARRIERS_HZ
 
 from .calibration.guide import complete_settings, guide, guided_options, table_of
+from .grouped_help import GroupedHelp
 from .options import FiniteRange, Number, sensor_output
 
 _REPORTED_FORCES_N = (2.0, 4.0, 6.0, 8.0)
@@ -31,7 +32,22 @@ _OPTION_OF = {
 _STEPS = ("nearest", "given", "line")
 
 
-@click.command()
+@click.command(
+    cls=GroupedHelp,
+    groups={
+        "Options": "--output --frequency-hz --kind --refine --plot --accept --live --surface",
+        "Curves": "--name --length-mm --permittivity --form --onset-force-n --location-steps "
+        "--mirror --ruler-std-mm",
+        "With --surface": "--readings --law",
+        "With --live": "--scene --sensor --locations --forces --sweeps --scale --scale-unit --baud",
+        "Radio": "--args --driver --tx-args --receive-only --tx-gain --rx-gain --antenna "
+        "--tx-antenna --bandwidth --reference --amplitude",
+    },
+    examples=(
+        "calibrate vna.csv -o arm.yaml --plot arm.png",
+        "calibrate --live --scene arm.yaml --args type=b200 -o new.yaml",
+    ),
+)
 @click.argument("table", type=click.Path(), required=False)
 @sensor_output
 @click.option(
@@ -120,11 +136,11 @@ def calibrate(
     TABLE is a VNA's CSV (freq_mhz, location_mm, port, force_n, phase_deg; rows with force 0 and no
     location are the untouched sensor), an index CSV of Touchstone files (file, force_n,
     location_mm), or taps read over the air (phase1_deg, phase2_deg, force_n, location_mm). A column
-    press or trial tells presses at one location apart.
+    press or trial distinguishes presses at one location.
 
     With --live, a person with a ruler and a force gauge is led through the measurements at a UHD
-    device. They are stored in TABLE (by default SENSOR.taps.csv) as they are taken; the same
-    command continues after an interruption.
+    device. They are stored in TABLE (SENSOR.taps.csv) at once; the same command continues after
+    an interruption.
 
     With --surface, TABLE lists presses on the skin of a surface (start_s, end_s, force_n, x_mm,
     y_mm), and the spreading law is written to OUTPUT.

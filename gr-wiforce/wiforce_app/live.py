@@ -19,6 +19,7 @@ from gnuradio.wiforce.scene import load_scene
 
 from .exit_status import BAD_INPUT, FAILED
 from .file_outputs import open_mcap
+from .grouped_help import GroupedHelp
 from .log import FORMATS, LEVELS, log
 from .options import (
     FiniteRange,
@@ -55,7 +56,23 @@ _NAMES_OF_DEVICES = {
 }
 
 
-@click.command()
+@click.command(
+    cls=GroupedHelp,
+    groups={
+        "Options": "--scene --args --tx-gain --rx-gain --output --record --web --zmq --duration "
+        "--reconnect",
+        "Radio": "--driver --tx-args --receive-only --antenna --tx-antenna --bandwidth --reference "
+        "--amplitude",
+        "Files": "--append --rotate --keep --mcap",
+        "Network": "--control --zmq-keys --foxglove --lsl --web-token",
+        "Reading": "--tracked --latency",
+        "Messages": "--log-level --log-format",
+    },
+    examples=(
+        "live --scene demo --args addr=127.0.0.1 --tx-gain 15 --rx-gain 15",
+        "live --scene arm.yaml --driver soapy --args driver=lime -o a.csv",
+    ),
+)
 @radio_options
 @readings_output
 @click.option("--append", is_flag=True, help="Append to the output instead of replacing it.")

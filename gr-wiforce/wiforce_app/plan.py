@@ -20,10 +20,15 @@ from gnuradio.wiforce.planning.waveform_limits import waveform_limits, waveform_
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.simulated_tags import MAX_SENSORS
 
+from .grouped_help import GroupedHelp
 from .options import IntegerRange, sample_type
 
 
-@click.command()
+@click.command(
+    cls=GroupedHelp,
+    groups={"Options": "--capture --datatype --improve --measure --clocks --json"},
+    examples=("plan demo --improve", "plan scene.yaml --capture press", "plan demo --clocks 4"),
+)
 @click.argument("scene", metavar="SCENE.yaml")
 @click.option(
     "--capture",

@@ -4,6 +4,7 @@
 import click
 from gnuradio.wiforce.io.capture_search import is_one
 
+from .grouped_help import GroupedHelp
 from .options import (
     IntegerRange,
     capture_scene,
@@ -16,7 +17,14 @@ from .options import (
 )
 
 
-@click.command()
+@click.command(
+    cls=GroupedHelp,
+    groups={
+        "Options": "--scene --output --mcap --plot --tracked --follow --datatype --csi-tool "
+        "--frame-offset --format --again --jobs --scheduler"
+    },
+    examples=("read press -o press.csv --plot press.png", "read captures -o readings"),
+)
 @click.argument("captures", nargs=-1, required=True, type=click.Path(), metavar="CAPTURE...")
 @capture_scene
 @click.option(

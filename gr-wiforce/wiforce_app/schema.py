@@ -11,7 +11,8 @@ import click
 def schema(kind):
     """Print the JSON Schema of scene or sensor files.
 
-    Editors with a YAML language server complete and check keys with it: see docs/scenes.md.
+    Editors with a YAML language server complete and check keys with it: see
+    docs/reference/scenes.md.
     """
     if kind == "scene":
         from gnuradio.wiforce.scene import scene_json_schema as json_schema

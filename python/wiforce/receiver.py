@@ -67,8 +67,8 @@ class Receiver:
 
     Notes
     -----
-    A batch passes five stages, each of which adds arrays to it (docs/estimation.md; step by step in
-    docs/walkthrough.md): separation of the tags' ends at the tracked clock, difference against the
+    A batch passes five stages, each of which adds arrays to it (docs/theory.md; step by step in
+    docs/tutorial.md): separation of the tags' ends at the tracked clock, difference against the
     untouched reference, average over the subcarriers, what may have happened to the sensor, and
     what it says of force and location. Groups are held back until clocks and reference are known,
     and each group until the next one has been received. The readings do not depend on how groups

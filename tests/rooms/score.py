@@ -149,7 +149,7 @@ def parse(arguments):
     parser.add_argument(
         "--table",
         choices=list(TABLES),
-        help="a table of docs/rooms.md or docs/estimation.md, as there",
+        help="a table of docs/rooms.md or docs/theory.md, as there",
     )
     parser.add_argument("--stream", action="store_true", help="read with the block Reader")
     parser.add_argument("--jobs", type=int, default=1, help="captures at the same time")

@@ -6,7 +6,7 @@
     build/run python3 tests/soak/run.py --short
 
 Runs `gr-wiforce live` with a device that plays simulated samples at 1.25 Msps, in a time that
-passes as they are played. Only UHD and its process are replaced; docs/service.md says what is
+passes as they are played. Only UHD and its process are replaced; docs/live.md says what is
 checked. Prints a report, and exits with 1 when something was wrong.
 """
 

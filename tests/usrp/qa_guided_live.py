@@ -182,7 +182,7 @@ def test_options_of_a_guided_calibration_need_live(tmp_path, capsys):
 
 
 def test_help_states_the_defaults_of_the_plan(capsys):
-    main(["calibrate", "--help"])
+    main(["calibrate", "--help-all"])
     shown = "".join(capsys.readouterr().out.split())
     for numbers in (DEFAULT_LOCATIONS_MM, DEFAULT_FORCES_N):
         assert f"Default:{','.join(f'{number:g}' for number in numbers)}." in shown

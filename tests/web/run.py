@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Measures the page of a live run on the software N210; docs/browser.md states the results.
+"""Measures the page of a live run on the software N210; docs/live.md states the results.
 
     build/run python3 tests/web/run.py delay --presses 30
     build/run python3 tests/web/run.py viewers --viewers 20 --seconds 30
@@ -36,7 +36,7 @@ from web_pages import RawViewer  # noqa: E402
 from wiforce_app.bench.live import _Messages, _processor_s, delays_s  # noqa: E402
 
 _GROUP_S = 200 * 400 / 2.5e6
-_SHOWN_S = 0.2  # a press is shown within this time (docs/browser.md)
+_SHOWN_S = 0.2  # a press is shown within this time (docs/live.md)
 _LATER_S = 10e-3  # more than two runs without viewers differ on a busy machine
 _WARM_UP_S = 60.0
 _GROWTH_KIB = 10 * 1024

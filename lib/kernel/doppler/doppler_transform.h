@@ -15,7 +15,7 @@ public:
     // the group for the rest: their absence lets static paths leak.
     virtual bool rejects_interference() const { return true; }
     // Whether the rows are the group's snapshots, for receivers that transform them and
-    // are told which ones interference hit.
+    // know which ones interference hit.
     virtual bool passes_snapshots() const { return false; }
     // Starts with an empty group.
     virtual void clear() = 0;

@@ -15,13 +15,13 @@ from .likelihood import PhaseLikelihood, evaluate, turned_by
 
 # Phases at which J is evaluated: 32 per period of its highest term, 2 x 8 cycles per turn.
 _PHASES = 512
-# Gain of log-likelihood from which on a delay of clock 2 is accepted (docs/estimation.md, step 2).
+# Gain of log-likelihood from which on a delay of clock 2 is accepted (docs/theory.md, Clock).
 DELAY_EVIDENCE = 12.0
 # A delay of clock 2 beyond which the pulses, pi/2 and pi/4 wide and pi/2 apart, overlap: Ts/16.
 OVERLAP = np.pi / 8
 # A tag is present when its waveforms explain this much more energy per dimension than the residual
 # has, and when the groups agree on the clock by this many standard deviations. Both are measured
-# in docs/estimation.md, section "Thresholds".
+# in docs/data/thresholds.csv.
 _ENERGY_RATIO = 1.25
 _AGREEMENT = 5.0
 # Standard deviations by which the rate found may exceed the rates searched.
@@ -105,7 +105,7 @@ def acquire(
 
     Notes
     -----
-    Maximises the sum of J(theta_0 + 2 pi f t) over the groups (docs/estimation.md, step 2): a grid
+    Maximises the sum of J(theta_0 + 2 pi f t) over the groups (docs/theory.md, Clock): a grid
     over the offset, with a Fourier transform over the phase, then Newton steps.
 
     Examples

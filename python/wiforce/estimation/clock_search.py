@@ -16,8 +16,8 @@ from .pulse_fit import fit_pulses
 from .tracked_tag import TrackedTag
 
 # A search takes at least this many groups and this much time: within 0.4 s a clock that drifts by
-# 0.5 ppm/s deviates from a constant rate by 0.014 deg at 1 kHz. docs/estimation.md, section
-# "Thresholds", states what other values cost.
+# 0.5 ppm/s deviates from a constant rate by 0.014 deg at 1 kHz. docs/data/thresholds.csv
+# states what other values cost.
 _LEAST_GROUPS = 8
 _LEAST_S = 0.4
 # Bias of a tag's likelihood above which clocks are tracked by the complete model: on line 4 it

@@ -3,7 +3,7 @@
 
 The weights W of a run are fixed. Their response to each tag's two waveforms at the tracked clock,
 M = W [s1, s2], is computed per group and inverted for all tags together, so that aliases, clock
-offsets and lines shared by tags cause no error (docs/estimation.md, step 3).
+offsets and lines shared by tags cause no error (docs/theory.md, Ends).
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ from .groups import Array
 
 # Lines above this are not used for the clock. Lines up to 24 would determine the phase of a single
 # group 3.8 dB better, but the tracking loop averages it over many groups; readings lose at most
-# half a dB to the bound in total (docs/estimation.md, section "Results").
+# half a dB to the bound in total (docs/data/accuracy.csv).
 _HIGHEST_LINE = 8
 # Grid of the search over clock 2's delay: 16 points per period of line 8.
 _DELAYS = 64

@@ -24,7 +24,7 @@ _LEAST_MEMORY_GROUPS = 32
 # (6e-8)^2 = 3.6e-15.
 _FLOOR = 1e-14
 # Ratio of a group's residual to the noise above which the group is an outlier; its value and those
-# of the two constants below are measured in docs/estimation.md, section "Thresholds".
+# of the two constants below are measured in docs/data/thresholds.csv.
 OUTLIER_RATIO = 3.0
 # The noise has changed when the median over this many groups has, by this factor. A press that
 # changes disturbs fewer groups.

@@ -45,8 +45,8 @@ def corrected_phase_deg(
 
     Notes
     -----
-    G_i = G_off + R_i (G_i0 - G_off) and psi_i = psi_i0 + arg(G_i / G_i0); see docs/estimation.md,
-    step 5.
+    G_i = G_off + R_i (G_i0 - G_off) and psi_i = psi_i0 + arg(G_i / G_i0); see docs/theory.md,
+    section The off state.
 
     Examples
     --------

@@ -13,7 +13,7 @@ from .profile import ProfileCheck
 from .reference_sum import NewReference, ReferenceSum
 
 # An end is flagged when more than 20 % of its energy plus three times its noise do not have the
-# reference's profile over the subcarriers (docs/estimation.md, section "Thresholds").
+# reference's profile over the subcarriers (docs/data/thresholds.csv).
 _RESHAPED_SHARE, _RESHAPED_NOISE = 0.2, 3.0
 # Smallest share of the reference's power that is left when its noise is subtracted: R stays finite
 # where the reference is mostly noise.
@@ -66,7 +66,7 @@ class ConjugateDifference:
 
     Notes
     -----
-    R_i = sum_k w_k V_i conj(V_ref,i) / sum_k w_k |V_ref,i|^2 (docs/estimation.md, step 4). The
+    R_i = sum_k w_k V_i conj(V_ref,i) / sum_k w_k |V_ref,i|^2 (docs/theory.md, Formulas). The
     paper (section 3.3) uses the previous group for V_ref.
 
     Examples

@@ -60,7 +60,7 @@ class EndSeparator:
     Notes
     -----
     V = (M^H C^-1 M)^-1 M^H C^-1 P with the mixing matrix M at the tracked clocks
-    (docs/estimation.md, step 3).
+    (docs/theory.md, Ends).
 
     Examples
     --------

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Lines of many possible clocks at once: distances, overlaps, and how many clocks fit.
 
-The strong lines of a tag are 1, 2 and 4 (docs/clocks.md), so two tags are separate where these lie
+The strong lines of a tag are 1, 2 and 4 (docs/theory.md), so two tags are separate where these lie
 apart; all pairs follow from the ratios 1, 2 and 4 of the clocks. Weaker lines may coincide, since
 the ends are solved jointly: what that costs is the overlap of the waveforms.
 """

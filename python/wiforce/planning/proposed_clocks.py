@@ -3,7 +3,7 @@
 
 Clocks are chosen one after the other, each of them so that the rest still fits: the search never
 has to take a choice back. That is possible because any set of clocks can be moved into one octave
-without bringing strong lines nearer to each other (docs/clocks.md), where it is known exactly how
+without bringing strong lines nearer to each other (docs/theory.md), where it is known exactly how
 many fit.
 """
 

@@ -14,7 +14,7 @@ from .surface import surface_violations
 Violation = tuple[str, str, Any] | tuple[str, str]
 
 # The ends of a sensor are read on the tag's lines at fs and 4 fs; fs, 2 fs and 4 fs are its
-# strongest lines (docs/clocks.md).
+# strongest lines (docs/theory.md).
 _READ_LINES = (1, 4)
 # Effects that the simulator computes sample by sample.
 _SAMPLE_EFFECTS = (

@@ -71,7 +71,7 @@ class Sounding:
         default="repeated",
         doc="`repeated`: five repetitions of one symbol with 62 subcarriers. `wifi`: the 802.11 "
         "preamble with 52. `chirp`, `fmcw`, `zadoff-chu`, or a file with one symbol: see "
-        "docs/waveforms.md.",
+        "docs/radios.md.",
     )
     frame_length: int = key(
         Integer(unit="samples", low=SHORTEST_SYMBOL, high=1_000_000),

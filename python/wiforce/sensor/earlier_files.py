@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sensor files of versions before 1.0, in the keys of today (docs/migration.md)."""
+"""Sensor files of versions before 1.0, in the keys of today (docs/install.md)."""
 
 from typing import Any
 

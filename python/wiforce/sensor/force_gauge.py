@@ -30,7 +30,7 @@ _SENT = re.compile(r"([+-]?)\s*(\d+(?:\.\d*)?|\.\d+)\s*([^\W\d_]*)")
 # A gauge that sends twice per second may miss two values.
 _SILENCE_S = 2.0
 # Unsteady force: a standard deviation above this, in N, and above this part of the force. Hand-held
-# gauges keep within 2 % (docs/calibration.md).
+# gauges keep within 2 % (docs/sensors.md).
 _UNSTEADY_N, _UNSTEADY_PART = 0.05, 0.03
 _KEPT = 4096
 

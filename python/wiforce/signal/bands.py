@@ -30,7 +30,7 @@ class Band:
 
 
 # Only the edges are compared. Power, power density, duty cycle and channels are limited as well,
-# by the rules named here; docs/scenes.md says so.
+# by the rules named here; docs/reference/scenes.md says so.
 BANDS = {
     # 47 CFR 15.247(a): 902-928, 2400-2483.5 and 5725-5850 MHz.
     "us-902-928": Band(902e6, 928e6),

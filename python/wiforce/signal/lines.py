@@ -12,7 +12,7 @@ _SAME_TONE = 0.3
 # Lines nearer than this part of the resolution to the clutter band, or to half the snapshot rate,
 # where a line meets its own mirror image, are not used.
 CLUTTER_MARGIN = 0.75
-# The strongest lines of a tag (docs/clocks.md).
+# The strongest lines of a tag (docs/theory.md).
 STRONG_LINES = (1, 2, 4)
 # Harmonic of the clock that end 2 has to itself, and the highest one that is needed.
 HIGHEST_LINE = STRONG_LINES[-1]

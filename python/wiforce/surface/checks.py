@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 # is for the errors of the strips' own calibrations.
 _MOST_BORNE = 1.1
 # Strips can be placed this accurately by hand; accuracy was judged with such errors
-# (docs/surfaces.md).
+# (docs/sensors.md).
 _PLACED_MM = 0.25
 # Points per distance of the strips at which their shares are added up.
 _PER_SPACING = 24

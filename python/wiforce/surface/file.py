@@ -18,7 +18,7 @@ _POSITION_MM = 10_000
 # Shares of a table that was calibrated by earlier versions may rise by their noise.
 _MOST_RISE = 0.05
 # What is assumed of a law that was not calibrated: two laws with the same share beneath the press
-# and the same width differ by so much (docs/surfaces.md).
+# and the same width differ by so much (docs/sensors.md).
 _SHARE_STD, _LOCATION_STD_MM = 0.04, 0.5
 
 

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Help of commands with many options: the usual ones explained, the others by name."""
+
+import click
+
+_HELP = ("--help-all", "--help")
+
+
+class GroupedHelp(click.Command):
+    """A command whose help fits on a screen; ``--help-all`` explains every option.
+
+    Parameters
+    ----------
+    groups : dict
+        Names of options by heading, separated by spaces. Those of the first group, and options
+        in none of them, are explained by ``--help``; of the others it lists the names.
+    examples : tuple of str, optional
+        Command lines without the name of the program.
+    """
+
+    def __init__(self, *arguments, groups, examples=(), **options):
+        super().__init__(*arguments, **options)
+        self._groups, self._examples = groups, examples
+        if len(groups) == 1:
+            return
+        self.params.append(
+            click.Option(
+                ["--help-all"],
+                is_flag=True,
+                is_eager=True,
+                expose_value=False,
+                callback=_show_all,
+                help="Explain all options.",
+            )
+        )
+
+    def format_options(self, ctx, formatter):
+        self._format(ctx, formatter, everything=False)
+
+    def full_help(self, ctx):
+        """The help with every option explained, as text."""
+        formatter = ctx.make_formatter()
+        self.format_usage(ctx, formatter)
+        self.format_help_text(ctx, formatter)
+        self._format(ctx, formatter, everything=True)
+        return formatter.getvalue().rstrip("\n")
+
+    def _format(self, ctx, formatter, everything):
+        known = {name: each for each in self.get_params(ctx) for name in each.opts}
+        usual = next(iter(self._groups))
+        grouped = {*" ".join(self._groups.values()).split(), *_HELP}
+        for heading, names in self._groups.items():
+            listed = [known[name] for name in names.split()]
+            if heading == usual:
+                options = (each for each in self.params if isinstance(each, click.Option))
+                listed += [each for each in options if grouped.isdisjoint(each.opts)]
+                listed += [known[name] for name in _HELP if name in known]
+            shown = [each.get_help_record(ctx) for each in listed]
+            if everything or heading == usual:
+                with formatter.section(heading):
+                    formatter.write_dl(shown)
+        if not everything and len(self._groups) > 1:
+            with formatter.section("More, explained by --help-all"):
+                others = list(self._groups.items())[1:]
+                formatter.write_dl([(heading, names) for heading, names in others])
+        if self._examples:
+            with formatter.section("Examples"):
+                for example in self._examples:
+                    formatter.write_text(f"{ctx.find_root().info_name} {example}")
+
+
+def _show_all(ctx, _, asked):
+    if asked and not ctx.resilient_parsing:
+        click.echo(ctx.command.full_help(ctx))
+        ctx.exit()
