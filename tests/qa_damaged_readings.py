@@ -15,7 +15,7 @@ from gnuradio.wiforce.io.readings_files import ReadingsFile
 from gnuradio.wiforce.io.textfile import write_whole
 from gnuradio.wiforce.io.writers import open_writer
 from gnuradio.wiforce.sensor.gauge_file import read_gauge_file
-from wiforce_app.plots import save_picture
+from wiforce_app.shell.plots import save_picture
 
 
 def readings(count=300):

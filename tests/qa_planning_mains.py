@@ -17,7 +17,7 @@ from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.schema import scene_json_schema
 from gnuradio.wiforce.signal.lines import lamp_distances_hz
 from gnuradio.wiforce.signal.waveform import sounding_waveform
-from wiforce_app.check import Findings, advice_on
+from wiforce_app.plan.check import Findings, advice_on
 
 WAVEFORM = sounding_waveform()
 BOTH = (50.0, 60.0)

@@ -154,7 +154,7 @@ SECOND = {
 @pytest.mark.parametrize("sections", cases(SECOND, long=(SHORT,)), ids=["moving", "still"])
 def test_expect_simulated_scene_gives_errors_of_readings(sections, tmp_path):
     from gnuradio.wiforce.io.capture import open_capture
-    from wiforce_app.captures.recordings import read_capture
+    from wiforce_app.read.recordings import read_capture
 
     scene = scene_of(**sections)
     expected = expect(plan(scene))[0]

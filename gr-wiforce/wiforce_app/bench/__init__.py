@@ -3,19 +3,19 @@
 
 import click
 
-from ..lazy import LazyGroup
+from ..shell.lazy import LazyGroup
 
 BENCHMARKS = {
-    "accuracy": "Compare phase errors with the Cramer-Rao bound.",
-    "read": "Time from a capture's file to readings, and its stages.",
-    "live": "Measure the delay of readings behind the samples.",
-    "speed": "Measure samples per second, compared with stock blocks.",
-    "inversion": "Measure the inversion time of every sensor model.",
-    "tradeoff": "Compare run time with error for many settings.",
-    "stress": "Find the worst errors at numerical extremes.",
+    "accuracy": (".accuracy", "Compare phase errors with the Cramer-Rao bound."),
+    "read": (".read", "Time from a capture's file to readings, and its stages."),
+    "live": (".live", "Measure the delay of readings behind the samples."),
+    "speed": (".speed", "Measure samples per second, compared with stock blocks."),
+    "inversion": (".inversion", "Measure the inversion time of every sensor model."),
+    "tradeoff": (".tradeoff", "Compare run time with error for many settings."),
+    "stress": (".stress", "Find the worst errors at numerical extremes."),
 }
 
 
-@click.command(cls=LazyGroup, package=__package__, helps=BENCHMARKS)
+@click.command(cls=LazyGroup, package=__package__, commands=BENCHMARKS)
 def bench():
     """Measure accuracy, speed and limits on this machine."""

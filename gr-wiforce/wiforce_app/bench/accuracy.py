@@ -6,9 +6,9 @@ import json
 
 import click
 
-from ..options import IntegerRange, worker_options
-from ..progress import progress
-from ..workers import run_tasks
+from ..shell.options import IntegerRange, worker_options
+from ..shell.progress import progress
+from ..shell.workers import run_tasks
 from .cases import cases
 from .rooms import RoomRow, joined, room_cases, room_table
 
@@ -40,7 +40,7 @@ def accuracy(as_json, full, part, plot_path, seed, jobs, scheduler):
     if not wanted:
         raise click.BadParameter(f"no case has a name that contains {part!r}", param_hint="--case")
     if plot_path is not None:
-        from ..plots import check_picture
+        from ..shell.plots import check_picture
 
         check_picture(plot_path)
     rows = measure(wanted, _FULL_RUNS if full else _QUICK_RUNS, seed, jobs, scheduler)

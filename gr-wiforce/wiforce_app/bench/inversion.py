@@ -8,8 +8,8 @@ import click
 import numpy as np
 from gnuradio.wiforce.signal.carrier import wrap_deg
 
-from ..options import IntegerRange
-from ..progress import progress
+from ..shell.options import IntegerRange
+from ..shell.progress import progress
 
 _BATCH, _SINGLE, _CHECKED, _RUNS = 20_000, 1000, 12, 7
 _NOISES_DEG = (0.2, 1.0)

@@ -19,9 +19,9 @@ import click
 import numpy as np
 from gnuradio.wiforce.io.optional import check_installed
 
-from ..markdown import markdown_table
-from ..options import IntegerRange
-from ..progress import progress
+from ..shell.markdown import markdown_table
+from ..shell.options import IntegerRange
+from ..shell.progress import progress
 from .device_process import RUN, DeviceProcess
 
 # Sample rate in Msps and what else a scene of about a hundred readings per second needs.

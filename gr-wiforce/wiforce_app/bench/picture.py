@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from ..plots import save_picture
+from ..shell.plots import save_picture
 from .cases import ESTIMATORS
 from .front import front
 

@@ -15,9 +15,9 @@ from pathlib import Path
 import click
 import numpy as np
 
-from ..markdown import markdown_table
-from ..options import FiniteRange
-from ..progress import progress
+from ..shell.markdown import markdown_table
+from ..shell.options import FiniteRange
+from ..shell.progress import progress
 from .scaling import AXES
 from .scaling import measure as scaling_of
 from .scaling import table as scaling_table
@@ -134,7 +134,7 @@ def _measure_scaling(as_json, folder, axes, kept, plot_path):
     """Rows along each axis, and how they grow."""
     from gnuradio.wiforce.io.textfile import check_output
 
-    from ..plots import check_picture
+    from ..shell.plots import check_picture
 
     kept = None if kept is None else Path(kept)
     if kept is not None:

@@ -17,8 +17,8 @@ from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.simulation.score import read_truth
 from gnuradio.wiforce.simulation.simulator import simulate
 
-from ..evaluation.error_summary import calibration_bias_deg
-from ..evaluation.experiment import with_mean_phases
+from ..evaluate.error_summary import calibration_bias_deg
+from ..evaluate.experiment import with_mean_phases
 from .room_reading import read_room
 
 # Scenes that state nothing under ``environment``, and one without any disturbance.

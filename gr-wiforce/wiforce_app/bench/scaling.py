@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..markdown import markdown_table
-from ..progress import progress
+from ..shell.markdown import markdown_table
+from ..shell.progress import progress
 
 # All rows have a piece of signal of this length, which holds whole frames, groups and, with clocks
 # that are multiples of 1 / 3.6 s, whole periods: repeated, it has no break.

@@ -9,8 +9,8 @@ import tempfile
 import click
 import numpy as np
 
-from ..options import FiniteRange, IntegerRange
-from ..progress import progress
+from ..shell.options import FiniteRange, IntegerRange
+from ..shell.progress import progress
 
 # Row, number of tones, share of the recording that it reads.
 _CHAINS = (

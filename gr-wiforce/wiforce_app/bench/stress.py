@@ -10,9 +10,9 @@ import click
 import numpy as np
 from gnuradio.wiforce.io.textfile import check_output
 
-from ..markdown import filled_page, markdown_table
-from ..options import IntegerRange
-from ..progress import progress
+from ..shell.markdown import filled_page, markdown_table
+from ..shell.options import IntegerRange
+from ..shell.progress import progress
 from .cases import Case
 
 # gamma with negligible noise, so that systematic errors remain; even less noise for clutter.

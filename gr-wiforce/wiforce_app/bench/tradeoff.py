@@ -10,8 +10,8 @@ import click
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.textfile import check_output
 
-from ..markdown import filled_page, markdown_table
-from ..progress import progress
+from ..shell.markdown import filled_page, markdown_table
+from ..shell.progress import progress
 from .front import beat_the_plan, front
 
 _RUNS, _QUICK_RUNS = 2, 1
@@ -40,8 +40,8 @@ def tradeoff(scenes, as_json, quick, folder, fresh, plot_path, page_path):
     from gnuradio import gr  # noqa: F401  of the flowgraphs that are timed, before any file is made
     from gnuradio.wiforce.scene import load_scene, sampled_scenes
 
-    from ..evaluation.runs import keep_result, result_of
-    from ..provenance import fingerprint
+    from ..evaluate.runs import keep_result, result_of
+    from ..shell.provenance import fingerprint
 
     names = list(dict.fromkeys(scenes or sampled_scenes()))
     # Invalid scenes are refused before any work is done.
@@ -51,7 +51,7 @@ def tradeoff(scenes, as_json, quick, folder, fresh, plot_path, page_path):
     fingerprints = {name: fingerprint(load_scene(name), simulated=True) for name in names}
     inputs = [file for name in names for file in load_scene(name).files]
     if plot_path is not None:
-        from ..plots import check_picture
+        from ..shell.plots import check_picture
 
         check_picture(plot_path, inputs)
     if page_path is not None:

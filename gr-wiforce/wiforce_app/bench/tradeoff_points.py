@@ -24,9 +24,9 @@ from gnuradio.wiforce.simulation.score import read_truth, score
 from gnuradio.wiforce.simulation.simulator import simulate
 from gnuradio.wiforce.simulation.truth_file import write_truth
 
-from ..evaluation.error_summary import calibration_bias_deg
-from ..evaluation.experiment import with_mean_phases
-from ..measure import measure_steps
+from ..evaluate.error_summary import calibration_bias_deg
+from ..evaluate.experiment import with_mean_phases
+from ..plan.measure import measure_steps
 from .room_reading import survey_of_room
 from .throughput.recording import GROUP_LENGTH, WAVEFORM, Recording
 

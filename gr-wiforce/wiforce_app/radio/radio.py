@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 from gnuradio.wiforce.errors import InputError
 
-from ..log import printable
+from ..shell.log import printable
 from .request import RadioRequest
 
 _LOCK_S = 1.0
