@@ -9,7 +9,7 @@ import numpy as np
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.textfile import check_output
 
-from ..evaluation import published
+from . import published
 from ..shell.options import worker_options
 from ..shell.progress import progress
 
