@@ -10,9 +10,9 @@ from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.planning.advice import improve, warnings
 from gnuradio.wiforce.planning.bands import licence_note, outside_band
-from gnuradio.wiforce.planning.mains import better_clock_hz
+from gnuradio.wiforce.planning.packet_advice import recommendation
 from gnuradio.wiforce.planning.plan import plan
-from gnuradio.wiforce.planning.proposed_clocks import propose_clocks
+from gnuradio.wiforce.planning.proposed_clocks import clocks_for, propose_clocks
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.schema import scene_json_schema
 from gnuradio.wiforce.signal.lines import lamp_distances_hz
@@ -46,27 +46,48 @@ def test_lamp_distances_equal_search_among_lamp_lines(mains_hz):
         assert found == pytest.approx(nearest_lamp_hz(clock_hz, mains_hz))
 
 
-@pytest.mark.parametrize("own, mains_hz", [(1000, BOTH), (1000, (50.0,)), (960, (60.0,))])
-def test_better_clock_is_farthest_of_nearby_clocks(own, mains_hz):
-    """The clock that a warning names must be the best that a tag builder can choose nearby."""
-    better = better_clock_hz([own], 0, mains_hz, WAVEFORM, 625)
-    nearby = [hz for hz in range(0, 2000, 5) if abs(hz - own) <= 0.06 * own]
-    distances = [nearest_lamp_hz(hz, mains_hz) for hz in nearby]
-    assert nearest_lamp_hz(better, mains_hz) == max(distances) >= 30
-    best = [hz for hz, far in zip(nearby, distances, strict=True) if far == max(distances)]
-    assert abs(better - own) == min(abs(hz - own) for hz in best)
+def named_by_improve(scene):
+    """Clocks that ``plan --improve`` names, by the sensor; those of all sensors last."""
+    named = [p.change.split("clock_hz: ") for p in improve(plan(scene)) if "clock_hz" in p.change]
+    return {sensors: [float(hz) for hz in clocks.split(",")] for sensors, clocks in named}
 
 
-def test_better_clock_stays_readable_beside_other_tag():
-    """The best clock against lamps is of no use when another tag has it."""
-    beside = better_clock_hz([1000.0, 2070.0], 0, BOTH, WAVEFORM, 625)
-    alone = better_clock_hz([1000.0], 0, BOTH, WAVEFORM, 625)
-    assert alone == 1035 and beside != 1035
+@pytest.mark.parametrize(
+    "name, clocks_hz",
+    [("workshop_lamps", [1035.0]), ("two_sensors", [1035.0, 1365.0]), ("tabletop_two", None)],
+)
+def test_plan_warning_improve_and_proposal_name_the_same_clocks(name, clocks_hz):
+    """A tag builder who asks in two ways must not get two answers."""
+    scene = load_scene(name)
+    proposed = clocks_for(scene, len(scene.sensors)).clocks_hz
+    assert clocks_hz is None or proposed == clocks_hz
+    texts = [text for text in warnings(plan(scene)) if text.startswith("lamps")]
+    warned = {float(text.split("with a clock of ")[1].split()[0]) for text in texts}
+    improved = named_by_improve(scene)
+    assert warned and warned <= set(proposed)
+    for i, hz in enumerate(proposed):
+        assert improved.get(f"sensors[{i}].", [hz]) == [hz]
 
 
-def test_better_clock_of_good_clock_is_none():
-    """A clock that is already well placed must not be exchanged for another."""
-    assert better_clock_hz([1035.0], 0, BOTH, WAVEFORM, 625) is None
+def test_improve_of_packets_names_the_recommended_clocks():
+    """Packets have times of their own, but a scene with them has one recommendation as well."""
+    scene = scene_of(120.0, packets={}, phase_group={"snapshots": 300})
+    (proposed,) = clocks_for(scene, 1).clocks_hz
+    assert f"sensors[0].clock_hz: {proposed:g} " in recommendation(plan(scene))
+    assert named_by_improve(scene) == {"sensors[0].": [proposed]}
+
+
+def test_proposed_clock_nearest_to_own_of_those_as_far_from_lamps():
+    """Crystal and divider can often stay when the clock changes by little."""
+    (near,) = propose_clocks(1, WAVEFORM, 625, near_hz=[1400.0])
+    (free,) = propose_clocks(1, WAVEFORM, 625)
+    assert near == 1365 and nearest_lamp_hz(near, BOTH) == nearest_lamp_hz(free, BOTH) == 30
+
+
+def test_proposed_clock_avoids_lines_of_the_room():
+    """A clock on the line of another transmitter would be no better than the one it replaces."""
+    (beside,) = propose_clocks(1, WAVEFORM, 625, near_hz=[1000.0], avoid_hz=[2070.0])
+    assert beside != 1035 and min(abs(m * beside - 2070) for m in (1, 2, 4)) > 1 / 0.036
 
 
 def test_plan_names_only_clocks_that_it_accepts():

@@ -6,49 +6,47 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
+from ..errors import InputError
 from ..estimation.sources import RoomLine
-from ..signal.lines import STRONG_LINES, lamp_distances_hz
-from .mains import nearby_clocks_hz
+from ..signal.lines import STRONG_LINES
 from .plan import Plan
+from .proposed_clocks import propose_clocks
+
+# Clocks that are tried: the first one is separable unless tags are in the room that no scene lists.
+_ATTEMPTS = 4
 
 
 def other_clock_hz(plan: Plan, tag: int, lines: Sequence[RoomLine]) -> float | None:
-    """A clock whose strong lines lie at least one bin from everything in the room.
+    """A clock (Hz) whose strong lines lie at least one bin from everything in the room.
 
-    Parameters
-    ----------
-    plan : Plan
-    tag : int
-        Index of the tag.
-    lines : sequence of RoomLine
-        Of the room; those below the noise of a group do not count.
+    The best one for a tag of the plan, as `propose_clocks` has it; None when there is none.
+    ``lines`` of the room below the noise of a group do not count.
 
-    Returns
-    -------
-    float or None
-        In Hz, within 6 % of the tag's own; None when there is none. Among those that are possible,
-        the one farthest from the lines of lamps.
-
-    Examples
-    --------
     >>> from gnuradio.wiforce.planning.plan import plan
     >>> settings = plan({"sensors": [{"name": "arm", "model": "line-900mhz", "clock_hz": 1000}]})
     >>> other_clock_hz(settings, 0, [RoomLine(1000.0, 1.0)])
     1035.0
     """
-    own_hz, bin_hz = plan.clocks[tag].clock_hz, 1 / plan.group_period_s
-    mains_hz = plan.require_scene().environment.possible_mains_hz
-    room = np.array([line.frequency_hz for line in lines if line.power * plan.group_length > 1])
-    for clock_hz in nearby_clocks_hz(own_hz, mains_hz):
-        strong = np.array(STRONG_LINES) * clock_hz
-        if lamp_distances_hz(clock_hz, mains_hz).min() == 0:
-            continue
-        if np.abs(strong[:, None] - room).min(initial=np.inf) < bin_hz:
-            continue
+    own = plan.clocks[tag]
+    avoid_hz = [line.frequency_hz for line in lines if line.power * plan.group_length > 1]
+    for _ in range(_ATTEMPTS):
+        try:
+            (clock_hz,) = propose_clocks(
+                1,
+                plan.waveform,
+                plan.group_length,
+                [clock.clock_hz for i, clock in enumerate(plan.clocks) if i != tag],
+                own.planned_ppm,
+                plan.clutter_hz,
+                plan.require_scene().environment.possible_mains_hz,
+                [own.clock_hz],
+                avoid_hz,
+            )
+        except InputError:
+            return None
         clocks = list(plan.clocks)
-        clocks[tag] = replace(clocks[tag], clock_hz=clock_hz)
+        clocks[tag] = replace(own, clock_hz=clock_hz)
         if replace(plan, clocks=tuple(clocks), room=None).separable:
             return clock_hz
+        avoid_hz += [line * clock_hz for line in STRONG_LINES]
     return None

@@ -13,15 +13,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from ..errors import InputError
 from ..estimation.likelihood import PHASE_MARGIN, own_lines, phase_margin
 from ..estimation.tracked_tag import TagClock
-from ..scene import load_scene
+from ..scene import Scene, load_scene
 from ..signal.lines import (
     CLUTTER_MARGIN,
     HIGHEST_LINE,
     NYQUIST_MARGIN,
+    STRONG_LINES,
     lamp_distances_hz,
     tag_lines,
 )
@@ -31,6 +33,7 @@ from ..signal.weights import WORST_GAIN, design_weights
 from .clock_spacing import LineTable, line_distances_hz, most_that_fit
 from .clocks import assess_clocks
 from .clutter_band import BANDS_HZ
+from .packet_clocks import packet_clocks
 from .pulses import Pulses, double_rate_pulses
 
 # Distances of strong lines that are tried, in bins. Lines one bin apart are separate. More than
@@ -60,11 +63,14 @@ def propose_clocks(
     tolerance_ppm: float = 100.0,
     clutter_hz: float = 0.0,
     mains_hz: Sequence[float] = (50.0, 60.0),
+    near_hz: Sequence[float] = (),
+    avoid_hz: Sequence[float] = (),
 ) -> list[float]:
     """Clocks for ``count`` more tags beside those ``taken``, chosen one after the other.
 
     Each costs the weakest end of all tags hardly more than the best candidate would. Among such
-    candidates, it is the one whose strong lines lie farthest from the lines of lamps.
+    candidates, it is the one whose strong lines lie farthest from the lines of lamps; among equals
+    of these, the one nearest to the clock that the tag has now.
 
     Parameters
     ----------
@@ -80,6 +86,10 @@ def propose_clocks(
         As in :func:`.clocks.assess_clocks`.
     mains_hz : sequence of float
         Mains frequencies that are possible, in Hz; empty in a room without lamps.
+    near_hz : sequence of float
+        Clocks that the tags have now, in Hz; the clocks returned are in their order.
+    avoid_hz : sequence of float
+        Frequencies from which the strong lines keep a bin, in Hz.
 
     Returns
     -------
@@ -97,17 +107,13 @@ def propose_clocks(
     -----
     Candidates are multiples of 5 Hz, or of half a bin where that is less. As far as the distances
     of lines decide, as many tags as can be found among them are found.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> propose_clocks(2, sounding_waveform(), 625)
-    [435.0, 1035.0]
     """
     settings = waveform, group_length, double_rate_pulses(), tolerance_ppm, clutter_hz
     bin_hz = 1 / (group_length * waveform.snapshot_period_s)
     candidates = _candidates(waveform, bin_hz, clutter_hz, tolerance_ppm)
-    search = _Search(candidates, taken, settings, mains_hz)
+    apart_hz = np.multiply.outer(candidates, STRONG_LINES)[..., None] - np.asarray(avoid_hz)
+    candidates = candidates[np.abs(apart_hz).min(axis=(1, 2), initial=np.inf) >= bin_hz]
+    search = _Search(candidates, taken, settings, mains_hz, near_hz)
     found = search.best(count, bin_hz)
     if found is None:
         fewer = range(1, min(count - 1, search.fitting(bin_hz)) + 1)
@@ -118,7 +124,14 @@ def propose_clocks(
             f"({bin_hz:.3g} Hz) apart and every end readable; longer phase groups have smaller bins"
         )
         raise InputError("count", rule, count)
-    return found
+    return _in_order_of_tags(found, near_hz)
+
+
+def _in_order_of_tags(clocks_hz: Sequence[float], near_hz: Sequence[float]) -> list[float]:
+    """Clocks in an order that changes those of the first tags least; further ones behind them."""
+    moved_hz = np.abs(np.subtract.outer(np.asarray(near_hz), np.asarray(clocks_hz)))
+    chosen = linear_sum_assignment(moved_hz)[1].tolist()
+    return [clocks_hz[i] for i in (*chosen, *sorted(set(range(len(clocks_hz))) - {*chosen}))]
 
 
 @dataclass(frozen=True)
@@ -138,11 +151,6 @@ class SceneClocks:
         Inverse of the length of a phase group.
     worst_loss_db : float
         What neighbours, aliases and clutter cost the weakest end.
-
-    Examples
-    --------
-    >>> clocks_for("demo", 2).clocks_hz
-    [435.0, 1035.0]
     """
 
     clocks_hz: list[float]
@@ -158,46 +166,20 @@ def clocks_for(scene: Any, count: int) -> SceneClocks:
     Parameters
     ----------
     scene : str, Path, dict or Scene
-        The clocks of its sensors are not considered, but how far they may be off.
-    count : int
-
-    Returns
-    -------
-    SceneClocks
+        Gives also how far clocks may be off, and the clocks that are kept where they are as good
+        as any other.
 
     Raises
     ------
     InputError
         As for :func:`propose_clocks`.
-
-    Examples
-    --------
-    >>> found = clocks_for("demo", 4)
-    >>> len(found.clocks_hz), found.line_distance_hz > 2 * found.bin_hz
-    (4, True)
     """
     scene = load_scene(scene)
-    waveform, group_length = scene.waveform(), scene.phase_group.snapshots
     mains_hz = scene.environment.possible_mains_hz
     tags = [TagClock(sensor.clock_hz, sensor.clock_tolerance_ppm) for sensor in scene.sensors]
     tolerance_ppm = max(tag.planned_ppm for tag in tags)
-    stated_hz = scene.environment.moving_clutter_hz
-    # The plan rejects a wide band where the clocks leave room for it.
-    for clutter_hz in [BANDS_HZ[0], 0.0] if stated_hz is None else [stated_hz]:
-        settings = waveform, group_length, None, tolerance_ppm, clutter_hz
-        try:
-            clocks_hz = propose_clocks(
-                count,
-                waveform,
-                group_length,
-                tolerance_ppm=tolerance_ppm,
-                clutter_hz=clutter_hz,
-                mains_hz=mains_hz,
-            )
-            break
-        except InputError:
-            if clutter_hz in (0.0, stated_hz):
-                raise
+    choose = _clocks_on_grid if scene.packets is None else _clocks_of_packets
+    clocks_hz, loss_db = choose(scene, count, tolerance_ppm)
     clocks = np.array(clocks_hz)
     one, other = np.triu_indices(count, 1)
     distances = line_distances_hz(clocks[one], clocks[other], tolerance_ppm)
@@ -206,9 +188,41 @@ def clocks_for(scene: Any, count: int) -> SceneClocks:
         clocks_hz,
         float(distances.min()) if count > 1 else None,
         lamps if mains_hz else None,
-        1 / (group_length * waveform.snapshot_period_s),
-        assess_clocks(clocks_hz, *settings).worst_loss_db,
+        1 / scene.group_period_s,
+        loss_db,
     )
+
+
+def _clocks_on_grid(scene: Scene, count: int, tolerance_ppm: float) -> tuple[list[float], float]:
+    """Clocks for snapshots at regular times, and what the weakest end loses, in dB."""
+    waveform, group_length = scene.waveform(), scene.phase_group.snapshots
+    stated_hz = scene.environment.moving_clutter_hz
+    # The plan rejects a wide band where the clocks leave room for it.
+    for clutter_hz in [BANDS_HZ[0], 0.0] if stated_hz is None else [stated_hz]:
+        try:
+            clocks_hz = propose_clocks(
+                count,
+                waveform,
+                group_length,
+                tolerance_ppm=tolerance_ppm,
+                clutter_hz=clutter_hz,
+                mains_hz=scene.environment.possible_mains_hz,
+                near_hz=[sensor.clock_hz for sensor in scene.sensors],
+            )
+            break
+        except InputError:
+            if clutter_hz in (0.0, stated_hz):
+                raise
+    report = assess_clocks(clocks_hz, waveform, group_length, None, tolerance_ppm, clutter_hz)
+    return clocks_hz, report.worst_loss_db
+
+
+def _clocks_of_packets(scene: Scene, count: int, tolerance_ppm: float) -> tuple[list[float], float]:
+    """The same for snapshots at the times of packets."""
+    found = packet_clocks(scene, count)
+    if found is None:
+        raise InputError("count", "must be fewer: no more tags can be separated", count)
+    return _in_order_of_tags(found[0], [sensor.clock_hz for sensor in scene.sensors]), found[1]
 
 
 class _Search:
@@ -220,9 +234,10 @@ class _Search:
         taken: Sequence[float],
         settings: tuple[Waveform, int, tuple[Pulses, Pulses], float, float],
         mains_hz: Sequence[float],
+        near_hz: Sequence[float] = (),
     ) -> None:
         waveform, group_length, pulses, tolerance_ppm, self._clutter_hz = settings
-        self._settings, self._candidates = settings, candidates
+        self._settings, self._candidates, self._near_hz = settings, candidates, near_hz
         self._taken = [float(hz) for hz in taken]
         self._clocks = np.r_[candidates, self._taken]
         self._lines = LineTable(self._clocks, waveform, group_length, pulses, tolerance_ppm)
@@ -289,11 +304,12 @@ class _Search:
         for tag in range(len(self._candidates), len(self._clocks)):
             self._add(tag, overlaps, lost)
         chosen: list[int] = []
+        near_hz = [*self._near_hz]
         while len(chosen) < count:
             cost = lost[: len(free)].max(axis=1)
             for tag, overlap in overlaps.items():
                 cost = np.maximum(cost, (lost[tag] + overlap[: len(free)].sum(axis=1)).max(axis=1))
-            for best in self._ranked(free, cost):
+            for best in self._ranked(free, cost, near_hz):
                 rest = free & ~conflicts[best]
                 fits = self._packed(conflicts, rest) >= count - len(chosen) - 1
                 if fits and self._separable([*overlaps, best]):
@@ -302,6 +318,8 @@ class _Search:
                 return None
             free = rest
             chosen.append(best)
+            if near_hz:
+                near_hz.remove(min(near_hz, key=lambda hz: abs(hz - self._clocks[best])))
             self._add(best, overlaps, lost)
         return chosen
 
@@ -312,12 +330,16 @@ class _Search:
         lost += overlap.sum(axis=2)
         overlaps[tag] = overlap
 
-    def _ranked(self, free: np.ndarray, cost: np.ndarray) -> Iterator[int]:
+    def _ranked(
+        self, free: np.ndarray, cost: np.ndarray, near_hz: Sequence[float]
+    ) -> Iterator[int]:
         """Free candidates, the best one first."""
         if not free.any():
             return
         good = cost <= cost[free].min() + _ABOUT_EQUAL
-        order = np.lexsort((cost, np.where(good, -self._lamps_hz, 0.0), ~good))
+        apart_hz = np.abs(np.subtract.outer(self._candidates, near_hz))
+        moved_hz = apart_hz.min(axis=1) if len(near_hz) else np.zeros(len(free))
+        order = np.lexsort((cost, *np.where(good, (moved_hz, -self._lamps_hz), 0.0), ~good))
         yield from (int(i) for i in order if free[i])
 
     def _separable(self, tags: Sequence[int]) -> bool:

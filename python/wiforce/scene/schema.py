@@ -366,6 +366,13 @@ class Scene:
         """Columns of its readings behind those that every scene has."""
         return SURFACE_COLUMNS if self.surface is not None else ()
 
+    def with_clocks(self, clocks_hz: dict[int, float]) -> "Scene":
+        """The scene with other clocks (Hz) of some sensors, by their index."""
+        sensors = list(self.sensors)
+        for i, clock_hz in clocks_hz.items():
+            sensors[i] = dataclasses.replace(sensors[i], clock_hz=clock_hz)
+        return dataclasses.replace(self, sensors=tuple(sensors))
+
     def load_model(self, name: str) -> "SensorModel":
         """Load a sensor model by its shipped name, or by its path relative to the scene file.
 
