@@ -26,22 +26,14 @@ def line_distances_hz(
 ) -> np.ndarray:
     """Least distance of strong lines of two tags, at the worst errors of both clocks.
 
+    Returns ndarray of float: in Hz; 0 where the lines may coincide.
+
     Parameters
     ----------
     one_hz, other_hz : ndarray of float
         Clocks, in Hz; broadcast against each other.
     tolerance_ppm : float
         How far each clock may be off.
-
-    Returns
-    -------
-    ndarray of float
-        In Hz; 0 where the lines may coincide.
-
-    Examples
-    --------
-    >>> line_distances_hz(np.array([1000.0, 1500.0]), np.array(2035.0)).tolist()
-    [35.0, 535.0]
     """
     a, b = _PAIRS.T
     ours = np.multiply.outer(one_hz, a)
@@ -65,15 +57,6 @@ class LineTable:
         On-intervals of the two switches.
     tolerance_ppm : float
         How far each clock may be off.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.planning.pulses import double_rate_pulses
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> clocks_hz = np.array([1000.0, 1250.0, 1400.0])
-    >>> table = LineTable(clocks_hz, sounding_waveform(), 625, double_rate_pulses(), 100.0)
-    >>> table.overlaps(0, np.array([1, 2]))[:, 0, 0].round(4)  # line 7 meets line 5 of 1400 Hz
-    array([0.    , 0.0005])
     """
 
     clocks_hz: np.ndarray
@@ -94,6 +77,9 @@ class LineTable:
     def overlaps(self, index: int, chosen: np.ndarray | None = None) -> np.ndarray:
         """Share of an end's power that an end of another tag may explain.
 
+        Returns ndarray of float, shape (C', 2, 2): at the worst clock phases; by end of each tag
+        and end of the other.
+
         Parameters
         ----------
         index : int
@@ -101,11 +87,6 @@ class LineTable:
         chosen : ndarray of int, shape (C',), optional
             Tags to compare with it; all by default. Its overlap with itself is that of its lines
             of different numbers, where one of them is aliased.
-
-        Returns
-        -------
-        ndarray of float, shape (C', 2, 2)
-            At the worst clock phases; by end of each tag and end of the other.
         """
         rows = np.arange(len(self.clocks_hz)) if chosen is None else chosen
         m = np.arange(1, _HARMONICS + 1)
@@ -122,14 +103,11 @@ class LineTable:
     def noise_gain(self, frequencies_hz: np.ndarray) -> float:
         """Noise of the worst tone when tones are separated by least squares.
 
+        Returns float: relative to that of a Fourier sum over a phase group.
+
         Parameters
         ----------
         frequencies_hz : ndarray of float, shape (M,)
-
-        Returns
-        -------
-        float
-            Relative to that of a Fourier sum over a phase group.
         """
         cycles = np.subtract.outer(frequencies_hz, frequencies_hz)
         cycles *= np.pi * self.waveform.snapshot_period_s
@@ -152,6 +130,9 @@ class LineTable:
 def count_that_fit(conflicts: np.ndarray, free: np.ndarray, start: int = 0) -> int:
     """How many clocks of one octave can be used together.
 
+    Returns int: the most that are possible after ``start``: clocks of an octave conflict with their
+    neighbours only, so that the nearest one which is possible is never a wrong choice.
+
     Parameters
     ----------
     conflicts : ndarray of bool, shape (C, C)
@@ -161,18 +142,6 @@ def count_that_fit(conflicts: np.ndarray, free: np.ndarray, start: int = 0) -> i
     start : int
         A clock is taken at the first free one from here on; the octave is a circle, since the
         lines of its lowest clock lie beside those of its highest.
-
-    Returns
-    -------
-    int
-        The most that are possible after ``start``: clocks of an octave conflict with their
-        neighbours only, so that the nearest one which is possible is never a wrong choice.
-
-    Examples
-    --------
-    >>> near = np.abs(np.subtract.outer(np.arange(5), np.arange(5))) < 2
-    >>> count_that_fit(near, np.ones(5, bool)), count_that_fit(near, np.ones(5, bool), 1)
-    (3, 2)
     """
     open_ = np.roll(free, -start)
     turned = np.roll(conflicts, (-start, -start), axis=(0, 1))
@@ -190,16 +159,6 @@ def most_that_fit(conflicts: np.ndarray, free: np.ndarray) -> int:
     ----------
     conflicts, free
         As in :func:`count_that_fit`.
-
-    Returns
-    -------
-    int
-
-    Examples
-    --------
-    >>> near = np.abs(np.subtract.outer(np.arange(5), np.arange(5))) < 2
-    >>> most_that_fit(near, np.ones(5, bool)), most_that_fit(near, np.arange(5) == 3)
-    (3, 1)
     """
     if not free.any():
         return 0

@@ -44,13 +44,6 @@ class Line:
     shared_with : tuple of (int, int, int)
         Tag, end and harmonic of the lines of other ends that a phase group cannot resolve from
         it.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> line = assess_clocks([1000.0], sounding_waveform(), 625).ends[0].lines[1]
-    >>> line.harmonic, line.shared_with[0]
-    (2, (0, 2, 2))
     """
 
     harmonic: int
@@ -74,13 +67,6 @@ class End:
         Against the same switch alone, not aliased, with nothing moving.
     lines : tuple of Line
         In ascending order of harmonics.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> end = assess_clocks([1000.0], sounding_waveform(), 625).ends[0]
-    >>> [line.harmonic for line in end.alone]
-    [1, 3, 5, 7, 9]
     """
 
     tag: int
@@ -106,12 +92,6 @@ class ClockReport:
     phase_margins : tuple of float
         Per tag: the part of its signal that distinguishes the right clock phase from the wrong
         one that resembles it most; 0 when the ends could be swapped.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> assess_clocks([1000.0, 1400.0], sounding_waveform(), 625).collisions
-    ((0, 7, 1, 5), (0, 14, 1, 10))
     """
 
     ends: tuple[End, ...]
@@ -180,18 +160,6 @@ def assess_clocks(
         How far each clock may be off.
     clutter_hz : float
         Highest Doppler frequency of anything that moves.
-
-    Returns
-    -------
-    ClockReport
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> assess_clocks([1000.0, 1400.0], sounding_waveform(), 625).readable
-    True
-    >>> assess_clocks([1000.0, 2000.0], sounding_waveform(), 625).readable
-    False
     """
     pulses = double_rate_pulses() if pulses is None else pulses
     lines = _lines(clocks_hz, waveform, group_length, pulses, tolerance_ppm)
@@ -257,22 +225,13 @@ def worst_information(
 ) -> np.ndarray:
     """Information of every end at the least favourable clock phases and errors.
 
+    Returns ndarray of float, shape (2S,): q: power per snapshot of the part of its waveform that no
+    other waveform explains.
+
     Parameters
     ----------
     clocks_hz, waveform, group_length, pulses, tolerance_ppm, clutter_hz
         As in :func:`assess_clocks`.
-
-    Returns
-    -------
-    ndarray of float, shape (2S,)
-        q: power per snapshot of the part of its waveform that no other waveform explains.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> pulses = double_rate_pulses()
-    >>> worst_information([1000.0], sounding_waveform(), 625, pulses, 100.0, 0.0).round(3)
-    array([0.158, 0.152])
     """
     period_s, averaging_s = waveform.snapshot_period_s, waveform.averaging_s
     times_s = centered_times_s(group_length, period_s)

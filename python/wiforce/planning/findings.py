@@ -58,11 +58,6 @@ class Finding:
         Whether it changed the plan or cannot be handled.
     lines_hz : tuple of float
         The source's visible lines.
-
-    Examples
-    --------
-    >>> Finding("line", 1300.0, 3.0, "spurious line", "treated as noise", True, (1300.0,)).kind
-    'line'
     """
 
     kind: str
@@ -75,13 +70,7 @@ class Finding:
 
     @property
     def name(self) -> str:
-        """Kind and frequency in a few words.
-
-        Examples
-        --------
-        >>> Finding("lamps", 50.0, 3.0, "", "", True).name
-        'lamps on 50 Hz mains'
-        """
+        """Kind and frequency in a few words."""
         hertz = f"{self.frequency_hz:.6g} Hz"
         return {
             "clutter": f"moving clutter up to {self.frequency_hz:.0f} Hz",
@@ -96,27 +85,12 @@ class Finding:
 def level_reference(survey: Survey, plan: Plan) -> tuple[float, str]:
     """Power that the levels of findings refer to, and its name.
 
-    Parameters
-    ----------
-    survey : Survey
-    plan : Plan
-
     Returns
     -------
     power : float
         Of line 1 of the first sensor's tag; 1, the white noise of a snapshot, where it does not
         stand out.
     name : str
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from gnuradio.wiforce.estimation.survey import survey_channel
-    >>> from gnuradio.wiforce.planning.plan import plan
-    >>> settings = plan("demo")
-    >>> noise = np.random.default_rng(1).standard_normal((4000, 62, 2)) @ [1, 1j]
-    >>> level_reference(survey_channel(noise, settings.waveform, settings.clocks), settings)
-    (1.0, 'the noise of a snapshot')
     """
     if len(survey.line_power) and survey.line_power[0] > 0:
         return float(survey.line_power[0]), f"line 1 of '{_names(plan)[0]}'"
@@ -126,26 +100,15 @@ def level_reference(survey: Survey, plan: Plan) -> tuple[float, str]:
 def findings(survey: Survey | None, plan: Plan, adapted: Plan) -> list[Finding]:
     """What a survey has found, and what a plan does about it.
 
+    Returns list of Finding: clutter first, then ripple, then the other sources, the strongest
+    first; empty in a quiet room and without a survey.
+
     Parameters
     ----------
-    survey : Survey or None
     plan : Plan
         Of the scene, before it was adapted.
     adapted : Plan
         ``room.adapted(plan, survey)``.
-
-    Returns
-    -------
-    list of Finding
-        Clutter first, then ripple, then the other sources, the strongest first; empty in a quiet
-        room and without a survey.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.planning.plan import plan
-    >>> settings = plan("demo")
-    >>> findings(None, settings, settings)
-    []
     """
     if survey is None:
         return []

@@ -30,6 +30,9 @@ def fitted_plan(
 ) -> Plan:
     """Fit a plan to the times and channels of packets.
 
+    Returns Plan: designed for the group of the untouched reference with the median number of
+    packets.
+
     Parameters
     ----------
     plan : Plan
@@ -41,25 +44,10 @@ def fitted_plan(
     channel : ndarray of complex, shape (n, C K)
         C channels of each subcarrier, without an oscillator's phase.
 
-    Returns
-    -------
-    Plan
-        Designed for the group of the untouched reference with the median number of packets.
-
     Raises
     ------
     InputError
         When the reference holds too few packets to read the tags.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.planning.plan import plan
-    >>> settings = plan({
-    ...     "packets": {}, "phase_group": {"snapshots": 200},
-    ...     "sensors": [{"name": "arm", "model": "line-900mhz", "clock_hz": 90}]})
-    >>> times_s = np.sort(np.random.default_rng(1).uniform(0, 1, 700))
-    >>> fitted_plan(settings, np.arange(4.0), times_s, np.ones((700, 4))).group_length
-    157
     """
     scene = plan.require_scene()
     period_s = scene.group_period_s
@@ -89,6 +77,8 @@ def fitted_plan(
 def tag_ratios(plan: Plan, source: PacketGroups, antennas: int) -> tuple[float, ...]:
     """Amplitude of each tag in the sum of all antennas that packets are divided by.
 
+    Returns tuple of float: of each tag; empty where a tag was not found.
+
     Parameters
     ----------
     plan : Plan
@@ -98,22 +88,12 @@ def tag_ratios(plan: Plan, source: PacketGroups, antennas: int) -> tuple[float, 
     antennas : int
         At least 2.
 
-    Returns
-    -------
-    tuple of float
-        Of each tag; empty where a tag was not found.
-
     Notes
     -----
     What the static paths' direction holds of the tag cannot be measured: it is what common phase
     and gain of a packet are. Of A directions with independent Rayleigh fading it holds t times the
     mean power of the A - 1 others or more with a probability of (1 + t / (A - 1))^(1 - A). The
     result is half the amplitude that is exceeded in 5 %, so that two standard deviations hold it.
-
-    Examples
-    --------
-    >>> tag_ratios(plan, source, antennas=2)  # doctest: +SKIP
-    (0.0035,)
     """
     groups = _separated(plan, source)
     known = groups.locked.all(axis=1) if len(groups) else np.zeros(0, bool)

@@ -12,25 +12,12 @@ _SEED = 1
 def typical_times_s(scene: Scene) -> np.ndarray:
     """Times of the packets of a typical phase group, from its centre.
 
+    Returns ndarray of float, shape (N,): in s, rising.
+
     Parameters
     ----------
     scene : Scene
         With packets.
-
-    Returns
-    -------
-    ndarray of float, shape (N,)
-        In s, rising.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> scene = load_scene({
-    ...     "packets": {"interval_s": 0.001, "gaps": "regular"},
-    ...     "sensors": [{"name": "arm", "model": "line-900mhz", "clock_hz": 90}],
-    ...     "phase_group": {"snapshots": 500}})
-    >>> typical_times_s(scene)[:2].round(4).tolist()
-    [-0.2495, -0.2485]
     """
     count, period_s = scene.phase_group.snapshots, scene.group_period_s
     if scene.packets is not None and scene.packets.gaps == "regular":

@@ -19,25 +19,17 @@ def double_rate_pulses(duty1: float = 0.25, duty2: float = 0.25) -> tuple[Pulses
 
     The scheme of the WiForce paper.
 
+    Returns tuple of (tuple of (on, off)): on-intervals of switch 1 and 2, in cycles of fs.
+
     Parameters
     ----------
     duty1, duty2 : float
         Duty cycles of clock 1 at fs and clock 2 at 2 fs, in (0, 1).
 
-    Returns
-    -------
-    tuple of (tuple of (on, off))
-        On-intervals of switch 1 and 2, in cycles of fs.
-
     Raises
     ------
     InputError
         For a duty cycle out of range, or pulses that overlap: both switches on together.
-
-    Examples
-    --------
-    >>> double_rate_pulses()
-    (((-0.125, 0.125),), ((0.1875, 0.3125), (0.6875, 0.8125)))
     """
     _check_duties(duty1, duty2)
     if duty1 / 2 + duty2 / 4 > 1 / 4:
@@ -53,6 +45,8 @@ def one_rate_pulses(
 
     The ends share all lines; they differ in how a line's phase depends on its number.
 
+    Returns tuple of (tuple of (on, off)): on-intervals of switch 1 and 2, in cycles of fs.
+
     Parameters
     ----------
     duty1, duty2 : float
@@ -60,20 +54,10 @@ def one_rate_pulses(
     delay : float
         In cycles, in (0, 1).
 
-    Returns
-    -------
-    tuple of (tuple of (on, off))
-        On-intervals of switch 1 and 2, in cycles of fs.
-
     Raises
     ------
     InputError
         For a parameter out of range, or pulses that overlap: both switches on together.
-
-    Examples
-    --------
-    >>> one_rate_pulses(delay=3 / 8)
-    (((-0.125, 0.125),), ((0.25, 0.5),))
     """
     _check_duties(duty1, duty2)
     if not 0 < delay < 1:
@@ -97,6 +81,8 @@ def _pulse(center: float, width: float) -> tuple[float, float]:
 def line_coefficients(pulses: Pulses, m: ArrayLike, averaging_cycles: float = 0.0) -> np.ndarray:
     """Fourier coefficients of one switch at harmonics of fs.
 
+    Returns ndarray of complex, shape of ``m``.
+
     Parameters
     ----------
     pulses : sequence of (on, off)
@@ -106,21 +92,9 @@ def line_coefficients(pulses: Pulses, m: ArrayLike, averaging_cycles: float = 0.
     averaging_cycles : float
         fs Ta: what a snapshot averages over.
 
-    Returns
-    -------
-    ndarray of complex, shape of ``m``
-
     Notes
     -----
     c[m] = sum over pulses of width sinc(m width) exp(-j 2 pi m center), times sinc(m fs Ta).
-
-    Examples
-    --------
-    >>> end1, end2 = double_rate_pulses()
-    >>> np.abs(line_coefficients(end1, [1, 4])).round(4)
-    array([0.2251, 0.    ])
-    >>> np.abs(line_coefficients(end2, [1, 4])).round(4)
-    array([0.    , 0.1592])
     """
     m = np.asarray(m)
     total = np.zeros(m.shape, complex)
@@ -132,6 +106,8 @@ def line_coefficients(pulses: Pulses, m: ArrayLike, averaging_cycles: float = 0.
 def switch_waveform(pulses: Pulses, cycles: ArrayLike, window_cycles: float) -> np.ndarray:
     """Part of each window in which a switch is on.
 
+    Returns ndarray of float, shape (n,): in 0..1.
+
     Parameters
     ----------
     pulses : sequence of (on, off)
@@ -140,16 +116,6 @@ def switch_waveform(pulses: Pulses, cycles: ArrayLike, window_cycles: float) -> 
         Clock at the windows' centres, in cycles.
     window_cycles : float
         Length of the windows, fs Ta.
-
-    Returns
-    -------
-    ndarray of float, shape (n,)
-        In 0..1.
-
-    Examples
-    --------
-    >>> switch_waveform(one_rate_pulses()[0], [0.0, 0.125, 0.5], 0.02).round(3)
-    array([1. , 0.5, 0. ])
     """
     cycles = np.asarray(cycles, float)
     total = np.zeros(cycles.shape)

@@ -13,21 +13,12 @@ from .plan import Plan
 def surveyed_snapshots(plan: Plan) -> int:
     """Number of snapshots that the room is surveyed in, from the start of the reference on.
 
+    Returns int: 0 where there is no survey: the reference is shorter than 0.1 s.
+
     Parameters
     ----------
     plan : Plan
         Of a scene.
-
-    Returns
-    -------
-    int
-        0 where there is no survey: the reference is shorter than 0.1 s.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.planning.plan import plan
-    >>> surveyed_snapshots(plan("demo"))
-    8192
     """
     period_s = plan.waveform.snapshot_period_s
     longest = int(min(plan.require_scene().reference_s, LONGEST_S) / period_s)
@@ -41,6 +32,8 @@ def surveyed_snapshots(plan: Plan) -> int:
 def survey_reference(plan: Plan, snapshots: np.ndarray, folded: np.ndarray) -> Survey | None:
     """Survey the room in the longest run of the reference's snapshots without a gap or slip.
 
+    Returns Survey or None: None where fewer than 0.1 s are free of gaps.
+
     Parameters
     ----------
     plan : Plan
@@ -50,17 +43,6 @@ def survey_reference(plan: Plan, snapshots: np.ndarray, folded: np.ndarray) -> S
         belong to the surveyed part are left out, and so are snapshots that are not finite.
     folded : ndarray of complex, shape (n, 64)
         Their folded frames; of two antennas, those of their ratio.
-
-    Returns
-    -------
-    Survey or None
-        None where fewer than 0.1 s are free of gaps.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.planning.plan import plan
-    >>> survey_reference(plan("demo"), np.arange(100), np.ones((100, 64))) is None
-    True
     """
     count = surveyed_snapshots(plan)
     whole = (snapshots < count) & np.isfinite(folded).all(axis=1)

@@ -27,33 +27,13 @@ def ripple_of(survey: Survey, clocks: Sequence[TagClock], waveform: Waveform) ->
     lines at +-f, and line 1 of a tag has lines f above and below it, all in the same ratio to what
     they belong to. Lamps modulate what they reflect only.
 
+    Returns Source or None: of kind ``ripple``, with all lines that belong to it; None where there
+    is none, or where it is too weak to show around the tags' lines.
+
     Parameters
     ----------
-    survey : Survey
     clocks : sequence of TagClock, length S
         Of the scene's tags.
-    waveform : Waveform
-
-    Returns
-    -------
-    Source or None
-        Of kind ``ripple``, with all lines that belong to it; None where there is none, or where it
-        is too weak to show around the tags' lines.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from gnuradio.wiforce.estimation.survey import survey_channel
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> rng, waveform = np.random.default_rng(1), sounding_waveform()
-    >>> t = 57.6e-6 * np.arange(8192)
-    >>> received = 1000 + 10 * np.cos(2 * np.pi * 1040 * t)
-    >>> received = received * (1 + 0.1 * np.cos(2 * np.pi * 50 * t))
-    >>> noise = rng.standard_normal((8192, 62, 2)) @ [0.7071, 0.7071j]
-    >>> clocks = [TagClock(1040.0)]
-    >>> survey = survey_channel(received[:, None] + noise, waveform, clocks)
-    >>> ripple_of(survey, clocks, waveform).fundamental_hz
-    50.0
     """
     lines = [line for source in survey.sources for line in source.lines]
     rate_hz = 1 / waveform.snapshot_period_s

@@ -35,6 +35,9 @@ _RESERVE = 1.5
 def adapted(plan: Plan, survey: Survey | None) -> Plan:
     """Adapt the clocks and weights of a plan to a room.
 
+    Returns Plan: the same plan where the room holds nothing that its weights let through. Clocks of
+    wide tolerance are replaced by what the survey has measured, and the tones designed for them.
+
     Parameters
     ----------
     plan : Plan
@@ -42,25 +45,11 @@ def adapted(plan: Plan, survey: Survey | None) -> Plan:
     survey : Survey or None
         Of the untouched sensor's first snapshots.
 
-    Returns
-    -------
-    Plan
-        The same plan where the room holds nothing that its weights let through. Clocks of wide
-        tolerance are replaced by what the survey has measured, and the tones designed for them.
-
     Raises
     ------
     InputError
         When the lines of two clocks nearly coincide at their measured frequencies, or two tags lie
         within the tolerance of one clock.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.planning.plan import plan
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> settings = plan(load_scene("demo"))
-    >>> adapted(settings, None) is settings
-    True
     """
     if survey is None:
         return plan
@@ -100,23 +89,13 @@ def adapted(plan: Plan, survey: Survey | None) -> Plan:
 def expecting_snr(plan: Plan, survey: Survey | None) -> Plan:
     """State in a plan what a survey expects of the tags: their SNR, and lamps on their lines.
 
+    Returns Plan: the same one without a survey; without SNR where other tags are solved for, which
+    raise the noise.
+
     Parameters
     ----------
     plan : Plan
         Adapted to the survey.
-    survey : Survey or None
-
-    Returns
-    -------
-    Plan
-        The same one without a survey; without SNR where other tags are solved for, which raise the
-        noise.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.planning.plan import plan
-    >>> expecting_snr(plan("demo"), None).surveyed_snr_db
-    ()
     """
     if survey is None:
         return plan
@@ -161,16 +140,6 @@ def readapted(
     ------
     InputError
         As by :func:`adapted`.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.estimation.survey import survey_channel
-    >>> from gnuradio.wiforce.planning.plan import plan
-    >>> settings = plan("demo")
-    >>> noise = np.random.default_rng(1).standard_normal((4000, 62, 2)) @ [1, 1j]
-    >>> survey = survey_channel(noise, settings.waveform, settings.clocks)
-    >>> readapted(settings, None, settings, survey) == (settings, survey)
-    True
     """
     if chosen_by is not None and _is_same_room(current, chosen_by, survey):
         return current, chosen_by
@@ -253,24 +222,7 @@ def _clock_of(source: Source, survey: Survey) -> TagClock:
 def room_noise_of_tones(table: ToneTable, room: RoomNoise) -> np.ndarray:
     """Noise that a room adds to each tone, relative to its white noise.
 
-    Parameters
-    ----------
-    table : ToneTable
-    room : RoomNoise
-
-    Returns
-    -------
-    ndarray, shape (M,)
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.room_noise import room_noise
-    >>> from gnuradio.wiforce.signal.weights import design_weights
-    >>> table = design_weights([1000.0], 625, 57.6e-6)
-    >>> lamp = room_noise(np.array([1100.0]), np.array([10.0]), 625, 57.6e-6)
-    >>> disturbed = int(room_noise_of_tones(table, lamp).argmax())
-    >>> abs(table.tones[disturbed].frequency_hz)
-    1000.0
+    Returns ndarray, shape (M,).
     """
     length = table.group_length
     # Autocorrelation of each row: its product with the covariance needs the lags alone.
@@ -310,24 +262,8 @@ def _with_band(plan: Plan, survey: Survey) -> Plan:
 def added_noise(table: ToneTable, lines: Sequence[RoomLine]) -> np.ndarray:
     """Noise that lines add to each tone, relative to its white noise.
 
-    Parameters
-    ----------
-    table : ToneTable
-    lines : sequence of RoomLine
-
-    Returns
-    -------
-    ndarray of float, shape (M,)
-        sum_l p_l (|w(f_l)|^2 + |w(-f_l)|^2) / |w|^2, w(f) being the weights' response at f.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.weights import design_weights
-    >>> table = design_weights([1000.0], 625, 57.6e-6)
-    >>> bool(added_noise(table, [RoomLine(1010.0, 1.0)]).max() > 100)
-    True
-    >>> bool(added_noise(table, [RoomLine(1500.0, 0.001)]).max() < 0.05)
-    True
+    Returns ndarray of float, shape (M,): sum_l p_l (|w(f_l)|^2 + |w(-f_l)|^2) / |w|^2, w(f) being
+    the weights' response at f.
     """
     hertz = np.array([line.frequency_hz for line in lines])
     power = np.array([line.power for line in lines])

@@ -32,13 +32,6 @@ class MeasuredTag:
     snr_db, phase_error_deg : list of float or None
         Of both ends, the expected phase error per group; None where an end is lost in noise, empty
         where the tag was not detected.
-
-    Examples
-    --------
-    >>> print(MeasuredTag("arm"))
-    not detected
-    >>> print(MeasuredTag("arm", 40.0, [10.0, None]))
-    clock +40.00 ppm, SNR 10.0 and unknown dB
     """
 
     name: str
@@ -61,19 +54,8 @@ def measure_tag(name: str, index: int, groups: Groups) -> MeasuredTag:
 
     Parameters
     ----------
-    name : str
     index : int
         Of the tag among the scene's.
-    groups : Groups
-
-    Returns
-    -------
-    MeasuredTag
-
-    Examples
-    --------
-    >>> measure_tag("arm", 0, Groups(np.zeros(0, np.int64))).clock_offset_ppm is None
-    True
     """
     if not len(groups) or not groups.locked[:, index].any():
         return MeasuredTag(name)
@@ -97,40 +79,14 @@ def _texts(values: Sequence[float | None], digits: int) -> str:
 
 
 def finding_rows(found: Sequence[Finding]) -> list[dict[str, Any]]:
-    """Findings as dictionaries for JSON.
-
-    Parameters
-    ----------
-    found : sequence of Finding
-
-    Returns
-    -------
-    list of dict
-
-    Examples
-    --------
-    >>> finding_rows([])
-    []
-    """
+    """Findings as dictionaries for JSON."""
     return [{"name": finding.name, **asdict(finding)} for finding in found]
 
 
 def findings_text(found: Sequence[Finding]) -> list[str]:
     """Findings as lines of a table.
 
-    Parameters
-    ----------
-    found : sequence of Finding
-
-    Returns
-    -------
-    list of str
-        Two lines per finding.
-
-    Examples
-    --------
-    >>> findings_text([])
-    ['found nothing besides the tags of the scene']
+    Returns list of str: two lines per finding.
     """
     if not found:
         return ["found nothing besides the tags of the scene"]
@@ -143,21 +99,7 @@ def findings_text(found: Sequence[Finding]) -> list[str]:
 
 
 def finding_line(finding: Finding) -> str:
-    """A finding in one line.
-
-    Parameters
-    ----------
-    finding : Finding
-
-    Returns
-    -------
-    str
-
-    Examples
-    --------
-    >>> finding_line(Finding("clutter", 30.0, 45.0, "somebody walks", "rejected", True, (30.0,)))
-    'moving clutter up to 30 Hz, +45 dB: rejected'
-    """
+    """A finding in one line."""
     return f"{finding.name}, {finding.level_db:+.0f} dB: {finding.handling}"
 
 
@@ -168,17 +110,6 @@ def changes_of(plan: Plan, adapted: Plan) -> list[str]:
     ----------
     plan, adapted : Plan
         Before and after.
-
-    Returns
-    -------
-    list of str
-
-    Examples
-    --------
-    >>> from .plan import plan
-    >>> settings = plan("demo")
-    >>> changes_of(settings, settings)
-    []
     """
     changes = []
     if adapted.clutter_hz != plan.clutter_hz:
@@ -204,22 +135,7 @@ def changes_of(plan: Plan, adapted: Plan) -> list[str]:
 
 
 def skipped_of(adapted: Plan) -> list[str]:
-    """What the room does not need.
-
-    Parameters
-    ----------
-    adapted : Plan
-
-    Returns
-    -------
-    list of str
-
-    Examples
-    --------
-    >>> from .plan import plan
-    >>> len(skipped_of(plan("demo")))
-    3
-    """
+    """What the room does not need."""
     skipped = []
     if not adapted.others:
         skipped.append(UNLISTED_TAGS)

@@ -56,6 +56,12 @@ class SensorModel:
     ruler_std_mm : float or None
         Standard deviation of the locations that the calibration was made at. It enters that of
         every location read.
+
+    Examples
+    --------
+    >>> from gnuradio.wiforce.sensor import load_sensor
+    >>> load_sensor("line-900mhz").phases_deg(4.0, 40.0).round(1).tolist()
+    [106.6, 106.6]
     """
 
     name: str
