@@ -13,6 +13,8 @@ from gnuradio import wiforce
 
 # The widgets' examples need a QApplication and run with the tests of the display.
 WITHOUT_EXAMPLES = ("gui", "bindings")
+
+
 def module_names():
     """Names of the package's modules relative to it; none is imported."""
     for top in pkgutil.iter_modules(wiforce.__path__):

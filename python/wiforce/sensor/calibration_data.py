@@ -34,11 +34,6 @@ class ContactCurve:
         Whether it is the mirror image of another location.
     direction : ndarray of int, shape (n,), or None
         1 while loading, -1 while unloading, 0 where it is unknown.
-
-    Examples
-    --------
-    >>> ContactCurve(np.array([1.0, 2.0]), np.array([3.0, 8.0]), np.array(["1", "1"])).copied
-    False
     """
 
     force_n: np.ndarray
@@ -65,11 +60,6 @@ class CarrierData:
     onset : (float, float) or None
         Largest untouched and smallest touched force of sweeps that begin before the contact, in N;
         None when there are none.
-
-    Examples
-    --------
-    >>> CarrierData(900e6, np.array([20.0, 30.0]), [[], []], None, None).all_curves()
-    []
     """
 
     frequency_hz: float
@@ -86,25 +76,12 @@ class CarrierData:
 def carriers_of(table: CalibrationTable) -> list[float]:
     """Carriers of a table in Hz, rising.
 
-    Parameters
-    ----------
-    table : CalibrationTable
-
-    Returns
-    -------
-    list of float
-        Values within 0.1 % of each other are one carrier.
+    Returns list of float: values within 0.1 % of each other are one carrier.
 
     Raises
     ------
     InputError
         Naming the row of a frequency that no scene can have, as of one in GHz.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.sensor import load_sensor, measure_vna
-    >>> carriers_of(measure_vna(load_sensor("line-900mhz"), [40.0], [2.0]))
-    [900000000.0]
     """
     carriers: list[float] = []
     for frequency in np.unique(table.frequency_hz):
@@ -143,22 +120,10 @@ def carrier_data(
     assumed : list of str
         Assumptions are appended to it.
 
-    Returns
-    -------
-    CarrierData
-
     Raises
     ------
     InputError
         Naming file and row of data through which no curve can be drawn.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.sensor import load_sensor, measure_vna
-    >>> table = measure_vna(load_sensor("line-900mhz"), [30.0, 50.0], np.linspace(1, 8, 10))
-    >>> data = carrier_data(table, 900e6, 80.0, 1.0, False, [])
-    >>> data.location_mm.tolist(), len(data.all_curves()), data.onset
-    ([30.0, 50.0], 4, None)
     """
     table = table.take(same_carrier(table.frequency_hz, frequency))
     untouched = untouched_phases(table)
@@ -188,22 +153,13 @@ def carrier_data(
 def untouched_phases(table: CalibrationTable) -> tuple[float, float] | None:
     """psi_10 and psi_20 of a table's untouched rows.
 
+    Returns (float, float) or None: in degrees, averaged over phasors; None without such rows for
+    both ports.
+
     Parameters
     ----------
     table : CalibrationTable
         Of one carrier.
-
-    Returns
-    -------
-    (float, float) or None
-        In degrees, averaged over phasors; None without such rows for both ports.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.sensor import load_sensor, measure_vna
-    >>> table = measure_vna(load_sensor("line-900mhz"), [40.0], [2.0], untouched_sweeps=1)
-    >>> [round(phase, 1) for phase in untouched_phases(table)]
-    [-172.9, -172.9]
     """
     rows = table.take(table.untouched)
     if set(rows.port) != {1, 2}:
@@ -297,22 +253,8 @@ def with_location_steps(data: CarrierData, location_steps: str) -> CarrierData:
 
     Parameters
     ----------
-    data : CarrierData
     location_steps : str
         ``nearest``, ``given`` or ``line``.
-
-    Returns
-    -------
-    CarrierData
-
-    Examples
-    --------
-    >>> from dataclasses import replace
-    >>> curve = ContactCurve(np.array([1.0, 2.0]), np.array([3.0, 8.0]), np.array(["", ""]))
-    >>> wrapped = replace(curve, added_deg=curve.added_deg + 360)
-    >>> data = CarrierData(900e6, np.array([20.0, 30.0]), [[curve, wrapped]] * 2, None, None)
-    >>> with_location_steps(data, "nearest").curves[0][1].added_deg.tolist()
-    [3.0, 8.0]
     """
     if location_steps == "given":
         return data
@@ -337,22 +279,7 @@ def with_location_steps(data: CarrierData, location_steps: str) -> CarrierData:
 
 
 def anchor_force(data: CarrierData) -> float:
-    """Middle of the span of force that all locations share, in N.
-
-    Parameters
-    ----------
-    data : CarrierData
-
-    Returns
-    -------
-    float
-
-    Examples
-    --------
-    >>> curve = ContactCurve(np.array([1.0, 3.0]), np.zeros(2), np.array(["", ""]))
-    >>> anchor_force(CarrierData(900e6, np.array([20.0]), [[curve], [curve]], None, None))
-    2.0
-    """
+    """Middle of the span of force that all locations share, in N."""
     low = max(curve.force_n[0] for curve in data.all_curves())
     high = min(curve.force_n[-1] for curve in data.all_curves())
     return float(0.5 * (low + high))
@@ -367,20 +294,8 @@ def _value_at(curve: ContactCurve, force: float) -> float:
 def compared_forces(data: CarrierData) -> np.ndarray:
     """Forces at which locations are compared, in N.
 
-    Parameters
-    ----------
-    data : CarrierData
-
-    Returns
-    -------
-    ndarray, shape (9,)
-        Over the span that all locations share, otherwise over the middle half of all forces.
-
-    Examples
-    --------
-    >>> curve = ContactCurve(np.array([1.0, 3.0]), np.zeros(2), np.array(["", ""]))
-    >>> compared_forces(CarrierData(900e6, np.array([20.0]), [[curve], [curve]], None, None))
-    array([1.  , 1.25, 1.5 , 1.75, 2.  , 2.25, 2.5 , 2.75, 3.  ])
+    Returns ndarray, shape (9,): over the span that all locations share, otherwise over the middle
+    half of all forces.
     """
     low = max(curve.force_n[0] for curve in data.all_curves())
     high = min(curve.force_n[-1] for curve in data.all_curves())

@@ -37,11 +37,6 @@ class Residual(NamedTuple):
         Largest residual of either port.
     force_n : float
         Force of that measurement, in N.
-
-    Examples
-    --------
-    >>> Residual(40.0, (0.1, 0.2), 0.4, 3.0).force_n
-    3.0
     """
 
     location_mm: float
@@ -56,7 +51,6 @@ class CalibrationSession:
 
     Parameters
     ----------
-    plan : SessionPlan
     path : str or Path
         Table of taps; an existing one is continued (see :class:`~.session_file.SessionFile`).
     settings : mapping, optional
@@ -67,20 +61,6 @@ class CalibrationSession:
     ------
     InputError
         When the file belongs to something else.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.sensor import load_sensor
-    >>> true, plan = load_sensor("line-900mhz"), SessionPlan("arm", 900e6)
-    >>> with CalibrationSession(plan, "guided.csv") as session:
-    ...     while target := session.next_target():
-    ...         phases = tuple(true.phases_deg(target.force_n, target.location_mm).tolist())
-    ...         press = PressMeasurement(
-    ...             target.location_mm, target.force_n, 0.0, phases, (0.1, 0.1), 14)
-    ...         assert not session.warnings(press, target)
-    ...         session.add(press)
-    ...     session.coverage().done, max(row.largest_deg for row in session.residuals()) < 1
-    ((60, 60), True)
     """
 
     plan: SessionPlan
@@ -124,21 +104,11 @@ class CalibrationSession:
         return Target(press.location_mm, press.sweep, self.plan.nearest_force(press.force_n))
 
     def skip(self, target: Target) -> None:
-        """Leave out a planned measurement, until the session is opened again.
-
-        Parameters
-        ----------
-        target : Target
-        """
+        """Leave out a planned measurement, until the session is opened again."""
         self._skipped.add(target)
 
     def skip_location(self, location_mm: float) -> None:
-        """Leave out the rest of a location.
-
-        Parameters
-        ----------
-        location_mm : float
-        """
+        """Leave out the rest of a location."""
         self._skipped.update(t for t in self.plan.targets() if t.location_mm == location_mm)
 
     def check_force(self, force_n: float) -> None:
@@ -152,14 +122,6 @@ class CalibrationSession:
         Raises
         ------
         InputError
-
-        Examples
-        --------
-        >>> with CalibrationSession(SessionPlan("arm", 900e6), "forces.csv") as session:
-        ...     session.check_force(204.0)
-        Traceback (most recent call last):
-        gnuradio.wiforce.errors.InputError: force_n: must be 0.5 to 10 N (is it in g? 204 g \
-are 2 N), got 204.0
         """
         low, high = self.plan.force_limits_n
         if low <= force_n <= high:
@@ -175,16 +137,12 @@ are 2 N), got 204.0
     def warnings(self, press: PressMeasurement, target: Target | None = None) -> list[str]:
         """Reasons why a press may be an error of the person who measures.
 
+        Returns list of str: a sentence each; empty when it is plausible.
+
         Parameters
         ----------
-        press : PressMeasurement
         target : Target, optional
             What was asked for.
-
-        Returns
-        -------
-        list of str
-            A sentence each; empty when it is plausible.
         """
         plan = self.plan
         asked = force_warning(press.force_n, target.force_n) if target is not None else None
@@ -195,10 +153,6 @@ are 2 N), got 204.0
 
     def add(self, measurement: PressMeasurement) -> None:
         """Store a measurement.
-
-        Parameters
-        ----------
-        measurement : PressMeasurement
 
         Raises
         ------
@@ -229,10 +183,7 @@ are 2 N), got 204.0
     def undo(self) -> PressMeasurement | None:
         """Remove the last measurement.
 
-        Returns
-        -------
-        PressMeasurement or None
-            The one that was removed; None when there is none.
+        Returns PressMeasurement or None: the one that was removed; None when there is none.
         """
         return self._file.remove_last()
 
@@ -262,10 +213,6 @@ are 2 N), got 204.0
         name : str, optional
             Of the model; the sensor's by default.
 
-        Returns
-        -------
-        CurveModel
-
         Raises
         ------
         InputError
@@ -280,10 +227,8 @@ are 2 N), got 204.0
     def residuals(self) -> list[Residual]:
         """Residuals of the measurements against the model of all.
 
-        Returns
-        -------
-        list of Residual
-            By location; empty while there are not two locations with enough forces.
+        Returns list of Residual: by location; empty while there are not two locations with enough
+        forces.
 
         Raises
         ------

@@ -35,13 +35,6 @@ def check_onset(where: object, onset_n: float, highest_n: float) -> None:
     Raises
     ------
     InputError
-
-    Examples
-    --------
-    >>> check_onset("onset_force_n", 9.0, 8.0)
-    Traceback (most recent call last):
-    gnuradio.wiforce.errors.InputError: onset_force_n: must be below the highest calibrated force, \
-8, got 9.0
     """
     if onset_n >= highest_n:
         rule = f"must be below the highest calibrated force, {highest_n:g}"
@@ -53,7 +46,6 @@ def check_table(table: CalibrationTable, length_mm: float) -> None:
 
     Parameters
     ----------
-    table : CalibrationTable
     length_mm : float
         Of the line.
 
@@ -65,14 +57,6 @@ def check_table(table: CalibrationTable, length_mm: float) -> None:
     Notes
     -----
     Equal rows are repeated measurements: rounded phases of repeated sweeps are often equal.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.sensor import load_sensor, measure_vna
-    >>> check_table(measure_vna(load_sensor("line-900mhz"), [70.0], [2.0]), length_mm=60.0)
-    Traceback (most recent call last):
-    gnuradio.wiforce.errors.InputError: evaluated line-900mhz: row 22: location_mm: must lie \
-within the line, 0 to 60 mm, got 70.0
     """
     touched = ~table.untouched
     if not np.any(touched):
@@ -99,14 +83,6 @@ def check_places(table: CalibrationTable) -> None:
     InputError
         For fewer than two locations, fewer than five forces at a port, or ports whose forces do
         not overlap.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.sensor import load_sensor, measure_vna
-    >>> check_places(measure_vna(load_sensor("line-900mhz"), [40.0], [2.0]))
-    Traceback (most recent call last):
-    gnuradio.wiforce.errors.InputError: evaluated line-900mhz: row 22: location_mm: must have at \
-least two locations at 900 MHz, got [40.0]
     """
     touched = table.take(~table.untouched)
     frequency = f"{table.frequency_hz[0] / 1e6:g} MHz"
@@ -148,14 +124,6 @@ def continuous_phase(table: CalibrationTable, permittivity: float) -> tuple[np.n
     ------
     InputError
         For a jump of the phase that no jump of the force explains.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.sensor import load_sensor, measure_vna
-    >>> table = measure_vna(load_sensor("line-900mhz"), [40.0], [4.0, 2.0], untouched_sweeps=0)
-    >>> order, phase_deg = continuous_phase(table.take(table.port == 1), 1.0)
-    >>> order.tolist(), bool(np.diff(phase_deg)[0] > 0)
-    ([1, 0], True)
     """
     order = np.argsort(table.force_n, kind="stable")
     phase = np.unwrap(table.phase_deg[order], period=360.0)
@@ -176,25 +144,15 @@ def continuous_phase(table: CalibrationTable, permittivity: float) -> tuple[np.n
 def split_untouched(table: CalibrationTable, untouched_deg: float) -> np.ndarray:
     """Find the rows of a sweep that were measured before the contact.
 
+    Returns ndarray of bool, shape (n,): True for the first rows by force with the untouched phase,
+    if a step follows.
+
     Parameters
     ----------
     table : CalibrationTable
         One carrier, location, port and press.
     untouched_deg : float
         psi_i0 of this port, in degrees.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-        True for the first rows by force with the untouched phase, if a step follows.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.sensor import load_sensor, measure_vna
-    >>> model = load_sensor("line-900mhz")
-    >>> table = measure_vna(model, [40.0], [0.2, 0.5, 2.0, 4.0], untouched_sweeps=0)
-    >>> split_untouched(table.take(table.port == 1), model.untouched_deg()[0])
-    array([ True,  True, False, False])
     """
     order = np.argsort(table.force_n, kind="stable")
     away = np.abs(wrap_deg(table.phase_deg[order] - untouched_deg))

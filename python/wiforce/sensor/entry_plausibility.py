@@ -35,16 +35,6 @@ def force_warning(force_n: float, asked_n: float) -> str | None:
     ----------
     force_n, asked_n : float
         In N.
-
-    Returns
-    -------
-    str or None
-
-    Examples
-    --------
-    >>> force_warning(2.1, 2.0)
-    >>> force_warning(21.0, 2.0)
-    'the force is 21 N where about 2 N was asked for'
     """
     if abs(force_n - asked_n) <= max(_FORCE_N, _FORCE_PART * asked_n):
         return None
@@ -60,34 +50,16 @@ def press_warnings(
 ) -> list[str]:
     """Warnings of a press that those before it contradict.
 
+    Returns list of str: a sentence each; empty when it is plausible.
+
     Parameters
     ----------
-    new : PressMeasurement
     before : sequence of PressMeasurement
         Of all locations.
     frequency_hz : float
         Carrier, in Hz.
     length_mm, permittivity : float
         Of the line.
-
-    Returns
-    -------
-    list of str
-        A sentence each; empty when it is plausible.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.sensor import load_sensor
-    >>> sensor = load_sensor("line-900mhz")
-    >>> def press(location_mm, force_n):
-    ...     phases = sensor.phases_deg(force_n, location_mm).tolist()
-    ...     return PressMeasurement(location_mm, force_n, 0.0, tuple(phases), (0.1, 0.1), 14)
-    >>> taken = [press(30.0, force_n) for force_n in (1.0, 1.5, 2.0, 3.0)]
-    >>> press_warnings(press(40.0, 3.0), taken, 900e6, 80.0, 1.0)
-    []
-    >>> from dataclasses import replace
-    >>> press_warnings(replace(press(30.0, 3.0), location_mm=40.0), taken, 900e6, 80.0, 1.0)
-    ['the phases are those of a press at about 30 mm, not at 40 mm']
     """
     presses = [each for each in before if not each.untouched]
     here = [each for each in presses if each.location_mm == new.location_mm]

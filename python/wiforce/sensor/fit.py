@@ -33,12 +33,6 @@ class ForceCurve:
         In degrees, in order of force.
     freedom : float
         Remaining degrees of freedom.
-
-    Examples
-    --------
-    >>> fit = ForceCurve(np.array([1.0, 2.0]), np.eye(2), np.zeros(5), 3.0)
-    >>> fit.freedom
-    3.0
     """
 
     coefficients: np.ndarray
@@ -50,22 +44,14 @@ class ForceCurve:
 def force_knots(form: str, forces: np.ndarray) -> np.ndarray | None:
     """Knots of the functions of force.
 
+    Returns ndarray or None: in N, rising; None for the power law.
+
     Parameters
     ----------
     form : str
         One of ``curves.FORMS``.
     forces : ndarray
         Calibrated forces, in N.
-
-    Returns
-    -------
-    ndarray or None
-        In N, rising; None for the power law.
-
-    Examples
-    --------
-    >>> force_knots("cubic", np.array([2.0, 1.0, 8.0]))
-    array([1., 8.])
     """
     low, high = float(np.min(forces)), float(np.max(forces))
     if form == "power":
@@ -88,15 +74,6 @@ class CurveFitter:
     samples : sequence of (force_n, value_deg)
         All curves of the sensor, from which the smoothing is chosen by generalised
         cross-validation (P. Craven and G. Wahba, Numer. Math. 31, 1979).
-
-    Examples
-    --------
-    >>> force = np.linspace(1.0, 8.0, 20)
-    >>> value = 50 - 40 / np.cbrt(force)
-    >>> fitter = CurveFitter("power", None, [(force, value)])
-    >>> fit = fitter.fit(force, value)
-    >>> bool(np.allclose(fitter.value(fit, 4.5), 50 - 40 / np.cbrt(4.5), atol=0.5))
-    True
     """
 
     def __init__(self, form: str, knots_n: np.ndarray | None, samples: Samples) -> None:
@@ -125,10 +102,6 @@ class CurveFitter:
         Parameters
         ----------
         force_n, value_deg : ndarray, shape (n,)
-
-        Returns
-        -------
-        ForceCurve
         """
         basis = self._basis(force_n)
         normal = basis.T @ basis
@@ -181,26 +154,12 @@ def _monotone(basis: np.ndarray, penalty: np.ndarray, value: np.ndarray) -> np.n
 def noise_and_misfit(fits: Iterable[ForceCurve]) -> tuple[float, float]:
     """Standard deviation of the samples about the curves, and its systematic part.
 
-    Parameters
-    ----------
-    fits : iterable of ForceCurve
-
-    Returns
-    -------
-    noise_deg, misfit_deg : float
-        In degrees.
+    Returns noise_deg and misfit_deg, in degrees.
 
     Notes
     -----
     Noise is independent at neighbouring forces, a misfit of the form is not. The mean product of
     neighbouring residuals therefore is the square of the misfit.
-
-    Examples
-    --------
-    >>> fit = ForceCurve(np.zeros(2), np.eye(2), np.array([1.0, 1.0, -1.0, -1.0, 1.0, 1.0]), 6.0)
-    >>> noise_deg, misfit_deg = noise_and_misfit([fit])
-    >>> noise_deg, round(misfit_deg, 2)
-    (1.0, 0.45)
     """
     fits = list(fits)
     total = sum(np.sum(fit.residual**2) for fit in fits)

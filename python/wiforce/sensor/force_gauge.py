@@ -45,22 +45,10 @@ def unit_n(unit: str, where: object = "unit") -> float:
     where : object
         Option or prompt, for the message.
 
-    Returns
-    -------
-    float
-
     Raises
     ------
     InputError
         For another unit.
-
-    Examples
-    --------
-    >>> unit_n("kg")
-    9.80665
-    >>> unit_n("mm")
-    Traceback (most recent call last):
-    gnuradio.wiforce.errors.InputError: unit: must be one of N, mN, g, kg, lb, oz, got 'mm'
     """
     try:
         return UNITS_N[unit.lower()]
@@ -71,29 +59,17 @@ def unit_n(unit: str, where: object = "unit") -> float:
 def parse_force(text: str) -> float:
     """Read a force that a person typed.
 
+    Returns float: in N.
+
     Parameters
     ----------
     text : str
         A number, with ``.`` or ``,`` as decimal sign, in N unless a unit follows.
 
-    Returns
-    -------
-    float
-        In N.
-
     Raises
     ------
     InputError
         When it is not a number, or the unit is not one of force or mass.
-
-    Examples
-    --------
-    >>> parse_force("2,5"), round(parse_force("250 g"), 3)
-    (2.5, 2.452)
-    >>> parse_force("three")
-    Traceback (most recent call last):
-    gnuradio.wiforce.errors.InputError: force: must be a number such as 2.5, or with a unit as \
-in 250 g, got 'three'
     """
     match = _TYPED.fullmatch(text.strip())
     if match is None:
@@ -111,11 +87,6 @@ class GaugeForce(NamedTuple):
         Mean and standard deviation, in N; the latter NaN for a single value.
     values : int
         Number of values.
-
-    Examples
-    --------
-    >>> GaugeForce(2.0, 0.01, 5).values
-    5
     """
 
     force_n: float
@@ -134,14 +105,6 @@ class ForceGauge:
         Unit of lines that contain none.
     now_s : float
         Time at which listening begins.
-
-    Examples
-    --------
-    >>> gauge = ForceGauge("/dev/ttyUSB0", "g", now_s=0.0)
-    >>> gauge.note(0.1, "ST,GS,+  204.0")
-    >>> gauge.note(0.2, "ST,GS,+  0.203 kg")
-    >>> round(gauge.mean(0.0, 0.3).force_n, 3)
-    1.996
     """
 
     def __init__(self, name: str, unit: str = "N", now_s: float = 0.0) -> None:
@@ -160,7 +123,6 @@ class ForceGauge:
         ----------
         time_s : float
             Time of arrival.
-        line : str
         """
         found = [match.groups() for match in _SENT.finditer(line)]
         named = [each for each in found if each[2].lower() in UNITS_N]
@@ -186,24 +148,11 @@ class ForceGauge:
             self._heard_s, self._unread = time_s, ""
 
     def heard_since(self, time_s: float) -> bool:
-        """Whether a value has arrived after this time.
-
-        Parameters
-        ----------
-        time_s : float
-
-        Returns
-        -------
-        bool
-        """
+        """Whether a value has arrived after this time."""
         return bool(self._values) and self._values[-1][0] >= time_s
 
     def check_alive(self, now_s: float) -> None:
         """Check that values still arrive.
-
-        Parameters
-        ----------
-        now_s : float
 
         Raises
         ------
@@ -220,14 +169,6 @@ class ForceGauge:
 
     def mean(self, since_s: float, until_s: float) -> GaugeForce:
         """Mean force of the values that arrived within an interval.
-
-        Parameters
-        ----------
-        since_s, until_s : float
-
-        Returns
-        -------
-        GaugeForce
 
         Raises
         ------

@@ -38,16 +38,10 @@ def compare_with_gauge(
 
     Parameters
     ----------
-    readings : TimedForces
-    gauge : GaugeRecord
     touch_n : float
         Force in N from which the gauge shows a press that the sensor must read.
     offset_s : float, optional
         Time of the gauge at time 0 of the readings; estimated by default.
-
-    Returns
-    -------
-    GaugeComparison
 
     Raises
     ------
@@ -63,17 +57,6 @@ def compare_with_gauge(
     group by FFT (normalised cross-correlation with masks, Padfield 2012), then continuously. The
     correlation does not depend on the gauge's gain and zero. A group is steady when it and its
     neighbours are pressed according to the gauge.
-
-    Examples
-    --------
-    >>> times = np.arange(0, 20, 0.036)
-    >>> press = lambda t: 3.0 * ((t > 5) & (t < 9)) + 2.0 * ((t > 12) & (t < 13))
-    >>> forces = press(times)
-    >>> readings = TimedForces(times, forces, 0.1 + 0 * times, forces > 0, times > 1)
-    >>> fine = np.arange(-3, 25, 0.001)
-    >>> found = compare_with_gauge(readings, GaugeRecord(fine + 100, 0.2 - press(fine)))
-    >>> round(found.offset_s, 1), found.sign, round(found.zero_n, 2)
-    (100.0, -1, 0.2)
     """
     _check_times(readings, gauge)
     if not np.any(readings.clear):

@@ -19,12 +19,6 @@ class TimedForces:
         Force, 0 while untouched, and its standard deviation; NaN where it is not known.
     touched, clear : ndarray of bool, shape (n,)
         Which groups are touched, and which have no flag.
-
-    Examples
-    --------
-    >>> one = np.ones(1)
-    >>> TimedForces(one, one, one, one > 0, one > 0).period_s
-    nan
     """
 
     time_s: np.ndarray
@@ -63,13 +57,6 @@ class GaugeComparison:
         untouched; and clear touched groups in which the gauge shows none.
     unrecorded : int
         Readings without flag in holes of the gauge's record.
-
-    Examples
-    --------
-    >>> a, b = np.array([2.0, 3.0]), np.array([2.1, 2.9])
-    >>> found = GaugeComparison(0.0, 0.0, None, 1.0, 1, 0.0, a, a, 0.1 * a, b, 0, 0, 0, 0)
-    >>> found.error_n.round(3).tolist(), found.coverage
-    ([-0.1, 0.1], 1.0)
     """
 
     offset_s: float

@@ -44,11 +44,6 @@ class GaugeRecord:
         Increasing; from any origin, in the gauge's clock.
     force_n : ndarray of float, shape (n,)
         As recorded: with the gauge's zero and sign.
-
-    Examples
-    --------
-    >>> GaugeRecord(np.array([0.0, 0.1]), np.array([0.0, 2.0])).force_n.max()
-    2.0
     """
 
     time_s: np.ndarray
@@ -66,31 +61,21 @@ def read_gauge_file(
     Commas, semicolons or tabs separate columns; with the latter two, numbers may have decimal
     commas. Times are seconds, or of the unit that the column's name ends in, or dates in ISO 8601.
 
+    Returns GaugeRecord: rows without a force are left out; a longer interval between two values
+    remains.
+
     Parameters
     ----------
-    path : str or Path
     time_column, force_column : str, optional
         Their names; by default the only ones that sound like a time and a force.
     unit : str, optional
         Of the force; by default the one in the column's name, and N where there is none.
-
-    Returns
-    -------
-    GaugeRecord
-        Rows without a force are left out; a longer interval between two values remains.
 
     Raises
     ------
     InputError
         When the file cannot be read, a column is missing or ambiguous, times do
         not increase, or fewer than two rows have values.
-
-    Examples
-    --------
-    >>> size = Path("cell.csv").write_text("Time (ms);Load [kgf]\\n0;0,0\\n100;0,5\\n")
-    >>> record = read_gauge_file("cell.csv")
-    >>> record.time_s.tolist(), record.force_n.round(3).tolist()
-    ([0.0, 0.1], [0.0, 4.903])
     """
     table = _table(path)
     names = [str(name) for name in table.columns]

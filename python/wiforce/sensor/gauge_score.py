@@ -83,20 +83,10 @@ def timed_forces(rows: Sequence[Mapping[str, Any]], sensor: str | None = None) -
     sensor : str, optional
         Its name, where there are several.
 
-    Returns
-    -------
-    TimedForces
-
     Raises
     ------
     InputError
         When there are no readings, several sensors or several runs, or a column is missing.
-
-    Examples
-    --------
-    >>> row = {"time_s": 0.1, "sensor": "arm", "touch": 0, "force_n": None, "force_std_n": None}
-    >>> timed_forces([{**row, "flags": ""}]).force_n.tolist()
-    [0.0]
     """
     for name in ("time_s", "sensor", "touch", "force_n", "force_std_n", "flags"):
         if len(rows) and name not in rows[0]:

@@ -28,36 +28,22 @@ def find_hysteresis(
 ) -> float | None:
     """Compare loading and unloading over all locations and ports of a carrier.
 
+    Returns float or None: largest difference within the calibrated forces, in N: what must be added
+    to a force while loading for the contact that it has while unloading. 0 where it is not
+    distinguished from noise, None where the data do not hold both branches.
+
     Parameters
     ----------
-    contacts : sequence of ContactCurve
     fits : sequence of ForceCurve
         The curve through each, which lies between its two branches.
     fitter : CurveFitter
         That made them.
-
-    Returns
-    -------
-    float or None
-        Largest difference within the calibrated forces, in N: what must be added to a force while
-        loading for the contact that it has while unloading. 0 where it is not distinguished from
-        noise, None where the data do not hold both branches.
 
     Notes
     -----
     The residual of a curve, divided by its slope over force, is a deviation in N that all ports
     and locations have in common. Its part of opposite sign in the two branches is fitted by a
     polynomial in force, with weights by the squared slope.
-
-    Examples
-    --------
-    >>> force = np.tile(np.linspace(1.0, 8.0, 15), 2)
-    >>> direction = np.repeat([1, -1], 15)
-    >>> phase = 50 - 40 / np.cbrt(force + np.where(direction < 0, 0.2, 0.0))
-    >>> contact = ContactCurve(force, phase, np.full(30, ""), direction=direction)
-    >>> fitter = CurveFitter("power", None, [(force, phase)])
-    >>> round(find_hysteresis([contact], [fitter.fit(force, phase)], fitter), 1)
-    0.2
     """
     own = [
         (contact, fit)

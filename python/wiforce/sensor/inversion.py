@@ -80,7 +80,6 @@ class Inverter:
 
     Parameters
     ----------
-    model : SensorModel
     carriers : tuple of int
         Indices of the model's carriers whose phases are given, in this order.
 

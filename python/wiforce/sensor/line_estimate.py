@@ -39,11 +39,6 @@ class LineEstimate:
         The length next to the assumed one; None where there are no untouched rows.
     ambiguity_mm : float
         Lengths that differ by this give the same phases: half a wavelength.
-
-    Examples
-    --------
-    >>> LineEstimate(900e6, 1.1, 79.0, 166.6).length_mm
-    79.0
     """
 
     frequency_hz: float
@@ -68,25 +63,13 @@ def estimate_line(
 ) -> list[LineEstimate]:
     """Estimate length and permittivity of the line from the data of each carrier.
 
+    Returns list of LineEstimate: rough ones, within 10 mm and 60 %, since the contact law is not
+    known.
+
     Parameters
     ----------
-    table : CalibrationTable
     length_mm, permittivity : float
         As assumed.
-
-    Returns
-    -------
-    list of LineEstimate
-        Rough ones, within 10 mm and 60 %, since the contact law is not known.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.sensor import load_sensor, measure_vna
-    >>> places = [20.0, 30.0, 40.0, 50.0, 60.0]
-    >>> table = measure_vna(load_sensor("line-900mhz"), places, np.linspace(1, 8, 15), 0.2)
-    >>> (found,) = estimate_line(table, 100.0, 1.0)
-    >>> abs(found.length_mm - 80) < 5
-    True
     """
     return [
         _estimate(table.take(same_carrier(table.frequency_hz, f)), f, length_mm, permittivity)
@@ -97,27 +80,15 @@ def estimate_line(
 def concentrations(rows: CalibrationTable, slopes: np.ndarray) -> np.ndarray:
     """How well the phases of light presses follow each of some slopes over location.
 
+    Returns ndarray, shape (n,): length of the mean phasor about the slope, mean of both ports: 1
+    without scatter, 0 where fewer than two locations were pressed.
+
     Parameters
     ----------
     rows : CalibrationTable
         Touched rows of one carrier.
     slopes : ndarray, shape (n,)
         Of port 2, in deg/mm; port 1 has the opposite one.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Length of the mean phasor about the slope, mean of both ports: 1 without scatter, 0 where
-        fewer than two locations were pressed.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.sensor import load_sensor, measure_vna
-    >>> table = measure_vna(load_sensor("line-900mhz"), [20.0, 40.0, 60.0], np.arange(1.0, 9.0))
-    >>> slope = line.round_trip_deg_per_mm(900e6, 1.0)
-    >>> falling, rising = concentrations(table.take(~table.untouched), np.array([-slope, slope]))
-    >>> bool(rising > ON_A_LINE > falling)
-    True
     """
     values = np.zeros((2, len(slopes)))
     for row, (port, sign) in enumerate(((1, -1), (2, 1))):

@@ -20,9 +20,11 @@ def phase_suspicions(
 ) -> list[str]:
     """Likely mistakes in the units, ports and signs of phases that a model does not explain.
 
+    Returns list of str: a sentence each, if most readings are inconsistent with the model. A
+    mistake is named if nearly all would be consistent without it.
+
     Parameters
     ----------
-    model : SensorModel
     phases_deg : ndarray, shape (n, 2)
     std_deg : float
         Standard deviation of the phases.
@@ -30,22 +32,6 @@ def phase_suspicions(
         Known locations, NaN where unknown.
     frequency_hz : float, optional
         Carrier; the model's only one by default.
-
-    Returns
-    -------
-    list of str
-        A sentence each, if most readings are inconsistent with the model. A mistake is named if
-        nearly all would be consistent without it.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.sensor import load_sensor
-    >>> model = load_sensor("line-900mhz")
-    >>> phases = model.phases_deg([2.0, 3.0, 4.0, 5.0], [25.0, 35.0, 45.0, 55.0])
-    >>> phase_suspicions(model, phases, 1.0)
-    []
-    >>> phase_suspicions(model, -phases, 1.0)[0][:48]
-    'with the opposite sign the phases would fit the '
     """
     known = np.full(len(phases_deg), np.nan) if location_mm is None else np.asarray(location_mm)
     rows = np.linspace(0, len(phases_deg) - 1, min(len(phases_deg), _ROWS_TRIED)).astype(int)

@@ -36,26 +36,12 @@ _SLOPE_LIMITS = (0.7, 1.5)
 def suspicions(table: CalibrationTable, length_mm: float, permittivity: float) -> list[str]:
     """Likely mistakes in the units, ports and signs of a table, or in the line that is assumed.
 
+    Returns list of str: a sentence each; empty when nothing is suspicious.
+
     Parameters
     ----------
-    table : CalibrationTable
     length_mm, permittivity : float
         As assumed.
-
-    Returns
-    -------
-    list of str
-        A sentence each; empty when nothing is suspicious.
-
-    Examples
-    --------
-    >>> from dataclasses import replace
-    >>> from gnuradio.wiforce.sensor import load_sensor, measure_vna
-    >>> table = measure_vna(load_sensor("line-900mhz"), [20.0, 40.0, 60.0], np.arange(1.0, 9.0))
-    >>> suspicions(table, 80.0, 1.0)
-    []
-    >>> suspicions(replace(table, phase_deg=np.radians(table.phase_deg)), 80.0, 1.0)
-    ['all phases lie within +-3.0: are they in radians instead of degrees?']
     """
     touched = table.take(~table.untouched)
     if not touched.row.size:
@@ -76,20 +62,12 @@ def suspicions(table: CalibrationTable, length_mm: float, permittivity: float) -
 def stated_suspicions(found: Sequence[str]) -> dict[str, list[str]]:
     """What the provenance of a model says of likely mistakes in its data.
 
+    Returns dict: empty where there are none.
+
     Parameters
     ----------
     found : sequence of str
         As :func:`suspicions` gives them.
-
-    Returns
-    -------
-    dict
-        Empty where there are none.
-
-    Examples
-    --------
-    >>> stated_suspicions(["forces reach 816 N"])
-    {'suspicions': ['forces reach 816 N']}
     """
     return {"suspicions": list(dict.fromkeys(found))} if found else {}
 
@@ -111,24 +89,14 @@ def _units(table: CalibrationTable, touched: CalibrationTable, length_mm: float)
 def location_suspicions(farthest_mm: float, length_mm: float) -> list[str]:
     """The unit that locations may have been given in instead of millimetres.
 
+    Returns list of str: one sentence, or none.
+
     Parameters
     ----------
     farthest_mm : float
         Location that is farthest from port 1, as given.
     length_mm : float
         Of the line.
-
-    Returns
-    -------
-    list of str
-        One sentence, or none.
-
-    Examples
-    --------
-    >>> location_suspicions(6.0, 80.0)[0][-47:]
-    'are they in centimetres instead of millimetres?'
-    >>> location_suspicions(60.0, 80.0)
-    []
     """
     if not 0 < farthest_mm <= _SMALLEST_SHARE * length_mm:
         return []

@@ -61,11 +61,6 @@ class PressMeasurement:
         Which run over the forces at this location, from 1.
     time_utc : str
         When it was taken, ISO 8601.
-
-    Examples
-    --------
-    >>> PressMeasurement(40.0, 2.0, math.nan, (10.0, 12.0), (0.1, 0.1), 14).untouched
-    False
     """
 
     location_mm: float
@@ -90,22 +85,14 @@ class PressMeasurement:
 def steady_deg(frequency_hz: float, permittivity: float = 1.0) -> float:
     """Largest change of a phase during a measurement, in degrees.
 
+    Returns float: the phase of 0.25 mm of line.
+
     Parameters
     ----------
     frequency_hz : float
         Carrier, in Hz.
     permittivity : float
         Effective relative permittivity of the line.
-
-    Returns
-    -------
-    float
-        The phase of 0.25 mm of line.
-
-    Examples
-    --------
-    >>> round(float(steady_deg(900e6)), 2)
-    0.54
     """
     return STEADY_MM * line.round_trip_deg_per_mm(frequency_hz, permittivity)
 
@@ -120,21 +107,10 @@ def measure_untouched(readings: Sequence[Reading], largest_change_deg: float) ->
     largest_change_deg : float
         See :func:`steady_deg`.
 
-    Returns
-    -------
-    PressMeasurement
-
     Raises
     ------
     InputError
         When the sensor is touched, not received, flagged or not steady.
-
-    Examples
-    --------
-    >>> readings = [Reading(0.036 * i, "arm", 0, phase1_deg=-172.0, phase2_deg=-172.5)
-    ...             for i in range(10)]
-    >>> measure_untouched(readings, 0.5).phase_deg
-    (-172.0, -172.5)
     """
     mean, std = _phases(readings, "untouched sensor", 0, largest_change_deg, _REFUSED_UNTOUCHED)
     return PressMeasurement(math.nan, 0.0, math.nan, mean, std, len(readings))
@@ -163,25 +139,11 @@ def measure_press(
     sweep : int
         Which run over the forces at this location.
 
-    Returns
-    -------
-    PressMeasurement
-
     Raises
     ------
     InputError
         When the sensor is not touched or not received, readings are flagged, or the phases are not
         steady.
-
-    Examples
-    --------
-    >>> phases = np.append(np.full(6, 30.0), np.full(6, 24.0))  # it slips in the middle
-    >>> readings = [Reading(0.036 * i, "arm", 1, phase1_deg=phase, phase2_deg=-90.0)
-    ...             for i, phase in enumerate(phases)]
-    >>> measure_press(readings[:8], 40.0, 2.0, 0.5)
-    Traceback (most recent call last):
-    gnuradio.wiforce.errors.InputError: press at 40 mm: must hold still while it is measured; \
-the phase of port 1 changed by 6.0 deg (0.5 allowed)
     """
     where = f"press at {location_mm:g} mm"
     mean, std = _phases(readings, where, 1, largest_change_deg, _REFUSED)

@@ -45,22 +45,10 @@ def refine(
     name : str, optional
         The model's own name by default.
 
-    Returns
-    -------
-    CurveModel
-
     Raises
     ------
     InputError
         For a model without curves, or taps outside its locations or carriers.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.sensor import load_sensor, measure_vna
-    >>> bench, air = load_sensor("line-900mhz-calibrated"), load_sensor("line-900mhz")
-    >>> taps = measure_vna(air, [30.0, 50.0], [2.0, 4.0, 6.0])
-    >>> refine(bench, taps, name="refined").name
-    'refined'
     """
     if not isinstance(model, curves.CurveModel):
         raise InputError("sensor", "must have calibrated curves to be refined", model.name)

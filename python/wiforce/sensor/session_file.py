@@ -38,7 +38,6 @@ class SessionFile:
 
     Parameters
     ----------
-    path : str or Path
     sensor : str
         Name of the sensor, a column of the file.
     frequency_hz : float
@@ -54,15 +53,6 @@ class SessionFile:
     ------
     InputError
         When the file holds something else, belongs to another sensor or carrier, or is in use.
-
-    Examples
-    --------
-    >>> press = PressMeasurement(40.0, 2.0, math.nan, (-50.0, -60.0), (0.1, 0.1), 14)
-    >>> with SessionFile("arm.taps.csv", "arm", 900e6) as file:
-    ...     file.append(press)
-    >>> with SessionFile("arm.taps.csv", "arm", 900e6) as file:
-    ...     file.measurements[0].phase_deg
-    (-50.0, -60.0)
     """
 
     def __init__(self, path: str | Path, sensor: str, frequency_hz: float) -> None:
@@ -102,10 +92,6 @@ class SessionFile:
     def append(self, measurement: PressMeasurement) -> None:
         """Store a measurement.
 
-        Parameters
-        ----------
-        measurement : PressMeasurement
-
         Raises
         ------
         OutputError, InputError
@@ -121,10 +107,7 @@ class SessionFile:
     def remove_last(self) -> PressMeasurement | None:
         """Remove the last measurement.
 
-        Returns
-        -------
-        PressMeasurement or None
-            The one that was removed; None when there is none.
+        Returns PressMeasurement or None: the one that was removed; None when there is none.
         """
         if not self.measurements:
             return None

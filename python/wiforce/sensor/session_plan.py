@@ -41,11 +41,6 @@ class SessionPlan:
     ------
     InputError
         For locations off the line or repeated, or too few forces or locations.
-
-    Examples
-    --------
-    >>> SessionPlan("arm", 900e6, force_n=(1.0, 2.0, 4.0, 6.0, 8.0)).force_limits_n
-    (0.5, 10.0)
     """
 
     sensor: str
@@ -98,11 +93,6 @@ class Target(NamedTuple):
     location_mm : float
     sweep : int
     force_n : float
-
-    Examples
-    --------
-    >>> Target(20.0, 1, 2.5).force_n
-    2.5
     """
 
     location_mm: float
@@ -120,11 +110,6 @@ class Coverage(NamedTuple):
     counts : ndarray of int, shape (locations, forces)
     wanted : int
         Measurements that are planned for each.
-
-    Examples
-    --------
-    >>> Coverage((20.0, 30.0), (1.0, 2.0), np.array([[1, 0], [2, 0]]), 1).done
-    (2, 4)
     """
 
     location_mm: tuple[float, ...]

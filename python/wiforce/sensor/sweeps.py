@@ -11,22 +11,13 @@ _TURN, _LEAST_BRANCH, _ORDERED_SHARE = 0.2, 4, 0.8
 def sweep_directions(force_n: np.ndarray) -> np.ndarray:
     """Whether the force of a press rose or fell, from the order of its rows.
 
+    Returns ndarray of int, shape (n,): 1 while loading, -1 while unloading. All 0 where the rows
+    are in no order of measurement.
+
     Parameters
     ----------
     force_n : ndarray, shape (n,)
         Of one press, in the order in which it was measured.
-
-    Returns
-    -------
-    ndarray of int, shape (n,)
-        1 while loading, -1 while unloading. All 0 where the rows are in no order of measurement.
-
-    Examples
-    --------
-    >>> sweep_directions(np.array([1, 2, 4, 6, 8, 6, 4, 2, 1.0])).tolist()
-    [1, 1, 1, 1, 1, -1, -1, -1, -1]
-    >>> sweep_directions(np.array([4, 1, 8, 2, 6.0])).tolist()
-    [0, 0, 0, 0, 0]
     """
     direction = np.zeros(len(force_n), int)
     for start, stop, sign in _branches(force_n):

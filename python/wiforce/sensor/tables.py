@@ -270,28 +270,17 @@ def _touchstone_phases(path: Path, frequency_hz: float, where: str) -> list[floa
 def table_kind(path: str | Path) -> str:
     """Kind of a calibration table by the columns of its CSV file.
 
+    Returns str: ``vna``, ``touchstone`` or ``taps``.
+
     Parameters
     ----------
     path : str or Path
         CSV file.
 
-    Returns
-    -------
-    str
-        ``vna``, ``touchstone`` or ``taps``.
-
     Raises
     ------
     InputError
         When the file cannot be read.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> path = pathlib.Path(tempfile.mkdtemp()) / "taps.csv"
-    >>> _ = path.write_text("phase1_deg,phase2_deg,force_n,location_mm\\n-100,-110,2.5,40\\n")
-    >>> table_kind(path)
-    'taps'
     """
     header, _ = read_csv(path)
     if "file" in header:
@@ -302,24 +291,10 @@ def table_kind(path: str | Path) -> str:
 def write_vna_csv(table: CalibrationTable, path: str | Path) -> None:
     """Write a table as VNA calibration CSV.
 
-    Parameters
-    ----------
-    table : CalibrationTable
-    path : str or Path
-
     Raises
     ------
     InputError
         When the file cannot be written.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> from gnuradio.wiforce.sensor import load_sensor, measure_vna
-    >>> path = pathlib.Path(tempfile.mkdtemp()) / "vna.csv"
-    >>> write_vna_csv(measure_vna(load_sensor("line-900mhz"), [40.0], [2.0]), path)
-    >>> read_vna_csv(path).force_n[-1]
-    2.0
     """
     try:
         with open(path, "w", encoding="utf-8", newline="") as stream:

@@ -23,27 +23,14 @@ def validate_forms(data: Sequence[CarrierData]) -> dict[str, Any]:
     Where locations were pressed more than once, one press is left out at a time, otherwise a block
     of neighbouring forces. The first and the last block of a location are extrapolated.
 
+    Returns dict: ``left_out`` (``press`` or ``forces``); ``best``, the form chosen by
+    :func:`best_form`, ``auto`` without the extrapolated blocks and ``auto-beyond`` with them;
+    ``forms``: for each form the rms errors in degrees and the number of samples predicted.
+
     Parameters
     ----------
     data : sequence of CarrierData
         By carrier.
-
-    Returns
-    -------
-    dict
-        ``left_out`` (``press`` or ``forces``); ``best``, the form chosen by :func:`best_form`,
-        ``auto`` without the extrapolated blocks and ``auto-beyond`` with them; ``forms``: for each
-        form the rms errors in degrees and the number of samples predicted.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.sensor import load_sensor, measure_vna
-    >>> from gnuradio.wiforce.sensor.calibration_data import carrier_data
-    >>> table = measure_vna(load_sensor("line-900mhz"), [30.0, 50.0], np.linspace(1, 8, 18), 0.2)
-    >>> data = carrier_data(table, 900e6, 80.0, 1.0, False, [])
-    >>> result = validate_forms([data])
-    >>> result["left_out"], sorted(result["forms"])
-    ('forces', ['cubic', 'power', 'spline'])
     """
     several = any(len(set(c.press)) > 1 for d in data for c in d.all_curves())
     squares = {
@@ -79,21 +66,11 @@ def best_form(squares: Mapping[str, Sequence[np.ndarray]]) -> str:
     squares : dict of str to list of ndarray
         Squared errors of each form, one array per fold.
 
-    Returns
-    -------
-    str
-
     Notes
     -----
     A form predicts as well as the best when their mean difference of squared errors over the folds
     is within its standard error (the one-standard-error rule, L. Breiman et al., *Classification
     and Regression Trees*, 1984, section 3.4.3).
-
-    Examples
-    --------
-    >>> folds = {"power": [np.array([1.1]), np.array([0.9])], "cubic": [np.ones(1), np.ones(1)]}
-    >>> best_form(folds | {"spline": [np.full(1, 0.9), np.full(1, 1.2)]})
-    'power'
     """
     means = {form: np.array([np.mean(s) for s in folds]) for form, folds in squares.items()}
     if not all(mean.size for mean in means.values()):
@@ -141,9 +118,11 @@ def leave_locations_out(
 ) -> list[dict[str, Any]]:
     """Predict each inner location from the others.
 
+    Returns list of dict: ``frequency_mhz``, ``location_mm``, ``port``, ``rms_deg`` of the
+    prediction and ``expected_deg``, which the interpolation states; by location and port.
+
     Parameters
     ----------
-    data : CarrierData
     carrier : Carrier
         The curves fitted to it.
     form : str
@@ -156,20 +135,6 @@ def leave_locations_out(
         Standard deviation of the locations.
     permittivity : float
         Effective relative permittivity of the line.
-
-    Returns
-    -------
-    list of dict
-        ``frequency_mhz``, ``location_mm``, ``port``, ``rms_deg`` of the prediction and
-        ``expected_deg``, which the interpolation states; by location and port.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.sensor import calibrate, load_sensor, measure_vna
-    >>> table = measure_vna(load_sensor("line-900mhz"), [20.0, 40.0, 60.0], np.linspace(1, 8, 9))
-    >>> rows = calibrate(table, "arm", form="power").cross_validation["locations"]
-    >>> [(row["location_mm"], row["port"]) for row in rows]
-    [(40.0, 1), (40.0, 2)]
     """
     forces = compared_forces(data)
     basis = curves.force_basis(form, knots)(forces)

@@ -35,11 +35,6 @@ class Verdict:
         Their largest cause.
     flagged : float
         Share of the span in which readings are flagged.
-
-    Examples
-    --------
-    >>> print(Verdict(9e8, 0.0812, 0.041, (1.0, 8.0), (20.0, 60.0), "the accuracy of the ruler", 0))
-    0.081 N and 0.041 mm between 20 and 60 mm, 1 to 8 N; limited by the accuracy of the ruler
     """
 
     frequency_hz: float
@@ -61,22 +56,7 @@ class Verdict:
 
 
 def verdict(model: CurveModel) -> list[Verdict]:
-    """The errors of each carrier of a calibrated model, and what limits them.
-
-    Parameters
-    ----------
-    model : CurveModel
-
-    Returns
-    -------
-    list of Verdict
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.sensor import load_sensor
-    >>> print(verdict(load_sensor("wiforce-900mhz"))[0].location_span_mm)
-    (20.0, 60.0)
-    """
+    """The errors of each carrier of a calibrated model, and what limits them."""
     return [_of_carrier(model, index) for index in range(len(model.carriers))]
 
 
