@@ -9,9 +9,9 @@ import numpy as np
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.textfile import check_output
 
-from . import published
 from ..shell.options import worker_options
 from ..shell.progress import progress
+from . import published
 
 
 class _PaperOrScenes(click.Group):
