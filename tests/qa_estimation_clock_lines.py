@@ -14,7 +14,7 @@ from gnuradio.wiforce.planning.room import adapted
 from gnuradio.wiforce.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
-from wiforce_app.bench.air import TagOnAir
+from wiforce_app.bench.snapshots.air import TagOnAir
 
 COUNT = 8192
 NARROW = {"name": "arm", "model": "line-900mhz-calibrated"}

@@ -9,8 +9,8 @@ from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.reference import ConjugateDifference, subcarrier_weights
 from long_cases import cases
 from plain import WAVEFORM, T, errors_deg, make_air, make_plan, random_tag, run_chain, stated_deg
-from wiforce_app.bench.air import TagOnAir
-from wiforce_app.bench.chain import SnapshotChain
+from wiforce_app.bench.snapshots.air import TagOnAir
+from wiforce_app.bench.snapshots.chain import SnapshotChain
 
 K = len(WAVEFORM.bins)
 

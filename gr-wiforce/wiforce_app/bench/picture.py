@@ -4,8 +4,8 @@
 import numpy as np
 
 from ..shell.plots import save_picture
-from .cases import ESTIMATORS
-from .front import front
+from .scenes.front import front
+from .snapshots.cases import ESTIMATORS
 
 
 def plot_losses(rows, wanted, path):

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """``gr-wiforce bench speed``: samples per second of the chains, compared with stock blocks."""
 
-import json
 import os
 import shutil
 import tempfile
@@ -11,6 +10,7 @@ import numpy as np
 
 from ..shell.options import FiniteRange, IntegerRange
 from ..shell.progress import progress
+from .report import Column, echo, head_and_cells, text_table
 
 # Row, number of tones, share of the recording that it reads.
 _CHAINS = (
@@ -33,6 +33,18 @@ _CHAINS = (
 )
 _SCENES = {"plan-still-one-tag": "demo", "plan-busy-two-tags": "two_sensors"}
 _PACKETS = (364, 4096, 65536)
+COLUMNS = (
+    Column("row", "name"),
+    Column("tones", "tones"),
+    Column("cores", "pinned", lambda pinned: "one" if pinned else "all"),
+    Column("Msps", "msps", ".0f"),
+    Column("95 % interval", "spread", ".0f"),
+    Column("/tuned", "over_stock_tuned", ".2f"),
+    Column("/default", "over_stock_default", ".1f"),
+    Column("of file", "of_file_source_ceiling", ".2f"),
+    Column("of read", "of_read_bandwidth", ".2f"),
+    Column("MB", "peak_memory_mb", ".0f"),
+)
 _SC16_BYTES, _FC32_BYTES = 4, 8
 
 
@@ -82,7 +94,7 @@ def speed(as_json, runs, megabytes, folder, only, cpu_time, latency_seconds):
         lengths = _lengths(recording, runs, cpu_time)
     latency = [measure_latency(tone_weights(16), n, latency_seconds) for n in _PACKETS]
     result = {"rows": rows, "lengths": lengths, "latency": latency}
-    click.echo(json.dumps(result, indent=1) if as_json else _table(result))
+    echo(result, as_json, lambda: _table(result))
 
 
 def _check_room(folder, size, megabytes):
@@ -193,19 +205,7 @@ def _interval(values):
 
 
 def _table(result):
-    lines = [
-        f"{'row':<20}{'tones':>6}{'cores':>6}{'Msps':>8}{'95 % interval':>16}"
-        f"{'/tuned':>8}{'/default':>9}{'of file':>8}{'of read':>8}{'MB':>6}"
-    ]
-    for row in result["rows"]:
-        low, high = row["spread"]
-        lines.append(
-            f"{row['name']:<20}{row['tones']:>6}{'one' if row['pinned'] else 'all':>6}"
-            f"{row['msps']:>8.0f}{f'{low:.0f}..{high:.0f}':>16}"
-            f"{row['over_stock_tuned']:>8.2f}{row['over_stock_default']:>9.1f}"
-            f"{row['of_file_source_ceiling']:>8.2f}{row['of_read_bandwidth']:>8.2f}"
-            f"{row['peak_memory_mb']:>6.0f}"
-        )
+    lines = [text_table(*head_and_cells(result["rows"], COLUMNS))]
     lines.append("")
     for row in result["lengths"]:
         lines.append(

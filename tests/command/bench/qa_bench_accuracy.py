@@ -10,10 +10,10 @@ import yaml
 from command_runs import run_command
 from gnuradio.wiforce.planning.room_report import NOISE_WEIGHTS, UNLISTED_TAGS
 from wiforce_app.bench import accuracy
-from wiforce_app.bench.cases import Case, cases
-from wiforce_app.bench.montecarlo import RunResult, run_case, summarise
 from wiforce_app.bench.picture import plot_losses
-from wiforce_app.bench.rooms import RoomCase, room_cases, room_table
+from wiforce_app.bench.scenes.rooms import RoomCase, room_cases, room_table
+from wiforce_app.bench.snapshots.cases import Case, cases
+from wiforce_app.bench.snapshots.montecarlo import RunResult, run_case, summarise
 
 SHORT = Case("short", 10.0, groups=12, estimators=("harmonic", "paper, offset removed"))
 

@@ -11,8 +11,8 @@ import pytest
 from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
 from wiforce_app.bench import stress
-from wiforce_app.bench.cases import Case
-from wiforce_app.bench.stress_paths import Outcome, read_case
+from wiforce_app.bench.snapshots.cases import Case
+from wiforce_app.bench.snapshots.stress_paths import Outcome, read_case
 
 # Float32 of the samples decides, and the order of the blocks: these two paths hold every kernel.
 PATHS = ("stream-fc32", "channel first")
@@ -111,7 +111,7 @@ def test_undetected_error_excludes_weak_and_within_std():
 
 def test_inversion_unflagged_readings_are_within_limit():
     row = stress._inversion("inversion", "table", "wiforce-900mhz", 1)
-    assert row.not_finite == 0 and row.worst <= row.limit and row.good
+    assert row["not_finite"] == 0 and row["worst"] <= row["limit"] and row["good"]
 
 
 def test_stress_json_and_page_hold_the_same_rows(tmp_path):

@@ -8,9 +8,10 @@ from command_runs import run_command
 from gnuradio import gr
 from gnuradio.wiforce.planning.room_report import UNLISTED_TAGS
 from gnuradio.wiforce.scene import load_scene
-from wiforce_app.bench import tradeoff, tradeoff_points
-from wiforce_app.bench.front import beat_the_plan, front, rated_error
-from wiforce_app.bench.tradeoff_points import settings_of
+from wiforce_app.bench import tradeoff
+from wiforce_app.bench.scenes import tradeoff_points
+from wiforce_app.bench.scenes.front import beat_the_plan, front, rated_error
+from wiforce_app.bench.scenes.tradeoff_points import settings_of
 
 # A fifth of the usual sample rate; the long form has the usual one.
 SHORT = """\

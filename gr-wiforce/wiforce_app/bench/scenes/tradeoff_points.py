@@ -24,11 +24,11 @@ from gnuradio.wiforce.simulation.score import read_truth, score
 from gnuradio.wiforce.simulation.simulator import simulate
 from gnuradio.wiforce.simulation.truth_file import write_truth
 
-from ..evaluate.error_summary import calibration_bias_deg
-from ..evaluate.experiment import with_mean_phases
-from ..plan.measure import measure_steps
+from ...evaluate.error_summary import calibration_bias_deg
+from ...evaluate.experiment import with_mean_phases
+from ...plan.measure import measure_steps
+from ..throughput.recording import GROUP_LENGTH, WAVEFORM, Recording
 from .room_reading import survey_of_room
-from .throughput.recording import GROUP_LENGTH, WAVEFORM, Recording
 
 _GROUP_LENGTHS = (125, 250, 625, 1250)
 _CLUTTER_HZ = (0.0, 250.0)
@@ -284,7 +284,7 @@ _ROTATED = ("tones first", "block by block")
 def _flowgraph(setting, recordings):
     from gnuradio import blocks, wiforce
 
-    from .throughput.chains import CHAINS, Flowgraph, sample_type
+    from ..throughput.chains import CHAINS, Flowgraph, kernel_blocks, sample_type
 
     table, waveform = setting.plan.table, setting.plan.waveform
     if setting.order == "stock":
@@ -292,44 +292,33 @@ def _flowgraph(setting, recordings):
     kind, item_type = setting.source.split("-")
     files = [sample_type(recording, item_type) for recording in recordings]
     samples = recordings[0].samples
-    group = {"weights": table.weights, "group_length": setting.plan.group_length}
     flowgraph = Flowgraph()
-    if len(files) == 2:
+    if kind == "file":
         folded = [
-            wiforce.recording_source(path, kind, [(0, 0, samples)], **waveform.folding)
-            for path, _, kind in files
+            wiforce.recording_source(path, datatype, [(0, 0, samples)], **waveform.folding)
+            for path, _, datatype in files
         ]
-        sounding = waveform.name, waveform.frame_length, waveform.sample_rate_hz
-        chain = [folded[0], wiforce.antenna_ratio(*sounding), wiforce.phase_group_doppler(**group)]
-        flowgraph.top.connect(folded[1], (chain[1], 1))
-    elif kind == "file":
-        ((path, _, datatype),) = files
-        source = wiforce.recording_source(path, datatype, [(0, 0, samples)], **waveform.folding)
-        chain = [source, wiforce.phase_group_doppler(**group)]
+        source = folded[:1]
+        if len(folded) == 2:
+            sounding = waveform.name, waveform.frame_length, waveform.sample_rate_hz
+            source.append(wiforce.antenna_ratio(*sounding))
+            flowgraph.top.connect(folded[1], (source[1], 1))
     else:
         ((path, size, _),) = files
-        source = blocks.file_source(size, path, False, 0, samples)
-        frame = {**waveform.folding, "item_type": item_type}
-        if setting.order == "tones first":
-            chain = [
-                source,
-                wiforce.preamble_fold.tones(**group, **frame),
-            ]
-        else:
-            chain = [source, wiforce.preamble_fold(**frame)]
-    factors = waveform.equalizer().astype(np.complex64)
-    doppler = [] if setting.order == "tones first" else [wiforce.phase_group_doppler(**group)]
-    if setting.order in _ROTATED:
-        rotation = table.derotation(waveform.sample_rate_hz, waveform.symbol_length).astype(
-            np.complex64
-        )
-        rows = len(table.tones)
-        chain += [*doppler, wiforce.ofdm_channel_estimator(factors, rows, rotation)]
-    else:
-        chain += [wiforce.ofdm_channel_estimator(factors, 1), *doppler]
-    flowgraph.top.connect(*chain)
-    flowgraph.end(chain[-1])
-    flowgraph.blocks = chain  # keeps Python blocks alive
+        source = [blocks.file_source(size, path, False, 0, samples)]
+    rotation = table.derotation(waveform.sample_rate_hz, waveform.symbol_length)
+    flowgraph.row(
+        *source,
+        *kernel_blocks(
+            setting.order,
+            table.weights,
+            setting.plan.group_length,
+            waveform,
+            item_type,
+            kind == "file",
+            rotation.astype(np.complex64) if setting.order in _ROTATED else None,
+        ),
+    )
     return flowgraph
 
 

@@ -174,29 +174,20 @@ _FULL_SCALE = 23000  # -3 dB
 def _flowgraph(path, item_type, samples, settings, indices):
     from gnuradio import blocks, gr, wiforce
 
-    rows = len(settings.table.tones)
-    group = {"weights": settings.table.weights, "group_length": settings.group_length}
-    frame = WAVEFORM.frame_length
-    factors = WAVEFORM.equalizer().astype(np.complex64)
+    from ..throughput.chains import kernel_blocks
+
+    rows, folded = len(settings.table.tones), path == "file-fc32"
     top = gr.top_block("stress", catch_exceptions=False)
-    if path == "file-fc32":
-        segments = _segments(indices, settings.group_length * frame)
-        chain = [
-            wiforce.recording_source(str(samples), "cf32_le", segments, frame),
-            wiforce.phase_group_doppler(**group),
-            wiforce.ofdm_channel_estimator(factors, rows),
-        ]
+    if folded:
+        segments = _segments(indices, settings.group_length * WAVEFORM.frame_length)
+        source = wiforce.recording_source(str(samples), "cf32_le", segments, WAVEFORM.frame_length)
     else:
-        size = 4 if item_type == "sc16" else 8
-        source = blocks.file_source(size, str(samples), False)
-        if path.startswith("stream"):
-            fold = wiforce.preamble_fold.tones(**group, frame_length=frame, item_type=item_type)
-            chain = [source, fold, wiforce.ofdm_channel_estimator(factors, rows)]
-        else:
-            fold, doppler = wiforce.preamble_fold(frame), wiforce.phase_group_doppler(**group)
-            chain = [source, fold, doppler, wiforce.ofdm_channel_estimator(factors, rows)]
-            if path == "channel first":
-                chain = [source, fold, wiforce.ofdm_channel_estimator(factors, 1), doppler]
+        source = blocks.file_source(4 if item_type == "sc16" else 8, str(samples), False)
+    order = path if path in ("block by block", "channel first") else "tones first"
+    kernels = kernel_blocks(
+        order, settings.table.weights, settings.group_length, WAVEFORM, item_type, folded
+    )
+    chain = [source, *kernels]
     sink = blocks.vector_sink_c(rows * WAVEFORM.symbol_length)
     top.connect(*chain, sink)
     messages = blocks.message_debug(False)

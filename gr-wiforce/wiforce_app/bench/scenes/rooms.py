@@ -4,7 +4,7 @@
 import tempfile
 import zlib
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +17,9 @@ from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.simulation.score import read_truth
 from gnuradio.wiforce.simulation.simulator import simulate
 
-from ..evaluate.error_summary import calibration_bias_deg
-from ..evaluate.experiment import with_mean_phases
+from ...evaluate.error_summary import calibration_bias_deg
+from ...evaluate.experiment import with_mean_phases
+from ..report import Column, head_and_cells, text_table
 from .room_reading import read_room
 
 # Scenes that state nothing under ``environment``, and one without any disturbance.
@@ -201,25 +202,27 @@ def _without_numbers(texts):
     ]
 
 
+COLUMNS = (
+    Column("room", "case"),
+    Column("reader", "estimator"),
+    Column("rms (deg)", "rms_deg", ".3g"),
+    Column("bound (deg)", "bound_deg", ".3g"),
+    Column("loss (dB)", "loss_db", ".1f"),
+    Column("force (N)", "force_median_n", ".3f"),
+    Column("in 2 std", "within_2_std", ".0%"),
+    Column("unflagged", "unflagged", ".0%"),
+    Column("wrong", "wrong"),
+    Column("s/s", "seconds_per_second", ".4f"),
+    Column("n", "n"),
+)
+
+
 def room_table(rows):
     """Rows of rooms as text, one line each, and below what the survey decided."""
-    head = f"{'room':<26}{'reader':<14}{'rms (deg)':>17}{'bound (deg)':>17}{'loss (dB)':>14}"
-    head += f"{'force (N)':>11}{'in 2 std':>10}{'unflagged':>11}{'wrong':>7}{'s/s':>8}{'n':>6}"
-    lines, decided = [head], []
+    decided = []
     for row in rows:
-        inside = "/".join(f"{100 * part:.0f}" for part in row.within_2_std)
-        lines.append(
-            f"{row.case:<26}{row.estimator:<14}{joined(row.rms_deg):>17}"
-            f"{joined(row.bound_deg):>17}{joined(row.loss_db, '.1f'):>14}"
-            f"{row.force_median_n:11.3f}{inside:>10}{100 * row.unflagged:10.0f}%{row.wrong:7d}"
-            f"{row.seconds_per_second:8.4f}{row.n:6d}"
-        )
         if row.estimator == "surveyed":
             added, skipped = (", ".join(t) or "nothing" for t in (row.added, row.skipped))
             decided += [f"{row.case}: added: {added}", f"{'':<6}skipped: {skipped}"]
-    return "\n".join([*lines, "", *decided])
-
-
-def joined(values, form=".3g"):
-    """Numbers with slashes between them."""
-    return "/".join(format(value, form) for value in values)
+    table = text_table(*head_and_cells([asdict(row) for row in rows], COLUMNS))
+    return "\n".join([table, "", *decided])
