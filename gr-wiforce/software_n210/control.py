@@ -22,8 +22,6 @@ class Control:
 
     Parameters
     ----------
-    registers : Registers
-    bus : I2cBus
     on_close : callable
         Called when the host releases its lock, which it does when it closes the device.
     """

@@ -42,23 +42,11 @@ class Device:
         Device seconds per second of wall time, at most.
     lossless : bool
         Hold device time while the host is slow. False runs in real time and loses samples.
-    faults : iterable of Fault
 
     Raises
     ------
     InputError
         When the address or the speed cannot be used.
-
-    Examples
-    --------
-    >>> import threading
-    >>> from software_n210 import Cable, Device
-    >>> device = Device(Cable(delay_ticks=512), "127.0.0.77")
-    >>> loop = threading.Thread(target=device.run)
-    >>> loop.start()  # a host may now open addr=127.0.0.77
-    >>> device.stop()
-    >>> loop.join()
-    >>> device.close()
     """
 
     def __init__(
@@ -147,11 +135,8 @@ class Device:
     def take_sent(self) -> list[tuple[float, float]]:
         """When samples were sent, in the steps since the last call (the last ten seconds).
 
-        Returns
-        -------
-        list of tuple of (float, float)
-            Device time up to which samples had been handed to the host's socket, and when that
-            was, by the host's monotonic clock, in s.
+        Returns list of tuple of (float, float): device time up to which samples had been handed to
+        the host's socket, and when that was, by the host's monotonic clock, in s.
         """
         sent = list(self._sent)
         self._sent.clear()

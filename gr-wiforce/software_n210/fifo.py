@@ -24,13 +24,7 @@ class Command:
 
 
 class Fifo:
-    """The queue of commands; a timed command holds all commands behind it.
-
-    Parameters
-    ----------
-    registers : Registers
-    clock : DeviceClock
-    """
+    """The queue of commands; a timed command holds all commands behind it."""
 
     def __init__(self, registers, clock):
         self._registers = registers

@@ -14,7 +14,6 @@ class FlowControl:
 
     Parameters
     ----------
-    clock : DeviceClock
     socket_bytes : int or None
         Capacity of the socket that packets arrive at; None when it is unlimited. The host is
         acknowledged fewer packets than were consumed when its window would not fit.

@@ -104,10 +104,8 @@ class Hardware:
     def run(self, start, end):
         """Let both directions run from tick `start` up to `end`.
 
-        Returns
-        -------
-        list of (int, bytes, int)
-            Index of the receive chain, packets to send and the size of each packet.
+        Returns list of (int, bytes, int): index of the receive chain, packets to send and the size
+        of each packet.
         """
         self.transmit.run(start, end)
         packets = []

@@ -19,8 +19,6 @@ class HostLink:
 
     Parameters
     ----------
-    sockets : Sockets
-    hardware : Hardware
     throttle : Throttle or None
         Limits what is sent to what the host has room for; None sends everything at once.
 

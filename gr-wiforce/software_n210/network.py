@@ -12,14 +12,6 @@ class Network:
     ----------
     now : callable
         Wall time in seconds.
-
-    Examples
-    --------
-    >>> from software_n210.network import Network
-    >>> network = Network(now=lambda: 0.0)
-    >>> network.cut(2.0)
-    >>> network.is_cut, network.passed(b"packet"), network.passed(b"packet")
-    (True, b'pac', b'')
     """
 
     def __init__(self, now: Callable[[], float] = time.monotonic):

@@ -48,7 +48,6 @@ class ReceiveChain:
 
     Parameters
     ----------
-    clock : DeviceClock
     air : object
         ``air.receive(chain, tick, spacing, count)`` gives complex64 samples, 1.0 at full scale.
     stream_id : int

@@ -9,12 +9,7 @@ _ALL_ONES = 0xFFFFFFFF
 
 
 class Registers:
-    """Setting registers by index, readback words by index.
-
-    Parameters
-    ----------
-    clock : DeviceClock
-    """
+    """Setting registers by index, readback words by index."""
 
     def __init__(self, clock):
         self._clock = clock

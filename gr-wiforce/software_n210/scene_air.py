@@ -27,7 +27,6 @@ class SceneAir(Cable):
 
     Parameters
     ----------
-    scene : Scene
     delay_ticks : int
         Delay of the device itself, from transmit to receive.
     """

@@ -19,7 +19,6 @@ class TransmitChain:
 
     Parameters
     ----------
-    clock : DeviceClock
     air : object
         ``air.transmit(tick, spacing, samples)`` takes complex64 samples, 1.0 at full scale.
     socket_bytes : int or None

@@ -7,13 +7,7 @@ from .wire import TICK_RATE
 
 
 class Tuning:
-    """Carriers and gains of the device, from its front end and its DSPs.
-
-    Parameters
-    ----------
-    front_end : FrontEnd
-    tx_dsp : DspRegisters
-    """
+    """Carriers and gains of the device, from its front end and its DSPs."""
 
     def __init__(self, front_end, tx_dsp):
         self._front_end = front_end

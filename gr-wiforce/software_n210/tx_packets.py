@@ -38,14 +38,6 @@ class Packet:
 def parse_packet(datagram):
     """The packet in a datagram.
 
-    Parameters
-    ----------
-    datagram : bytes
-
-    Returns
-    -------
-    Packet
-
     Raises
     ------
     Malformed

@@ -65,21 +65,16 @@ def accuracy(as_json, full, part, plot_path, seed, jobs, scheduler):
 def measure(wanted, runs, seed=1, jobs=None, scheduler=None):
     """Run cases on all cores, or on a cluster.
 
+    Returns list of montecarlo.Row or rooms.RoomRow: case by case, estimator by estimator.
+
     Parameters
     ----------
-    wanted : sequence of Case or RoomCase
     runs : int
         Per case, unless the case says otherwise.
-    seed : int
     jobs : int, optional
         Processes; one per core by default.
     scheduler : str, optional
         Address of a Dask scheduler.
-
-    Returns
-    -------
-    list of montecarlo.Row or rooms.RoomRow
-        Case by case, estimator by estimator.
     """
     # The longest first, so that all cores end at about the same time.
     tasks = [(case, run, seed) for case in wanted for run in range(case.runs or runs)]

@@ -147,6 +147,8 @@ def _measure(msps, presses, latency, step):
 def delays_s(readings, sent, after_s):
     """Delays of messages behind the samples that the device had sent.
 
+    Returns ndarray: without the readings whose samples are not in ``sent``.
+
     Parameters
     ----------
     readings : list of tuple of (float, float)
@@ -155,11 +157,6 @@ def delays_s(readings, sent, after_s):
         Device times up to which samples had been sent, rising, and when that was, in s.
     after_s : float
         The delay is counted from the sample so long after the centre.
-
-    Returns
-    -------
-    ndarray
-        Without the readings whose samples are not in ``sent``.
     """
     delays = []
     for arrived_s, centre_s in readings:

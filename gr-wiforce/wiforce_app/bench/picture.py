@@ -13,10 +13,8 @@ def plot_losses(rows, wanted, path):
 
     Parameters
     ----------
-    rows : sequence of montecarlo.Row
     wanted : sequence of Case
         The cases of these rows; the static and the moving sweep are drawn.
-    path : str or Path
     """
     from matplotlib.figure import Figure
 
@@ -62,7 +60,6 @@ def plot_tradeoffs(results, path):
     ----------
     results : sequence of dict
         Of tradeoff_points.measure_scene.
-    path : str or Path
     """
     from pathlib import Path
 
@@ -119,7 +116,6 @@ def plot_scaling(result, path):
     ----------
     result : dict
         Of scaling.measure.
-    path : str or Path
     """
     from matplotlib.figure import Figure
 

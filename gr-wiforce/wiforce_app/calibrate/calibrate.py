@@ -226,16 +226,7 @@ def _read(sensor, table, stated_kind, frequency_hz):
 
 
 def report(model):
-    """Lines that say what a calibrated model holds and how far it can be trusted.
-
-    Parameters
-    ----------
-    model : CurveModel
-
-    Returns
-    -------
-    list of str
-    """
+    """Lines that say what a calibrated model holds and how far it can be trusted."""
     lines = [
         f"sensor {model.name}: {model.form} curves of force, first shorted at "
         f"{model.onset_force_n:g} N",

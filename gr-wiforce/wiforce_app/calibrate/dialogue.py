@@ -28,8 +28,6 @@ class GuidedCalibration:
 
     Parameters
     ----------
-    session : CalibrationSession
-    presses : LivePresses
     lines : OperatorLines
         What the person types.
     echo : callable
@@ -60,10 +58,7 @@ class GuidedCalibration:
     def run(self):
         """Measure until all is measured, or the person ends it.
 
-        Returns
-        -------
-        bool
-            Whether a sensor is to be made of what is stored.
+        Returns bool: whether a sensor is to be made of what is stored.
         """
         self._introduce()
         self._presses.wait_for_reference(self._idle)

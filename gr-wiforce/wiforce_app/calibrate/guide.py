@@ -120,6 +120,9 @@ def complete_settings(settings, guided):
 def guide(table, guided, settings):
     """Lead a person through the measurements of a sensor.
 
+    Returns float or None: carrier in Hz when the table is to be calibrated; None when the person
+    quit before.
+
     Parameters
     ----------
     table : str
@@ -128,11 +131,6 @@ def guide(table, guided, settings):
         Values of the options of ``--live``.
     settings : dict
         Arguments of ``sensor.calibrate``.
-
-    Returns
-    -------
-    float or None
-        Carrier in Hz when the table is to be calibrated; None when the person quit before.
     """
     from gnuradio.wiforce.scene import load_scene
     from gnuradio.wiforce.sensor import CalibrationSession, SessionPlan

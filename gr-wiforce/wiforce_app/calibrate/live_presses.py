@@ -23,11 +23,8 @@ class LivePresses:
 
     Parameters
     ----------
-    session : LiveSession
     keeper : RadioKeeper
         Notices when the device is gone.
-    sensor : str
-    scene : Scene
     """
 
     def __init__(self, session, keeper, sensor, scene):
@@ -65,10 +62,6 @@ class LivePresses:
         ----------
         idle : callable
             Called while waiting.
-
-        Returns
-        -------
-        list of Reading
 
         Raises
         ------

@@ -24,15 +24,12 @@ class OperatorLines:
     def next(self, idle):
         """Wait for a line.
 
+        Returns str or None: without its end; None at the end of input.
+
         Parameters
         ----------
         idle : callable
             Called about 20 times per second meanwhile.
-
-        Returns
-        -------
-        str or None
-            Without its end; None at the end of input.
         """
         while b"\n" not in self._rest:
             if self._ended:

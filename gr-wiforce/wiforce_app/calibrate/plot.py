@@ -19,12 +19,6 @@ def plot_calibration(table, model, path):
     location, phase against location at some forces, and measurement minus model. Phases are
     not wrapped: measurements and the untouched phase, which is dashed, are shown at the turn that
     is closest to the curves.
-
-    Parameters
-    ----------
-    table : CalibrationTable
-    model : CurveModel
-    path : str or Path
     """
     from matplotlib.figure import Figure
 

@@ -27,10 +27,6 @@ def open_scale(text, unit, baud):
     baud : int
         Of a serial gauge.
 
-    Returns
-    -------
-    CsvScale or SerialScale
-
     Raises
     ------
     InputError

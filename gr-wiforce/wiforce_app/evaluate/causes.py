@@ -48,10 +48,6 @@ def other_causes(name):
     ----------
     name : str
         Of a shipped scene; any other name has none.
-
-    Returns
-    -------
-    dict of str to dict
     """
     found = yaml.safe_load((FOLDER / "causes.yaml").read_text(encoding="utf-8"))
     return found.get(name, {})
@@ -62,13 +58,8 @@ def with_cause(scene, change):
 
     Parameters
     ----------
-    scene : Scene
     change : dict
         Keys of ``simulation``. Without ``tags``, the tags are ideal.
-
-    Returns
-    -------
-    Scene
     """
     content = scene.as_dict()
     content["simulation"] |= {"tags": [], **change}

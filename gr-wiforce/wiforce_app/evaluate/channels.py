@@ -13,17 +13,12 @@ _BATCH = 1 << 22
 def snapshot_channels(recording, scene, path):
     """Compute H of every snapshot of the first receive antenna.
 
+    Returns memmap of complex64, shape (N, K): subcarriers as in the scene's waveform.
+
     Parameters
     ----------
-    recording : Capture
-    scene : Scene
     path : Path
         File that holds the result.
-
-    Returns
-    -------
-    memmap of complex64, shape (N, K)
-        Subcarriers as in the scene's waveform.
     """
     waveform = scene.waveform()
     factors = waveform.equalizer().astype(np.complex64)

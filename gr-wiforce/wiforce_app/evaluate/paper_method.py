@@ -25,16 +25,12 @@ def paper_changes(channels, scene):
     Each group is compared with the previous one (paper, section 3.3) and the changes accumulate.
     Nothing is surveyed, and no snapshot is left out, because the paper does neither.
 
+    Returns ndarray of complex, shape (groups, 2S): of magnitude 1.
+
     Parameters
     ----------
     channels : ndarray of complex, shape (N, K)
         Of one receive antenna (see `snapshot_channels`), because the paper has one.
-    scene : Scene
-
-    Returns
-    -------
-    ndarray of complex, shape (groups, 2S)
-        Of magnitude 1.
     """
     settings = plan(
         replace(
@@ -61,9 +57,10 @@ def paper_changes(channels, scene):
 def paper_errors(scene, index, changes, truth, detrend):
     """Errors in groups with a steady touch; the method is given the true times of touch.
 
+    Returns dict: see `summary`.
+
     Parameters
     ----------
-    scene : Scene
     index : int
         Number of the sensor in the scene.
     changes : ndarray of complex, shape (groups, 2S)
@@ -72,11 +69,6 @@ def paper_errors(scene, index, changes, truth, detrend):
     detrend : bool
         Whether to subtract the straight line through the untouched reference first, which
         removes a constant clock offset.
-
-    Returns
-    -------
-    dict
-        See `summary`.
     """
     count = min(len(changes), len(truth))
     angles = np.unwrap(np.angle(changes[:count, 2 * index : 2 * index + 2]), axis=0)

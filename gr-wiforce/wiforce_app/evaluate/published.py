@@ -131,16 +131,10 @@ def score_presses(vna_path, presses, progress=lambda steps: None, forms=FORMS):
 
     Parameters
     ----------
-    vna_path : path
-    presses : sequence of WirelessPress
     progress : callable
         Called with 1 after each model.
     forms : sequence of str
         Forms of the curves.
-
-    Returns
-    -------
-    list of PressScore
     """
     scores = []
     for frequency in FREQUENCIES_HZ:
@@ -217,10 +211,6 @@ def bootstrap_median(errors):
     ----------
     errors : sequence of ndarray
         One array per press.
-
-    Returns
-    -------
-    (float, float)
     """
     rng = np.random.default_rng(1)
     medians = []

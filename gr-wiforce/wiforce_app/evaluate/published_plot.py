@@ -11,10 +11,8 @@ def plot_error_distributions(scores, forms, path):
 
     Parameters
     ----------
-    scores : sequence of PressScore
     forms : dict
         The selected form of the curves, by carrier.
-    path : path
     """
     from matplotlib.figure import Figure
 

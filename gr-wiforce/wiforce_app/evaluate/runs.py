@@ -24,7 +24,6 @@ def evaluate_scenes(names, folder, jobs=None, fresh=False, scheduler=None):
     ----------
     names : sequence of str
         Scenes; ``all`` means every shipped scene of samples.
-    folder : Path
     jobs : int, optional
         Number of parallel processes.
     fresh : bool

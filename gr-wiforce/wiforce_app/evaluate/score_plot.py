@@ -13,12 +13,8 @@ def plot_comparison(readings, gauge, found, path, title):
 
     Parameters
     ----------
-    readings : TimedForces
-    gauge : GaugeRecord
-    found : GaugeComparison
     path : str or Path
         PNG, PDF or SVG.
-    title : str
     """
     from matplotlib.figure import Figure
 

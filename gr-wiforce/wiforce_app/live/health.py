@@ -32,16 +32,7 @@ _TARE_MARGIN_S = 2.0
 
 
 def geometry(skin):
-    """Where the strips of a surface are, as plain values.
-
-    Parameters
-    ----------
-    skin : Skin
-
-    Returns
-    -------
-    dict
-    """
+    """Where the strips of a surface are, as plain values."""
     strips = [
         {
             "sensor": strip.sensor,
@@ -54,18 +45,7 @@ def geometry(skin):
 
 
 def new_run() -> str:
-    """An identifier for a run: UTC of its start and six random characters.
-
-    Returns
-    -------
-    str
-
-    Examples
-    --------
-    >>> import re
-    >>> bool(re.fullmatch("[0-9]{8}T[0-9]{6}Z-[0-9a-f]{6}", new_run()))
-    True
-    """
+    """An identifier for a run: UTC of its start and six random characters."""
     return f"{datetime.now(timezone.utc):%Y%m%dT%H%M%SZ}-{secrets.token_hex(3)}"
 
 
@@ -87,8 +67,6 @@ class RunHealth:
 
     Parameters
     ----------
-    session : LiveSession
-    clock : RunClock
     log : callable
         Takes a line for the user.
     device_state : callable

@@ -30,7 +30,6 @@ class SessionMonitor:
 
     Parameters
     ----------
-    session : LiveSession
     now : callable
         Returns wall time in seconds.
 

@@ -38,7 +38,6 @@ class Output:
 
         Parameters
         ----------
-        reading : Reading
         stamp : mapping
             ``device_time_s``, ``run`` and ``time_utc`` of the reading, as :class:`RunHealth` gives
             them.
@@ -197,12 +196,6 @@ class LiveOutputs:
         Takes every reading after the outputs.
     readings : int
         Number of readings that all outputs have taken.
-
-    Examples
-    --------
-    >>> with LiveOutputs() as outputs:
-    ...     outputs.add(Output())
-    ...     outputs.begin()
     """
 
     def __init__(self) -> None:

@@ -24,8 +24,6 @@ class RadioKeeper:
 
     Parameters
     ----------
-    request : RadioRequest
-    session : LiveSession
     reconnect : bool
         Reopen a device that is lost, and wait for one that is absent, with a growing pause between
         attempts: 0.5 s to 30 s.

@@ -18,7 +18,6 @@ class TareLog:
 
     Parameters
     ----------
-    session : LiveSession
     log : callable
         Takes a line for the user.
     now : callable
@@ -62,17 +61,10 @@ def serve_requests(
 
     Parameters
     ----------
-    endpoint : str
-    tares : TareLog
     status : callable
         Returns the answer to ``status``.
     stop : callable
         Ends the run.
-    keys : ServerKeys, optional
-
-    Returns
-    -------
-    Replies
     """
 
     def tare(force):

@@ -9,15 +9,6 @@ class RunClock:
     ----------
     uncertainty_s : float or None
         Of the offset; None before there is one.
-
-    Examples
-    --------
-    >>> clock = RunClock()
-    >>> clock.utc_s(21.0) is None
-    True
-    >>> clock.take(100.0, 0.002)
-    >>> clock.utc_s(21.0), clock.uncertainty_s
-    (121.0, 0.002)
     """
 
     def __init__(self) -> None:
@@ -25,12 +16,7 @@ class RunClock:
         self.uncertainty_s: float | None = None
 
     def take(self, offset_s: float, uncertainty_s: float) -> None:
-        """Use another offset of UTC from the device's clock.
-
-        Parameters
-        ----------
-        offset_s, uncertainty_s : float
-        """
+        """Use another offset of UTC from the device's clock."""
         self._offset_s, self.uncertainty_s = offset_s, uncertainty_s
 
     def utc_s(self, device_s: float | None) -> float | None:

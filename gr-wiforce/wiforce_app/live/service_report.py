@@ -19,9 +19,6 @@ class ServiceReport:
 
     Parameters
     ----------
-    service : ServiceManager
-    session : LiveSession
-    keeper : RadioKeeper
     now : callable
         Time in seconds.
     """

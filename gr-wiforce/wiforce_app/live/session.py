@@ -37,7 +37,6 @@ class LiveSession:
 
     Parameters
     ----------
-    scene : Scene
     request : RadioRequest
         What is asked of the device.
     on_reading : callable

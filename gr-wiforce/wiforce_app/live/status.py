@@ -62,16 +62,6 @@ def problems_of(answer: dict, max_age_s: float) -> list[str]:
         Of the reader to ``status``.
     max_age_s : float
         Oldest last reading that counts as healthy.
-
-    Returns
-    -------
-    list of str
-
-    Examples
-    --------
-    >>> sensors = {"arm": {"age_s": 3.0, "received": True, "reference_problem": ""}}
-    >>> problems_of({"state": "reading", "reason": "", "sensors": sensors}, 2.0)
-    ['arm: last reading 3.0 s ago']
     """
     if answer.get("ok") is False:
         return [f"status refused: {answer['error']}"]

@@ -19,18 +19,14 @@ _PART_BYTES = 1 << 20
 def check_capture(path, scene_path, datatype=None):
     """Verify the checksum, the length and the frames of a capture, and measure its levels.
 
+    Returns dict: ``files`` (one dict per antenna), ``first_frame``, ``levels``, ``warnings``.
+
     Parameters
     ----------
-    path : str
     scene_path : str or None
         The capture's own scene by default.
     datatype : str, optional
         ``ci16_le`` or ``cf32_le``: the file is raw samples of this type.
-
-    Returns
-    -------
-    dict
-        ``files`` (one dict per antenna), ``first_frame``, ``levels``, ``warnings``.
 
     Raises
     ------
@@ -125,10 +121,6 @@ def level_lines(levels):
     ----------
     levels : dict
         The fields of :class:`Levels`.
-
-    Returns
-    -------
-    list of str
     """
     noise = levels["noise_dbfs"]
     return [

@@ -33,15 +33,12 @@ _BATCH = 64  # groups
 def measure_steps(plan):
     """Processor time of each step, or the saving when it is skipped.
 
+    Returns dict: name of the step (see ``planning.steps``) to seconds per second of signal.
+
     Parameters
     ----------
     plan : Plan
         Of a scene.
-
-    Returns
-    -------
-    dict
-        Name of the step (see ``planning.steps``) to seconds per second of signal.
     """
     # Read by GNU Radio when it is imported.
     os.environ["GR_CONF_PERFCOUNTERS_ON"] = "True"

@@ -23,13 +23,10 @@ def plot_survey(survey, found, plan, path, title=""):
 
     Parameters
     ----------
-    survey : Survey
-    found : sequence of Finding
     plan : Plan
         Adapted to the room.
     path : str or Path
         PNG, PDF or SVG.
-    title : str
     """
     from matplotlib.figure import Figure
 

@@ -19,13 +19,6 @@ def open_mcap(path, inputs, metadata, sensors):
     ----------
     path : str
         A file, or a folder for a file named after the time.
-    inputs : sequence of Path
-    metadata : dict of str to str
-    sensors : sequence of str
-
-    Returns
-    -------
-    McapWriter
 
     Raises
     ------
@@ -50,10 +43,8 @@ class FileOutputs:
     ----------
     output : str or None
         As for ``open_writer``.
-    mcap : str or None
     inputs : sequence of Path
         Files that must not be written to.
-    scene : Scene
 
     Attributes
     ----------
@@ -87,10 +78,6 @@ class FileOutputs:
         """Write one reading to all files, also to those behind one that fails.
 
         An interruption waits until it is in all of them.
-
-        Parameters
-        ----------
-        reading : Reading
 
         Raises
         ------

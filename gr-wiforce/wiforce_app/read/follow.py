@@ -27,13 +27,10 @@ class GrowingCapture:
 
     Parameters
     ----------
-    capture : str
     datatype : str or None
         See ``open_capture``.
-    plan : Plan
     frame_offset : int or None
         Samples before the first frame; searched when None.
-    tracked : bool
     """
 
     def __init__(self, capture, datatype, plan, frame_offset, tracked):

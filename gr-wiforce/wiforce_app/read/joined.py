@@ -13,10 +13,6 @@ _METADATA = b"wiforce:captures"
 def check_whole(path):
     """Refuse a path that cannot be written to, and a missing pyarrow, before captures are read.
 
-    Parameters
-    ----------
-    path : Path
-
     Raises
     ------
     InputError
@@ -28,17 +24,13 @@ def check_whole(path):
 def join_parts(path, parts):
     """Write one file from those of the captures; it appears when it is complete.
 
+    Returns int: number of readings. The file's metadata hold those of each capture under
+    ``wiforce:captures``, as JSON.
+
     Parameters
     ----------
-    path : Path
     parts : sequence of (str, Path)
         Name of a capture and the Parquet file of its readings.
-
-    Returns
-    -------
-    int
-        Number of readings. The file's metadata hold those of each capture under
-        ``wiforce:captures``, as JSON.
     """
     import pyarrow
     from pyarrow import parquet

@@ -71,10 +71,6 @@ class Journal:
             Of the capture.
         output : Path
             Its readings.
-
-        Returns
-        -------
-        str or None
         """
         entry = self.entries.get(name, {})
         try:
@@ -88,11 +84,6 @@ class Journal:
 
     def note(self, name, **values):
         """Append what became of a capture.
-
-        Parameters
-        ----------
-        name : str
-        **values : plain values
 
         Raises
         ------

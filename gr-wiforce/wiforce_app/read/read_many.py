@@ -22,6 +22,9 @@ from .reading_job import ReadingJob, read_capture_file, remove_partial
 def read_many(given, scene, output, form, again, jobs, scheduler, settings):
     """Read captures into a folder, or into one Parquet file.
 
+    Returns int: exit status: 2 when captures failed by their own fault only, 1 when any failed
+    otherwise.
+
     Parameters
     ----------
     given : sequence of str
@@ -40,11 +43,6 @@ def read_many(given, scene, output, form, again, jobs, scheduler, settings):
         Address of a Dask scheduler.
     settings : dict
         ``datatype``, ``frame_offset`` and ``tracked``.
-
-    Returns
-    -------
-    int
-        Exit status: 2 when captures failed by their own fault only, 1 when any failed otherwise.
 
     Raises
     ------

@@ -76,14 +76,6 @@ def read_capture_file(job):
     The output itself is not replaced here: a worker may outlive the run that started it, and
     would then put its readings in the place of those of a later run.
 
-    Parameters
-    ----------
-    job : ReadingJob
-
-    Returns
-    -------
-    ReadingReport
-
     Raises
     ------
     InputError, OutputError
@@ -141,12 +133,7 @@ def _read(job):
 
 
 def remove_partial(outputs):
-    """Remove what workers of former runs have left beside the outputs of this one.
-
-    Parameters
-    ----------
-    outputs : iterable of Path
-    """
+    """Remove what workers of former runs have left beside the outputs of this one."""
     wanted = {(output.parent, output.stem, output.suffix) for output in outputs}
     for folder in {folder for folder, _, _ in wanted}:
         for file in folder.glob(".*.*.*") if folder.is_dir() else ():

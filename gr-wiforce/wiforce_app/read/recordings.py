@@ -20,15 +20,10 @@ def open_recording(path, datatype, csi_tool=None):
 
     Parameters
     ----------
-    path : str
     datatype : str or None
         Of raw samples, whatever the name of their file is.
     csi_tool : str, optional
         That has written the file.
-
-    Returns
-    -------
-    Capture or ChannelSnapshots
     """
     if csi_tool is not None:
         from gnuradio.wiforce.io.csi_tools import open_csi
@@ -44,15 +39,8 @@ def open_reader(recording, settings, frame_offset, tracked):
 
     Parameters
     ----------
-    recording : Capture or ChannelSnapshots
-    settings : Plan
     frame_offset : int or None
         Samples before the first frame; searched when None.
-    tracked : bool
-
-    Returns
-    -------
-    RecordingReader or SnapshotReader
     """
     if isinstance(recording, ChannelSnapshots):
         reader = SnapshotReader(recording, settings, tracked)
@@ -70,19 +58,12 @@ def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False, on
 
     Parameters
     ----------
-    recording : Capture
-    scene : Scene
     on_reading : callable
         Called with every Reading, in order.
     frame_offset : int or None
         Samples before the first frame; searched when None.
-    tracked : bool
     on_groups : callable, optional
         Called with every batch of Groups that has been read, with the ratios R.
-
-    Returns
-    -------
-    GroupCounts
     """
     reader = RecordingReader(recording, plan(scene), frame_offset, tracked, on_groups)
     warn_of_leftover(recording, reader)

@@ -10,22 +10,14 @@ def describe_loss(gaps: int, samples_lost: int) -> str:
 def describe_events(frames_moved: int, times_ignored: int = 0) -> list[str]:
     """Events that make times uncertain, although no loss of samples was counted.
 
+    Returns list of str: one phrase for each kind of event that occurred.
+
     Parameters
     ----------
     frames_moved : int
         Times that the frame timing shifted without an ``rx_time`` tag.
     times_ignored : int
         Implausible ``rx_time`` tags.
-
-    Returns
-    -------
-    list of str
-        One phrase for each kind of event that occurred.
-
-    Examples
-    --------
-    >>> describe_events(2)
-    ['frame timing shifted 2 times; times may be off by a multiple of the frame length']
     """
     phrases = []
     if frames_moved:

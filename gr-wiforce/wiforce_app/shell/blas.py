@@ -19,11 +19,6 @@ def settings(cpuinfo=Path("/proc/cpuinfo"), numpy=None):
         What the system says of its processors.
     numpy : Path, optional
         Folder of the package; the one that would be imported by default.
-
-    Examples
-    --------
-    >>> settings(Path("/nonexistent"))
-    {'OPENBLAS_NUM_THREADS': '1'}
     """
     chosen = {"OPENBLAS_NUM_THREADS": "1"}
     if numpy is None and (found := find_spec("numpy")) is not None and found.origin:

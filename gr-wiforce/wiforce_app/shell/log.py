@@ -73,13 +73,7 @@ class Log:
 
 
 def printable(text: str) -> str:
-    """A text in which spaces replace what would break a line; names of files may contain anything.
-
-    Examples
-    --------
-    >>> printable("two\\nlines")
-    'two lines'
-    """
+    """A text whose line breaks, which names of files may contain, are replaced by spaces."""
     return "".join(c if c.isprintable() else " " for c in text)
 
 

@@ -15,17 +15,6 @@ def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
         Titles of the columns.
     rows : iterable of sequence of str
         Cells of each row, as many as titles.
-
-    Returns
-    -------
-    str
-
-    Examples
-    --------
-    >>> print(markdown_table(["sensor", "force (N)"], [["arm", "4.0"]]))
-    | sensor | force (N) |
-    | --- | --- |
-    | arm | 4.0 |
     """
     lines = [head, ["---"] * len(head), *rows]
     return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
@@ -40,10 +29,6 @@ def filled_page(template: Path, **values: str) -> str:
         Markdown with names as in `string.Template`; ``$$`` stands for a dollar.
     **values : str
         One per name of the template.
-
-    Returns
-    -------
-    str
 
     Raises
     ------

@@ -154,15 +154,12 @@ def optional_radio_options(command):
 def web_options(required=False):
     """Add the options of a page in the browser.
 
+    Returns callable: A decorator.
+
     Parameters
     ----------
     required : bool
         Whether the command does nothing else.
-
-    Returns
-    -------
-    callable
-        A decorator.
     """
 
     def add(command):
@@ -209,7 +206,6 @@ def refuse(options, rule):
     ----------
     options : dict
         Values by the names of the options; false where one was not given.
-    rule : str
 
     Raises
     ------

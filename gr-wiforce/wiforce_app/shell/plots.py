@@ -17,7 +17,6 @@ def check_picture(path, inputs=()):
 
     Parameters
     ----------
-    path : str or Path
     inputs : iterable of str or Path, optional
         Files that the picture is made from.
 
@@ -50,12 +49,6 @@ def figure(rows, title):
 def save_picture(canvas, path, dpi=110):
     """Write a figure; the file appears when it is complete.
 
-    Parameters
-    ----------
-    canvas : matplotlib.figure.Figure
-    path : str or Path
-    dpi : int
-
     Raises
     ------
     InputError, OutputError
@@ -75,10 +68,8 @@ def plot_readings(readings, path, title="", truth=None):
 
     Parameters
     ----------
-    readings : sequence of Reading
     path : str or Path
         PNG, PDF or SVG.
-    title : str
     truth : sequence of dict, optional
         Rows of a truth file.
     """

@@ -10,15 +10,8 @@ from gnuradio.wiforce._config import VERSION
 def provenance(scene):
     """Version, scene and sensor models, for the metadata of a file.
 
-    Parameters
-    ----------
-    scene : Scene
-
-    Returns
-    -------
-    dict of str to str
-        ``wiforce:version``; ``wiforce:scene``, JSON with all defaults filled in;
-        ``wiforce:sensors``, JSON with the model of each sensor by name.
+    Returns dict of str to str: ``wiforce:version``; ``wiforce:scene``, JSON with all defaults
+    filled in; ``wiforce:sensors``, JSON with the model of each sensor by name.
     """
     models = {each.name: _plain(each.load_model(scene)) for each in scene.sensors}
     return {
@@ -33,14 +26,8 @@ def fingerprint(scene, *others, simulated=False):
 
     Parameters
     ----------
-    scene : Scene
-    others : JSON values
     simulated : bool
         The result depends on the truth models of the scene's tags as well.
-
-    Returns
-    -------
-    str
     """
     models = {sensor.model for sensor in scene.sensors}
     if simulated and scene.simulation:

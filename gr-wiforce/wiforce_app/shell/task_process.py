@@ -22,7 +22,6 @@ def outcome_of(function, task):
 
     Parameters
     ----------
-    function : callable
     task : object
         Its argument.
 

@@ -60,6 +60,8 @@ def run_tasks(function, tasks: Sequence, jobs=None, scheduler=None) -> Iterator[
     A task whose worker disappears is repeated, at most twice. On a cluster any task that fails is
     repeated on another worker, if there is one: its files may be out of reach for the first.
 
+    Yields Outcome: one per task, as they end.
+
     Parameters
     ----------
     function : callable
@@ -70,11 +72,6 @@ def run_tasks(function, tasks: Sequence, jobs=None, scheduler=None) -> Iterator[
         Number of processes; one per core by default. A cluster has its own number.
     scheduler : str, optional
         Address of a Dask scheduler.
-
-    Yields
-    ------
-    Outcome
-        One per task, as they end.
 
     Raises
     ------

@@ -30,7 +30,6 @@ class LivePage(Output):
 
     Parameters
     ----------
-    address : PageAddress
     warn : callable
         Takes a line for the user.
 

@@ -50,15 +50,10 @@ def read_room(recording, settings, survey):
 
     Parameters
     ----------
-    recording : Capture
     settings : Plan
         Of its scene.
     survey : bool
         Whether to survey the room.
-
-    Returns
-    -------
-    RoomReading
     """
     began = time.process_time()
     reader = RecordingReader(recording, settings, frame_offset=0, survey=survey)

@@ -106,20 +106,16 @@ def _thinned(waveform, step):
 def measure_scene(name, folder, runs):
     """Simulate a scene and read it with all its settings.
 
+    Returns dict: ``scene``, ``signal_s``, ``points`` (a dict per setting), ``skips`` (time of each
+    step that the plan leaves out) and ``room`` (what the survey adds and skips; None for two
+    antennas), all of plain values.
+
     Parameters
     ----------
-    name : str
     folder : path
         Where the capture is stored temporarily.
     runs : int
         Number of runs; the time of a setting is their minimum.
-
-    Returns
-    -------
-    dict
-        ``scene``, ``signal_s``, ``points`` (a dict per setting), ``skips`` (time of each step that
-        the plan leaves out) and ``room`` (what the survey adds and skips; None for two antennas),
-        all of plain values.
     """
     from gnuradio import gr
 

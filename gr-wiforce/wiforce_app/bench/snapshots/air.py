@@ -112,11 +112,6 @@ class Air:
 
     Parameters
     ----------
-    waveform : Waveform
-    group_length : int
-    tags : sequence of TagOnAir
-    levels : PathLevels
-    seed : int or sequence of int
     noise_profile : ndarray, shape (K,), optional
         Noise variance of each subcarrier, relative.
 

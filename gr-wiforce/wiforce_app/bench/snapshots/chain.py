@@ -13,7 +13,6 @@ class SnapshotChain:
 
     Parameters
     ----------
-    plan : planning.plan.Plan
     derotated : bool
         Whether tones that are given were stopped from turning within a symbol.
     """

@@ -52,10 +52,7 @@ class RunResult:
 def run_case(case, run, seed=1):
     """Run a case once: the reference, then touched groups; the same snapshots for all estimators.
 
-    Returns
-    -------
-    dict
-        Estimator to :class:`RunResult`.
+    Returns dict: estimator to :class:`RunResult`.
     """
     air, tags, rng = air_of(case, run, seed)
     kinds = dict.fromkeys(name.split(",")[0] for name in case.estimators)

@@ -70,10 +70,6 @@ def read_case(case, path="double", indices=None, scale=None, hurt=None, run=0):
         Takes the number of a group; gives a factor for its samples.
     hurt : callable, optional
         Takes the number of a group and its H (N, K), which it may change.
-
-    Returns
-    -------
-    Outcome
     """
     air, tags, _ = air_of(case, run)
     settings = plan_of(case, "harmonic")

@@ -42,8 +42,6 @@ class Worker:
 
     Parameters
     ----------
-    row : Row
-    recording : Recording
     cpu : int or None
         The processor it is held to.
     """
