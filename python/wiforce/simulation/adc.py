@@ -12,11 +12,6 @@ class Adc:
     ----------
     bits : int or None
         Resolution; None means 16 bits.
-
-    Examples
-    --------
-    >>> Adc(12).codes([0.5 - 1.5j])
-    array([ 16384, -32768], dtype=int16)
     """
 
     def __init__(self, bits: int | None) -> None:
@@ -26,15 +21,12 @@ class Adc:
     def codes(self, samples: ArrayLike) -> np.ndarray:
         """Convert samples.
 
+        Returns ndarray of int16, shape (2 n,): I and Q in turn.
+
         Parameters
         ----------
         samples : array_like of complex, shape (n,)
             Full scale is 1 per component.
-
-        Returns
-        -------
-        ndarray of int16, shape (2 n,)
-            I and Q in turn.
         """
         parts = np.ascontiguousarray(samples, np.complex64).view(np.float32) * self._half
         np.rint(parts, out=parts)

@@ -25,7 +25,6 @@ class FanBlades:
     ----------
     stated : Fan
         The keys of the scene.
-    seeds : Seeds
 
     Attributes
     ----------
@@ -38,14 +37,6 @@ class FanBlades:
     best while it faces the antennas, and its distance oscillates. With b = f_d / f_r, for the
     revolutions per second f_r, its Doppler frequency reaches f_d. Blades are alike, so that only
     multiples of 3 f_r remain in their sum, the lines at multiples of the blade frequency.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene.effects import Fan
-    >>> fan = FanBlades(Fan(blade_hz=40), Seeds(1, "fan"))
-    >>> gain = fan.gain(np.arange(1000) / 40_000)  # a period of 40 Hz
-    >>> round(float(np.mean(np.abs(gain) ** 2)), 2)
-    1.0
     """
 
     def __init__(self, stated: "Fan", seeds: Seeds) -> None:
@@ -60,13 +51,11 @@ class FanBlades:
     def gain(self, time_s: np.ndarray) -> np.ndarray:
         """The path's gain, of unit mean power.
 
+        Returns ndarray of complex, shape of ``time_s``.
+
         Parameters
         ----------
         time_s : ndarray of float, any shape
-
-        Returns
-        -------
-        ndarray of complex, shape of ``time_s``
         """
         return self._scale * self._sum((self._turns_hz * time_s + self._start) % 1)
 

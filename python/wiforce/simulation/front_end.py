@@ -22,22 +22,12 @@ def image_gains(gain_db: float, phase_deg: float) -> tuple[complex, complex]:
     phase_deg : float
         Deviation of their angle from 90 degrees.
 
-    Returns
-    -------
-    mu, nu : complex
-
     Notes
     -----
     I stays as it is, and Q becomes g (Q cos phi + I sin phi), so that
     mu = (1 + g exp(j phi)) / 2 and nu = (1 - g exp(-j phi)) / 2. See M. Valkama, M. Renfors,
     V. Koivunen, "Advanced methods for I/Q imbalance compensation in communication receivers",
     IEEE Trans. Signal Processing 49 (2001).
-
-    Examples
-    --------
-    >>> mu, nu = image_gains(0.5, 3.0)
-    >>> round(abs(nu / mu), 4)
-    0.0389
     """
     rotated = 10 ** (gain_db / 20) * np.exp(1j * np.deg2rad(phase_deg))
     return complex(1 + rotated) / 2, complex(1 - np.conj(rotated)) / 2
@@ -52,22 +42,12 @@ class AnalogueFrontEnd:
         The keys of the scene.
     peak : float
         Peak of the received signal, to which compression and DC offset refer.
-    seeds : Seeds
 
     Notes
     -----
     The amplifier comes before the mixer: x (1 - c min(|x|^2 / peak^2, 1 / (3 c))), the third-order
     polynomial up to where its slope would be negative. Then follow the mixer's image and the DC
     offset.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene.effects import FrontEnd
-    >>> amplifier = AnalogueFrontEnd(FrontEnd(compression=0.01), 1.0, Seeds(1, "front_end"))
-    >>> samples = np.array([0.1, 1.0], np.complex64)
-    >>> amplifier.receive(samples)
-    >>> samples.real.round(5)
-    array([0.09999, 0.99   ], dtype=float32)
     """
 
     def __init__(self, stated: "FrontEnd", peak: float, seeds: Seeds) -> None:
@@ -80,13 +60,11 @@ class AnalogueFrontEnd:
     def transmit(self, samples: np.ndarray) -> np.ndarray:
         """What the transmitter sends instead of some samples.
 
+        Returns ndarray of complex64, shape (n,).
+
         Parameters
         ----------
         samples : ndarray of complex64, shape (n,)
-
-        Returns
-        -------
-        ndarray of complex64, shape (n,)
         """
         return _with_image(samples, *self._sent)
 
@@ -122,16 +100,6 @@ class GainRipple:
         The keys of the scene.
     ramp : Ramp
         Knots between which the gain is interpolated.
-    seeds : Seeds
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene.effects import Ripple
-    >>> ripple = GainRipple(Ripple(percent=10, hz=50), Ramp(1e6), Seeds(1, "ripple"))
-    >>> samples = np.ones(20_000, np.complex64)
-    >>> ripple.modulate(0, samples)
-    >>> round(float(samples.real.max()), 3), round(float(samples.real.min()), 3)
-    (1.1, 0.9)
     """
 
     def __init__(self, stated: "Ripple", ramp: Ramp, seeds: Seeds) -> None:

@@ -25,7 +25,6 @@ class NearHand:
         The keys of the scene.
     tag : SwitchedTag
         Of the sensor that is pressed.
-    scene : Scene
     rng : numpy.random.Generator
         For the phase of the path.
 
@@ -38,17 +37,6 @@ class NearHand:
     -----
     The gain is p exp(-j 4 pi d / lambda). p rises from 0 to 1 while the hand comes, and its
     distance d falls to what it sways by.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> from gnuradio.wiforce.scene.effects import Hand
-    >>> from gnuradio.wiforce.simulation.channel import AirChannel
-    >>> scene = load_scene("demo")  # pressed from 0.8 s on
-    >>> tag = AirChannel(scene).sensors["arm"]
-    >>> hand = NearHand(Hand(), tag, scene, np.random.default_rng(1))
-    >>> np.abs(hand.gain(np.array([0.4, 0.65, 1.0]))).round(6)
-    array([0. , 0.5, 1. ])
     """
 
     def __init__(
@@ -63,13 +51,11 @@ class NearHand:
     def gain(self, time_s: np.ndarray) -> np.ndarray:
         """The path's gain relative to that with the hand on the sensor.
 
+        Returns ndarray of complex, shape (n,).
+
         Parameters
         ----------
         time_s : ndarray of float, shape (n,)
-
-        Returns
-        -------
-        ndarray of complex, shape (n,)
         """
         near = self._pressed.near(time_s, self._stated.reach_s)
         swing = np.sin(2 * np.pi * (_SWAY_HZ * time_s + self._sway))

@@ -33,8 +33,6 @@ class Transmitter:
 
     Parameters
     ----------
-    seeds : Seeds
-    sample_rate_hz : float
     share : float
         Share of the time in which it transmits.
     shortest_s, longest_s : float
@@ -52,14 +50,6 @@ class Transmitter:
     half, each windowed by half a period of a sine: the squares of the windows add up to 1 and the
     blocks are independent, so that the power is constant. The window spreads the edges of the band
     by about 2 / 8192 of the sample rate.
-
-    Examples
-    --------
-    >>> other = Transmitter(Seeds(1, "bursts"), 1e6, 0.5, 1e-3, 2e-3, gain=1.0)
-    >>> received = np.zeros(4_000_000, np.complex64)
-    >>> other.add(0, received)
-    >>> round(float(np.mean(received != 0)), 1)
-    0.5
     """
 
     def __init__(
@@ -174,19 +164,8 @@ def transmitters(
         Of the scene.
     sources : RandomSources
         Of the scene.
-    sample_rate_hz : float
     noise_std : float
         Standard deviation of the receiver's noise in a sample.
-
-    Returns
-    -------
-    list of Transmitter
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> transmitters(load_scene("demo").simulation, RandomSources(1, 0), 12.5e6, 0.01)
-    []
     """
     found = []
     for name, bandwidth in _others(simulation):
@@ -199,22 +178,7 @@ def transmitters(
 
 
 def power_over_noise(simulation: "Simulation") -> float:
-    """Power in a sample, relative to the receiver's noise, while all other transmitters are on.
-
-    Parameters
-    ----------
-    simulation : Simulation
-
-    Returns
-    -------
-    float
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> power_over_noise(load_scene("demo").simulation)
-    0.0
-    """
+    """Power in a sample, relative to the receiver's noise, while all other transmitters are on."""
     return sum(
         (
             bandwidth * 10 ** (getattr(simulation, name).level_db / 10)

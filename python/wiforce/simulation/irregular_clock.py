@@ -29,17 +29,8 @@ class IrregularClock(SwitchingClock):
         Whose ``clock_wander_ppm_per_sqrt_s``, ``clock_period_jitter_s`` and ``clock_jitter_s``
         are the standard deviations of the offset's change in 1 s, of the length of a period,
         which accumulates, and of :meth:`early_s`, which does not.
-    seeds : Seeds
     index : int
         Of the clock, for the seeds.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> tag = load_scene("cheap_tag").simulation.tags[0]
-    >>> clock = IrregularClock(1000.0, 0.0, 0.0, 0.0, 0.0, tag, Seeds(1, "clock"), 0)
-    >>> bool(abs(clock.cycles(1.0) - 1000) < 0.1), clock.early_s(np.arange(3)).shape
-    (True, (3,))
     """
 
     regular = False

@@ -28,20 +28,11 @@ class MainsLamps:
     ----------
     stated : Lamps
         The keys of the scene.
-    seeds : Seeds
 
     Attributes
     ----------
     taps : ndarray of float, shape (n,)
         FIR taps of the path's delay.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene.effects import Lamps
-    >>> lamps = MainsLamps(Lamps(wander_hz_per_sqrt_s=0), Seeds(1, "lamps"))
-    >>> gain = lamps.gain(np.arange(1000) / 1e5)  # a period of 100 Hz
-    >>> np.abs(np.fft.fft(gain)[[1, 2, 4]] / 1000).round(2)
-    array([1.  , 0.5 , 0.25])
     """
 
     def __init__(self, stated: "Lamps", seeds: Seeds) -> None:
@@ -59,13 +50,11 @@ class MainsLamps:
     def gain(self, time_s: np.ndarray) -> np.ndarray:
         """The path's gain; the amplitude of each of the lines +-1 is 1.
 
+        Returns ndarray of complex, shape of ``time_s``.
+
         Parameters
         ----------
         time_s : ndarray of float, any shape
-
-        Returns
-        -------
-        ndarray of complex, shape of ``time_s``
         """
         cycles = self._line_hz * time_s + 2 * self._wander.integral(time_s)
         return self._waveform[np.rint(cycles % 1 * _POINTS).astype(int)]

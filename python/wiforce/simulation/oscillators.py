@@ -15,25 +15,14 @@ class FreeOscillators:
     ----------
     offset_hz, linewidth_hz : float
         Carrier offset, and width of the oscillator's Lorentzian line, in Hz.
-    rng : numpy.random.Generator
     ramp : Ramp
         Knots of the walk.
-    sample_rate_hz : float
 
     Notes
     -----
     The variance of a Lorentzian oscillator's phase grows by 2 pi ``linewidth_hz`` per second
     (A. Demir, A. Mehrotra, J. Roychowdhury, "Phase noise in oscillators", IEEE Trans. Circuits
     and Systems I 47 (2000)).
-
-    Examples
-    --------
-    >>> rng = np.random.default_rng(1)
-    >>> oscillators = FreeOscillators(0.25, 0.0, rng, Ramp(1.0), sample_rate_hz=1.0)
-    >>> samples = np.ones(4, np.complex64)
-    >>> oscillators.rotate(0, samples)
-    >>> samples.round(3) + 0
-    array([ 1.+0.j,  0.+1.j, -1.+0.j,  0.-1.j], dtype=complex64)
     """
 
     def __init__(

@@ -20,7 +20,6 @@ class UnlistedTag:
     ----------
     stated : OtherTag
         The keys of the scene.
-    scene : Scene
     rng : numpy.random.Generator
         For the clock's start and the phases.
 
@@ -29,14 +28,6 @@ class UnlistedTag:
     taps : ndarray of float, shape (n,)
         FIR taps of the path's delay.
     clock : SwitchingClock
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> from gnuradio.wiforce.scene.effects import OtherTag
-    >>> other = UnlistedTag(OtherTag(clock_hz=1000), load_scene("demo"), np.random.default_rng(1))
-    >>> round(float(np.mean(np.abs(other.reflection(0, 12_500)))), 2)
-    0.5
     """
 
     def __init__(self, stated: "OtherTag", scene: "Scene", rng: np.random.Generator) -> None:
@@ -52,15 +43,12 @@ class UnlistedTag:
     def reflection(self, first: int, count: int) -> np.ndarray:
         """Reflection during some samples.
 
+        Returns ndarray of complex64, shape (count,): r / rho.
+
         Parameters
         ----------
         first, count : int
             First sample and their number.
-
-        Returns
-        -------
-        ndarray of complex64, shape (count,)
-            r / rho.
         """
         states = switch_states(self.clock, SWITCHES["pulses"], 0.0, first, count, self._rate)
         return self._ends[0] * states[0] + self._ends[1] * states[1]

@@ -15,6 +15,8 @@ MOVING_PATHS = 4
 def delay_taps(delay: float, count: int) -> np.ndarray:
     """FIR taps that delay a signal by a fraction of a sample.
 
+    Returns ndarray of float, shape (floor(delay) + count / 2 + 1,).
+
     Parameters
     ----------
     delay : float
@@ -22,18 +24,9 @@ def delay_taps(delay: float, count: int) -> np.ndarray:
     count : int
         Number of non-zero taps, even.
 
-    Returns
-    -------
-    ndarray of float, shape (floor(delay) + count / 2 + 1,)
-
     Notes
     -----
     A Kaiser-windowed sinc (beta = 5) about the delay.
-
-    Examples
-    --------
-    >>> delay_taps(2.0, 4).round(6) + 0
-    array([0., 0., 1., 0., 0.])
     """
     n = np.arange(int(delay) - count // 2 + 1, int(delay) + count // 2 + 1)
     u = (n - delay) / (count / 2)
@@ -46,19 +39,7 @@ def delay_taps(delay: float, count: int) -> np.ndarray:
 def random_taps(rng: np.random.Generator) -> np.ndarray:
     """FIR taps of a path with a random delay, as that of anything that reflects in a room.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    ndarray of float, shape (n,)
-        As from :func:`delay_taps`.
-
-    Examples
-    --------
-    >>> bool(len(random_taps(np.random.default_rng(1))) > BASE_DELAY)
-    True
+    Returns ndarray of float, shape (n,): as from :func:`delay_taps`.
     """
     return delay_taps(rng.uniform(BASE_DELAY + 0.5, LAST_DELAY), 4)
 
@@ -66,21 +47,12 @@ def random_taps(rng: np.random.Generator) -> np.ndarray:
 def response(taps: np.ndarray, waveform: Waveform) -> np.ndarray:
     """Frequency response of FIR taps on the occupied subcarriers.
 
+    Returns ndarray of complex, shape (K,).
+
     Parameters
     ----------
     taps : ndarray, shape (n,)
         Float or complex.
-    waveform : Waveform
-
-    Returns
-    -------
-    ndarray of complex, shape (K,)
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> bool(np.allclose(response(np.array([0.5]), sounding_waveform()), 0.5))
-    True
     """
     cycles = np.outer(waveform.subcarriers, np.arange(len(taps))) / waveform.symbol_length
     return np.exp(-2j * np.pi * cycles) @ taps
@@ -93,17 +65,6 @@ def mean_power(taps: np.ndarray, waveform: Waveform) -> float:
     ----------
     taps : ndarray, shape (n,)
         Float or complex.
-    waveform : Waveform
-
-    Returns
-    -------
-    float
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> round(mean_power(np.array([0.5]), sounding_waveform()), 6)
-    0.25
     """
     return float(np.mean(np.abs(response(taps, waveform)) ** 2))
 
@@ -111,26 +72,12 @@ def mean_power(taps: np.ndarray, waveform: Waveform) -> float:
 def static_taps(rng: np.random.Generator, sample_rate_hz: float) -> np.ndarray:
     """A direct path and weaker, later echoes.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-    sample_rate_hz : float
-
-    Returns
-    -------
-    ndarray of complex, shape (n,)
-        FIR taps, not normalised.
+    Returns ndarray of complex, shape (n,): FIR taps, not normalised.
 
     Notes
     -----
     The echoes' delays are exponentially distributed with 60 ns, the order of delay spreads in
     rooms.
-
-    Examples
-    --------
-    >>> taps = static_taps(np.random.default_rng(1), 12.5e6)
-    >>> bool(np.argmax(np.abs(taps)) == BASE_DELAY)
-    True
     """
     late = np.r_[0, 0.1 + rng.exponential(60e-9 * sample_rate_hz, STATIC_ECHOES)]
     delays = np.minimum(BASE_DELAY + 0.2 + late, LAST_DELAY)
@@ -147,24 +94,13 @@ def tag_taps(
 ) -> np.ndarray:
     """The air path by way of a tag.
 
+    Returns ndarray, shape (n,): FIR taps with unit mean power over the subcarriers: a single real
+    tap, or complex taps with an exponential profile of rms delay spread 1 / (2 pi coherence_hz).
+
     Parameters
     ----------
-    rng : numpy.random.Generator
-    waveform : Waveform
     coherence_hz : float or None
         Coherence bandwidth of Rayleigh fading; None for a single path.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        FIR taps with unit mean power over the subcarriers: a single real tap, or complex taps
-        with an exponential profile of rms delay spread 1 / (2 pi coherence_hz).
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.signal.waveform import sounding_waveform
-    >>> tag_taps(np.random.default_rng(1), sounding_waveform(), None).round(6)
-    array([0., 0., 1.])
     """
     if coherence_hz is None:
         taps = np.r_[np.zeros(BASE_DELAY), 1.0]
@@ -182,7 +118,6 @@ class MovingPath:
 
     Parameters
     ----------
-    rng : numpy.random.Generator
     doppler_hz : float
         Highest Doppler frequency.
     sweeps : bool
@@ -198,12 +133,6 @@ class MovingPath:
     -----
     The rate of phi is f_c + f_d cos(2 pi nu t + alpha) with |f_c| + |f_d| = 0.8 ``doppler_hz`` at
     most and nu slow enough that all but -60 dB of the power lies within +-``doppler_hz``.
-
-    Examples
-    --------
-    >>> path = MovingPath(np.random.default_rng(1), doppler_hz=30.0, sweeps=True)
-    >>> np.abs(path.gain(np.array([0.0, 0.1]))).round(6)
-    array([1., 1.])
     """
 
     def __init__(self, rng: np.random.Generator, doppler_hz: float, sweeps: bool) -> None:
@@ -218,13 +147,11 @@ class MovingPath:
     def gain(self, time_s: np.ndarray) -> np.ndarray:
         """exp(j phi) at the given times.
 
+        Returns ndarray of complex, shape of ``time_s``.
+
         Parameters
         ----------
         time_s : ndarray of float, any shape
-
-        Returns
-        -------
-        ndarray of complex, shape of ``time_s``
         """
         swing = 2 * np.pi * self._swing_rate_hz * time_s + self._phases[0]
         index = self._swing_hz / self._swing_rate_hz

@@ -36,7 +36,6 @@ class Person:
         The keys of the scene.
     center_frequency_hz : float
         Carrier, which gives the length of a stride in wavelengths.
-    seeds : Seeds
 
     Attributes
     ----------
@@ -47,13 +46,6 @@ class Person:
     Walks and pauses alternate. The direction of each walk is opposite to that of the one before,
     and its speed is 0.6 to 1 of the highest. Limbs swing by the way that was walked, so that they
     stop with the person; only breathing remains.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene.effects import Walker
-    >>> person = Person(Walker(), 900e6, Seeds(1, "walker"))
-    >>> len(person.limbs), round(sum(limb.amplitude**2 for limb in person.limbs), 6)
-    (5, 1.0)
     """
 
     def __init__(self, stated: "Walker", center_frequency_hz: float, seeds: Seeds) -> None:
@@ -77,15 +69,12 @@ class Person:
     def way(self, time_s: np.ndarray) -> np.ndarray:
         """Way of the trunk towards the antennas.
 
+        Returns ndarray of float, shape of ``time_s``: in cycles of the carrier, counted both ways.
+
         Parameters
         ----------
         time_s : ndarray of float, any shape
             Not negative.
-
-        Returns
-        -------
-        ndarray of float, shape of ``time_s``
-            In cycles of the carrier, counted both ways.
         """
         self._extend(float(np.max(time_s, initial=0.0)))
         latest = np.searchsorted(self._walks[:, 0], time_s, "right") - 1
@@ -130,8 +119,6 @@ class Limb:
 
     Parameters
     ----------
-    person : Person
-    amplitude : float
     swing : float
         Highest speed about the trunk relative to that of the trunk.
     stride_cycles : float
@@ -148,13 +135,6 @@ class Limb:
     amplitude : float
     taps : ndarray of float, shape (n,)
         FIR taps of the path's delay.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene.effects import Walker
-    >>> trunk = Person(Walker(), 900e6, Seeds(1, "walker")).limbs[0]
-    >>> np.abs(trunk.gain(np.array([0.0, 1.0]))).round(6)
-    array([1., 1.])
     """
 
     def __init__(
@@ -175,13 +155,11 @@ class Limb:
     def gain(self, time_s: np.ndarray) -> np.ndarray:
         """The path's gain, of magnitude 1.
 
+        Returns ndarray of complex, shape (n,).
+
         Parameters
         ----------
         time_s : ndarray of float, shape (n,)
-
-        Returns
-        -------
-        ndarray of complex, shape (n,)
         """
         way = self._person.way(time_s)
         strides = way / self._stride + self._phase

@@ -16,24 +16,11 @@ TREMOR_HZ = (8.3, 9.7, 11.4)
 def press_force(press: "Press", time_s: np.ndarray) -> np.ndarray:
     """Force of a press at times within it, with the tremor of a hand that holds it.
 
+    Returns ndarray of float, shape (n,): in N.
+
     Parameters
     ----------
-    press : Press
     time_s : ndarray of float, shape (n,)
-
-    Returns
-    -------
-    ndarray of float, shape (n,)
-        In N.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import Press
-    >>> press = Press(
-    ...     sensor="arm", start_s=1, hold_s=1, force_n=4.0, end_force_n=4.0, location_mm=9
-    ... )
-    >>> press_force(press, np.array([1.05, 1.5]))
-    array([2., 4.])
     """
     force = np.interp(time_s, *_profile(press))
     if press.tremor_n:
@@ -47,33 +34,18 @@ def press_force(press: "Press", time_s: np.ndarray) -> np.ndarray:
 def shown_force(press: "Press", time_s: np.ndarray, beam: "Beam") -> np.ndarray:
     """Force that an elastic beam would need for the same contact.
 
+    Returns ndarray of float, shape (n,): in N.
+
     Parameters
     ----------
-    press : Press
     time_s : ndarray of float, shape (n,)
         Within the press.
-    beam : Beam
-
-    Returns
-    -------
-    ndarray of float, shape (n,)
-        In N.
 
     Notes
     -----
     After the largest force P so far, the contact shows F + 4 h F (P - F) / P: it opens later than
     it closed, most at half of P, by h P. Creep adds c times the force, low-pass filtered with the
     stated time constant (a standard linear solid). The filter starts at zero with each press.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import Press
-    >>> from gnuradio.wiforce.scene.effects import Beam
-    >>> press = Press(
-    ...     sensor="arm", start_s=1, rise_s=1, hold_s=1,
-    ...     force_n=4.0, end_force_n=4.0, location_mm=9)
-    >>> shown_force(press, np.array([1.5, 3.5]), Beam(hysteresis=0.1, creep=0)).round(6)
-    array([2. , 2.4])
     """
     force = press_force(press, time_s)
     times, forces = _profile(press)

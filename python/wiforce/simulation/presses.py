@@ -34,14 +34,6 @@ class TouchState:
         NaN where nothing presses.
     phases_deg : ndarray, shape (n, 2)
         psi_1, psi_2 in (-180, 180].
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> from gnuradio.wiforce.simulation.channel import AirChannel
-    >>> state = AirChannel(load_scene("demo")).touch_state([0.0, 1.1])["arm"]
-    >>> state.touch, state.location_mm
-    (array([False,  True]), array([nan, 45.]))
     """
 
     touch: np.ndarray
@@ -70,14 +62,6 @@ class PressedSensor:
     ------
     InputError
         For a carrier that the model does not hold.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.sensor import load_sensor
-    >>> sensor = PressedSensor(load_sensor("line-900mhz"), [], [], 900e6)
-    >>> sensor.hold(4.0, 30.0)
-    >>> sensor.force([0.0, 1.0])
-    (array([4., 4.]), array([30., 30.]))
     """
 
     def __init__(
@@ -118,14 +102,12 @@ class PressedSensor:
     def force(self, time_s: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """Force and location over time.
 
+        Returns force_n, location_mm : ndarray of float, shape (n,): location is NaN where nothing
+        presses.
+
         Parameters
         ----------
         time_s : array_like of float, shape (n,)
-
-        Returns
-        -------
-        force_n, location_mm : ndarray of float, shape (n,)
-            Location is NaN where nothing presses.
         """
         return self._over_time(np.asarray(time_s, float), press_force)
 
@@ -135,10 +117,6 @@ class PressedSensor:
         Parameters
         ----------
         time_s : array_like of float, shape (n,)
-
-        Returns
-        -------
-        TouchState
         """
         force, location = self.force(time_s)
         shown = self._shown(time_s)[0]
@@ -148,13 +126,11 @@ class PressedSensor:
     def reflections(self, time_s: np.ndarray) -> np.ndarray:
         """G_1 / rho and G_2 / rho over time.
 
+        Returns ndarray of complex, shape (n, 2), or (1, 2) when nothing changes over these times.
+
         Parameters
         ----------
         time_s : ndarray of float, shape (n,)
-
-        Returns
-        -------
-        ndarray of complex, shape (n, 2), or (1, 2) when nothing changes over these times
         """
         force, location = self._shown(time_s)
         steady = (force == force[0]).all() and (
@@ -171,16 +147,13 @@ class PressedSensor:
     def mean_phases_deg(self, time_s: ArrayLike, period_s: float) -> np.ndarray:
         """Phases of the mean reflection about each time.
 
+        Returns ndarray of float, shape (n, 2): in degrees.
+
         Parameters
         ----------
         time_s : array_like of float, shape (n,)
         period_s : float
             Length of the mean, such as that of a phase group.
-
-        Returns
-        -------
-        ndarray of float, shape (n, 2)
-            In degrees.
         """
         inside = ((np.arange(_MEAN_POINTS) + 0.5) / _MEAN_POINTS - 0.5) * period_s
         times = np.add.outer(np.asarray(time_s, float), inside)
@@ -191,13 +164,11 @@ class PressedSensor:
     def through(self, time_s: ArrayLike) -> np.ndarray:
         """Reflection with both switches on, minus the sum of the two ends alone.
 
+        Returns ndarray of complex, shape (n,).
+
         Parameters
         ----------
         time_s : array_like of float, shape (n,)
-
-        Returns
-        -------
-        ndarray of complex, shape (n,)
 
         Notes
         -----
@@ -215,15 +186,13 @@ class PressedSensor:
     def near(self, time_s: np.ndarray, reach_s: float) -> np.ndarray:
         """How near the hand is that presses: 1 while it does, 0 without a press.
 
+        Returns ndarray of float, shape (n,).
+
         Parameters
         ----------
         time_s : ndarray of float, shape (n,)
         reach_s : float
             Time in which it comes and goes.
-
-        Returns
-        -------
-        ndarray of float, shape (n,)
         """
         if self._held is not None:
             return np.full(time_s.shape, float(self._held[0] > 0))
@@ -237,13 +206,11 @@ class PressedSensor:
     def motion(self, time_s: ArrayLike) -> np.ndarray | float:
         """Rotation of the tag's path by its moves, exp(-j 4 pi d / lambda).
 
+        Returns ndarray of complex, shape (n,), or 1.0 for a tag that never moves.
+
         Parameters
         ----------
         time_s : array_like of float, shape (n,)
-
-        Returns
-        -------
-        ndarray of complex, shape (n,), or 1.0 for a tag that never moves
         """
         if not self._moves:
             return 1.0

@@ -32,12 +32,6 @@ class ModulatedPath:
         FIR taps, float or complex.
     gain : callable
         First sample and count to ndarray of complex64, shape (count,).
-
-    Examples
-    --------
-    >>> path = ModulatedPath(np.ones(1), lambda first, count: np.ones(count, np.complex64))
-    >>> path.gain(0, 2)
-    array([1.+0.j, 1.+0.j], dtype=complex64)
     """
 
     taps: np.ndarray
@@ -51,25 +45,12 @@ def modulated_paths(
 
     Parameters
     ----------
-    scene : Scene
     levels : Levels
         Of the scene.
     sources : RandomSources
         Of the scene.
     ramp : Ramp
         Knots at which slow gains are computed.
-
-    Returns
-    -------
-    list of ModulatedPath
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> scene = load_scene("walker")
-    >>> paths = modulated_paths(scene, Levels(scene, 1.0), RandomSources(1, 0), Ramp(12.5e6))
-    >>> len(paths)
-    4
     """
     simulation = scene.simulation
 
@@ -122,14 +103,6 @@ def tag_paths(
     tags : dict of str to SwitchedTag
         By sensor name.
     paths : list of ModulatedPath
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> scene = load_scene("two_sensors")
-    >>> tags, paths = tag_paths(scene, Levels(scene, 1.0), RandomSources(1, 0), Ramp(12.5e6))
-    >>> [*tags], len(paths)
-    (['left', 'right'], 2)
     """
     simulation = scene.simulation
     tags, paths = {}, []

@@ -24,6 +24,8 @@ _LEAST_SHARE = 1e-4
 def plate_share(distance_mm: ArrayLike, reach_mm: float, bearing_mm: float) -> np.ndarray:
     """Share of a press that a strip under a plate bears.
 
+    Returns ndarray: 0 where the plate would lift.
+
     Parameters
     ----------
     distance_mm : array_like
@@ -33,21 +35,11 @@ def plate_share(distance_mm: ArrayLike, reach_mm: float, bearing_mm: float) -> n
     bearing_mm : float
         Width over which the strip bears the plate.
 
-    Returns
-    -------
-    ndarray
-        0 where the plate would lift.
-
     Notes
     -----
     The pressure under a point load, summed along the strip, is that of a beam on an elastic
     foundation, k/2 exp(-k|u|) (cos ku + sin k|u|) (M. Hetenyi, *Beams on Elastic Foundation*,
     1946). It is integrated over the strip's width.
-
-    Examples
-    --------
-    >>> plate_share([0.0, 12.0, 24.0], 10.0, 12.0).round(3).tolist()
-    [0.547, 0.245, 0.006]
     """
     distance = np.asarray(distance_mm, float)
 
@@ -62,26 +54,14 @@ def plate_share(distance_mm: ArrayLike, reach_mm: float, bearing_mm: float) -> n
 def strip_presses(scene: "Scene", skin: "Skin", strip: int) -> list[Press]:
     """The presses on one strip that those on the surface cause.
 
+    Returns list of Press: they may overlap.
+
     Parameters
     ----------
-    scene : Scene
     skin : Skin
         Of the scene; its spreading law is not used.
     strip : int
         Index of the strip in the skin.
-
-    Returns
-    -------
-    list of Press
-        They may overlap.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> scene = load_scene("surface_four_strips")
-    >>> presses = strip_presses(scene, bare_skin(scene), 1)
-    >>> presses[0].sensor, bool(presses[0].force_n < scene.simulation.surface_presses[0].force_n)
-    ('strip2', True)
     """
     plate, own = scene.simulation.plate, skin.strips[strip]
     bearing_mm = plate.bearing_mm or skin.spacing_mm
@@ -113,21 +93,10 @@ def pressed_sensor(scene: "Scene", index: int, elastic: bool = False) -> Pressed
 
     Parameters
     ----------
-    scene : Scene
     index : int
         Of the sensor.
     elastic : bool
         Without the hysteresis and creep that the scene may state.
-
-    Returns
-    -------
-    PressedSensor
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> pressed_sensor(load_scene("demo"), 0).force([1.1])[1]
-    array([45.])
     """
     simulation, name = scene.simulation, scene.sensors[index].name
     tag = simulation.tags[index]
@@ -167,20 +136,6 @@ class PressedTwice(PressedSensor):
     ----------
     layers : list of PressedSensor
         The same sensor, each under presses that do not overlap.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.sensor import load_sensor
-    >>> from gnuradio.wiforce.scene import Press
-    >>> model = load_sensor("line-900mhz")
-    >>> def pressed_at(location_mm):
-    ...     press = Press(sensor="a", start_s=0.0, rise_s=0.0, hold_s=1.0, force_n=4.0,
-    ...                   end_force_n=4.0, location_mm=location_mm)
-    ...     return PressedSensor(model, [press], [], 900e6)
-    >>> both = PressedTwice([pressed_at(30.0), pressed_at(50.0)])
-    >>> force, location = both.force([0.5])
-    >>> force.tolist(), location.tolist()
-    ([8.0], [40.0])
     """
 
     def __init__(self, layers: list[PressedSensor]) -> None:
@@ -258,22 +213,12 @@ def _joined(parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.
 def surface_truth(scene: "Scene", time_s: np.ndarray) -> list[list[dict[str, float | int | str]]]:
     """What is pressed on the surface at given times, as rows of a file of truth.
 
+    Returns list of list of dict: for each time the rows of the surface, in the order of their
+    names: the presses that began first. Unknown values are left out.
+
     Parameters
     ----------
-    scene : Scene
     time_s : ndarray, shape (n,)
-
-    Returns
-    -------
-    list of list of dict
-        For each time the rows of the surface, in the order of their names: the presses that began
-        first. Unknown values are left out.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> surface_truth(load_scene("demo"), np.array([1.0]))
-    [[]]
     """
     surface = scene.surface
     names = () if surface is None else surface.names

@@ -50,12 +50,6 @@ class SwitchingClock:
     linearly; where it would leave ``+-limit_ppm`` the drift reverses, so that a run of any length
     stays within the crystal's tolerance. Before that, u is theta/2 pi of the signal model:
     f (t (1 + o) + d t^2 / 2).
-
-    Examples
-    --------
-    >>> clock = SwitchingClock(1000.0, 40.0, 0.0, 100.0, phase_cycles=0.25)
-    >>> round(float(clock.cycles(1.0)), 6)
-    1000.29
     """
 
     def __init__(
@@ -78,41 +72,33 @@ class SwitchingClock:
     def cycles(self, time_s: ArrayLike) -> np.ndarray:
         """u at the given times.
 
+        Returns ndarray of float, shape of ``time_s``: in cycles.
+
         Parameters
         ----------
         time_s : array_like of float, any shape
-
-        Returns
-        -------
-        ndarray of float, shape of ``time_s``
-            In cycles.
         """
         return self._steady_cycles(np.asarray(time_s, float))
 
     def early_s(self, periods: np.ndarray) -> np.ndarray:
         """Time by which the edges of given periods come before u says so.
 
+        Returns ndarray of float, shape (n,).
+
         Parameters
         ----------
         periods : ndarray of int, shape (n,)
-
-        Returns
-        -------
-        ndarray of float, shape (n,)
         """
         return np.zeros(len(periods))
 
     def offset_ppm(self, time_s: ArrayLike) -> np.ndarray:
         """o at the given times.
 
+        Returns ndarray of float, shape of ``time_s``: in ppm.
+
         Parameters
         ----------
         time_s : array_like of float, any shape
-
-        Returns
-        -------
-        ndarray of float, shape of ``time_s``
-            In ppm.
         """
         elapsed = np.asarray(time_s, float) - self._start_s
         return 1e6 * self._offset_at(elapsed)
@@ -124,7 +110,6 @@ class SwitchingClock:
         ----------
         time_s : float
             When it changes.
-        offset_ppm : float
         """
         self._start_cycles = float(self._steady_cycles(np.asarray(time_s, float)))
         self._start_s = float(time_s)
@@ -169,30 +154,18 @@ def switch_states(
     Sample n covers the time (n - 1/2 .. n + 1/2) / sample_rate; an edge inside it counts by its
     exact time.
 
+    Returns list of ndarray of float32, shape (count,): in [0, 1], one per switch.
+
     Parameters
     ----------
-    clock : SwitchingClock
     switches : tuple
         One of :data:`SWITCHES`.
     delay_s : float
         Time by which switch 2 lags behind the clock.
     first_sample, count : int
         A few milliseconds of samples at most.
-    sample_rate_hz : float
     rise_s : float
         Time in which a switch goes from off to on and back, centred on the edge.
-
-    Returns
-    -------
-    list of ndarray of float32, shape (count,)
-        In [0, 1], one per switch.
-
-    Examples
-    --------
-    >>> clock = SwitchingClock(1000.0, 0.0, 0.0, 100.0, 0.0)
-    >>> first, second = switch_states(clock, SWITCHES["pulses"], 0.0, 0, 5, 16_000.0)
-    >>> first.tolist(), second.tolist()
-    ([1.0, 1.0, 0.5, 0.0, 0.0], [0.0, 0.0, 0.0, 0.5, 1.0])
     """
     edge_s = (first_sample - 0.5) / sample_rate_hz
     span_s = np.array([0, count / sample_rate_hz])
@@ -231,9 +204,10 @@ def states_at(
 ) -> list[np.ndarray]:
     """Part of a window about each of some times in which each switch is on.
 
+    Returns list of ndarray of float, shape (n,): in [0, 1], one per switch.
+
     Parameters
     ----------
-    clock : SwitchingClock
     switches : tuple
         One of :data:`SWITCHES`.
     delay_s : float
@@ -242,18 +216,6 @@ def states_at(
         In s.
     window_s : float
         Length of the window, in s; 0 for an instant.
-
-    Returns
-    -------
-    list of ndarray of float, shape (n,)
-        In [0, 1], one per switch.
-
-    Examples
-    --------
-    >>> clock = SwitchingClock(100.0, 0.0, 0.0, 100.0, 0.0)
-    >>> first, second = states_at(clock, SWITCHES["pulses"], 0.0, np.array([0.0, 2.5e-3]), 1e-6)
-    >>> first.tolist(), second.tolist()
-    ([1.0, 0.0], [0.0, 1.0])
     """
     states = []
     for (rate, (on, off)), lag_s in zip(switches, (0.0, delay_s), strict=True):
@@ -281,15 +243,6 @@ def with_duty_errors(
         One of :data:`SWITCHES`.
     errors : tuple of float
         What is added to the duty cycle of each, one half on either side.
-
-    Returns
-    -------
-    tuple
-
-    Examples
-    --------
-    >>> with_duty_errors(SWITCHES["pulses"], (0.0, 0.25))[1]
-    (2.0, (0.25, 0.75))
     """
     first, second = (
         (rate, (on - error / 2, off + error / 2))

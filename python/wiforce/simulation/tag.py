@@ -30,7 +30,6 @@ class SwitchedTag:
 
     Parameters
     ----------
-    scene : Scene
     index : int
         Of the sensor in the scene.
     sources : RandomSources
@@ -46,16 +45,6 @@ class SwitchedTag:
     pressed : PressedSensor
     on : bool
         False removes the tag.
-
-    Examples
-    --------
-    >>> from gnuradio.wiforce.scene import load_scene
-    >>> scene = load_scene("demo")
-    >>> ramp = Ramp(scene.radio.sample_rate_hz)
-    >>> tag = SwitchedTag(scene, 0, RandomSources(1, 0), ramp)
-    >>> reflection = tag.reflection(0, 250_000)  # 20 ms of its clock
-    >>> round(float(np.mean(np.abs(reflection))), 2)  # on for a quarter of the time at either end
-    0.5
     """
 
     def __init__(self, scene: "Scene", index: int, sources: RandomSources, ramp: Ramp) -> None:
@@ -78,15 +67,12 @@ class SwitchedTag:
     def reflection(self, first: int, count: int) -> np.ndarray:
         """Reflection during some samples.
 
+        Returns ndarray of complex64, shape (count,): r / rho.
+
         Parameters
         ----------
         first, count : int
             First sample and their number.
-
-        Returns
-        -------
-        ndarray of complex64, shape (count,)
-            r / rho.
         """
         if not self.on:
             return np.zeros(count, np.complex64)
@@ -114,17 +100,14 @@ class SwitchedTag:
     def reflection_at(self, times_s: np.ndarray, window_s: float) -> np.ndarray:
         """Reflection at single times, such as those of packets.
 
+        Returns ndarray of complex, shape (n,): r / rho.
+
         Parameters
         ----------
         times_s : ndarray, shape (n,)
             In s, rising.
         window_s : float
             Time about each of them that is averaged, in s.
-
-        Returns
-        -------
-        ndarray of complex, shape (n,)
-            r / rho.
         """
         first_on, second_on = (
             switch.T
