@@ -8,17 +8,14 @@ import os
 
 import numpy as np
 import pytest
+from gnuradio.wiforce.calibration.calibrate import calibrate
+from gnuradio.wiforce.calibration.guided.entry_plausibility import press_warnings
+from gnuradio.wiforce.calibration.guided.press_measurement import PressMeasurement
+from gnuradio.wiforce.calibration.guided.session import CalibrationSession
+from gnuradio.wiforce.calibration.guided.session_plan import SessionPlan, Target
+from gnuradio.wiforce.calibration.tables import read_tap_csv
 from gnuradio.wiforce.errors import InputError, OutputError
-from gnuradio.wiforce.sensor import (
-    CalibrationSession,
-    PressMeasurement,
-    SessionPlan,
-    calibrate,
-    load_sensor,
-    read_tap_csv,
-)
-from gnuradio.wiforce.sensor.entry_plausibility import press_warnings
-from gnuradio.wiforce.sensor.session_plan import Target
+from gnuradio.wiforce.sensor import load_sensor
 
 PLAN = SessionPlan("arm", 900e6)
 LINE = load_sensor("line-900mhz")
@@ -340,7 +337,7 @@ def test_error_of_the_ruler_enters_every_location_read():
 
 
 def table_of(measurements):
-    from gnuradio.wiforce.sensor import CalibrationTable
+    from gnuradio.wiforce.calibration.tables import CalibrationTable
 
     rows = [
         (i, 900e6, each.location_mm, port, each.force_n, each.phase_deg[port - 1], "1")

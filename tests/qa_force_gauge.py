@@ -5,7 +5,7 @@ import math
 
 import pytest
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.sensor import ForceGauge, parse_force
+from gnuradio.wiforce.gauges.units import ForceGauge, parse_force
 
 
 @pytest.mark.parametrize(

@@ -11,19 +11,14 @@ import pytest
 import yaml
 from command_runs import run_command
 from gnuradio import wiforce
+from gnuradio.wiforce.calibration.line_estimate import estimate_line
+from gnuradio.wiforce.calibration.mistakes import phase_suspicions, suspicions
+from gnuradio.wiforce.calibration.simulated_vna import measure_vna
+from gnuradio.wiforce.calibration.tables import write_vna_csv
+from gnuradio.wiforce.calibration.verdict import verdict
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.textfile import read_csv
-from gnuradio.wiforce.sensor import (
-    estimate_line,
-    load_sensor,
-    measure_vna,
-    phase_suspicions,
-    suspicions,
-    touch_of,
-    verdict,
-    write_sensor,
-    write_vna_csv,
-)
+from gnuradio.wiforce.sensor import load_sensor, touch_of, write_sensor
 from scipy.optimize import brentq
 
 PLACES = (20.0, 30.0, 40.0, 50.0, 60.0)
@@ -69,7 +64,7 @@ def test_suspicions_of_a_right_table_are_none(name, places):
 def test_suspicions_of_the_published_sweeps_are_none():
     """Their locations have phase offsets of their own, which say nothing about the line."""
     from gnuradio.wiforce._config import DATA_DIR
-    from gnuradio.wiforce.sensor import read_vna_csv
+    from gnuradio.wiforce.calibration.tables import read_vna_csv
 
     published = read_vna_csv(Path(DATA_DIR) / "data" / "paper" / "vna.csv")
     assert suspicions(published, 80.0, 1.0) == []

@@ -5,9 +5,12 @@ import dataclasses
 
 import numpy as np
 import pytest
+from gnuradio.wiforce.calibration.guided.press_measurement import (
+    measure_press,
+    measure_untouched,
+    steady_deg,
+)
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.sensor import measure_press, measure_untouched
-from gnuradio.wiforce.sensor.press_measurement import steady_deg
 from guided_presses import HandHeldSensor
 
 LARGEST_DEG = steady_deg(900e6)

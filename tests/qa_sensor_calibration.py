@@ -5,22 +5,22 @@ import warnings
 
 import numpy as np
 import pytest
-from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.sensor import (
-    calibrate,
-    calibration_warnings,
-    load_sensor,
-    measure_vna,
+from gnuradio.wiforce.calibration.calibrate import calibrate
+from gnuradio.wiforce.calibration.fit import CurveFitter, force_knots, noise_and_misfit
+from gnuradio.wiforce.calibration.refine import refine
+from gnuradio.wiforce.calibration.simulated_vna import measure_vna
+from gnuradio.wiforce.calibration.tables import (
     read_tap_csv,
     read_touchstone_index,
     read_vna_csv,
-    refine,
     table_kind,
 )
+from gnuradio.wiforce.calibration.validation import best_form
+from gnuradio.wiforce.calibration.verdict import calibration_warnings
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.sensor import load_sensor
 from gnuradio.wiforce.sensor.curves import FORMS, PowerBasis, SplineBasis
-from gnuradio.wiforce.sensor.fit import CurveFitter, force_knots, noise_and_misfit
 from gnuradio.wiforce.sensor.location import learn_interpolation
-from gnuradio.wiforce.sensor.validation import best_form
 from sensor_laws import LAWS, OwnLaw, read_law, untouched_deg, vna_rows, wrap
 
 FORCES = np.linspace(2, 8, 25)

@@ -6,11 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from command_runs import run_command
+from gnuradio.wiforce.calibration.calibrate import calibrate
+from gnuradio.wiforce.calibration.data import sweep_directions
+from gnuradio.wiforce.calibration.simulated_vna import measure_vna
+from gnuradio.wiforce.calibration.tables import CalibrationTable, write_vna_csv
 from gnuradio.wiforce.scene.effects import Beam
 from gnuradio.wiforce.scene.simulated import Press
-from gnuradio.wiforce.sensor import calibrate, load_sensor, measure_vna, write_vna_csv
-from gnuradio.wiforce.sensor.sweeps import sweep_directions
-from gnuradio.wiforce.sensor.tables import CalibrationTable
+from gnuradio.wiforce.sensor import load_sensor
 from gnuradio.wiforce.simulation.press_force import press_force, shown_force
 
 TRUE = load_sensor("line-900mhz")

@@ -3,8 +3,10 @@
 
 import numpy as np
 import pytest
+from gnuradio.wiforce.calibration.calibrate import calibrate
+from gnuradio.wiforce.calibration.simulated_vna import measure_vna
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.sensor import calibrate, load_sensor, measure_vna
+from gnuradio.wiforce.sensor import load_sensor
 from long_cases import cases
 from plain_search import Search
 from sensor_laws import LAWS, brute_force_inversion, wrap

@@ -8,11 +8,13 @@ import pandas
 import pytest
 from command_runs import run_command
 from gnuradio import wiforce
+from gnuradio.wiforce.calibration.calibrate import calibrate
+from gnuradio.wiforce.calibration.tables import read_vna_csv
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.planning.advice import warnings
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.sensor import calibrate, load_sensor, read_vna_csv, write_sensor
+from gnuradio.wiforce.sensor import load_sensor, write_sensor
 from gnuradio.wiforce.sensor.transfer import transfer_std_deg
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from sensor_laws import LAWS, LENGTH_MM, untouched_deg, vna_rows

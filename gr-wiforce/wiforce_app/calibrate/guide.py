@@ -112,7 +112,7 @@ def complete_settings(settings, guided):
         return settings
     if guided is None:
         return settings | {"ruler_std_mm": 0.0}
-    from gnuradio.wiforce.sensor.session_plan import RULER_STD_MM
+    from gnuradio.wiforce.calibration.guided.session_plan import RULER_STD_MM
 
     return settings | {"ruler_std_mm": RULER_STD_MM}
 
@@ -132,8 +132,9 @@ def guide(table, guided, settings):
     settings : dict
         Arguments of ``sensor.calibrate``.
     """
+    from gnuradio.wiforce.calibration.guided.session import CalibrationSession
+    from gnuradio.wiforce.calibration.guided.session_plan import SessionPlan
     from gnuradio.wiforce.scene import load_scene
-    from gnuradio.wiforce.sensor import CalibrationSession, SessionPlan
 
     for name, option in (("scene_path", "--scene"), ("args", "--args")):
         if guided[name] is None:

@@ -44,7 +44,8 @@ def invert(phases, model, output, frequency_hz, std_deg, tracked, smoothed):
     Where location_mm is given it is taken as known, unless location_std_mm says that it is a
     reading itself: readings can be inverted again.
     """
-    from gnuradio.wiforce.sensor import load_sensor, phase_suspicions
+    from gnuradio.wiforce.calibration.mistakes import phase_suspicions
+    from gnuradio.wiforce.sensor import load_sensor
 
     if std_deg is not None and std_deg <= 0:
         raise InputError("--std-deg", "must be positive", std_deg)

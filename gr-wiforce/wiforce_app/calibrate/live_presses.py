@@ -6,9 +6,9 @@ import time
 from collections import deque
 from queue import SimpleQueue
 
+from gnuradio.wiforce.calibration.guided.press_measurement import LEAST_GROUPS
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.press.uncalibrated_readings import uncalibrated_readings
-from gnuradio.wiforce.sensor.press_measurement import LEAST_GROUPS
 
 # Length of a measurement: a person can hold a press still for half a second.
 _MEASURE_S = 0.5

@@ -7,9 +7,8 @@ import stat
 import time
 
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.gauges.units import ForceGauge, parse_force, unit_n
 from gnuradio.wiforce.io.optional import optional_module
-from gnuradio.wiforce.sensor import ForceGauge, parse_force
-from gnuradio.wiforce.sensor.force_gauge import unit_n
 
 _CHUNK_BYTES = 65536
 _SERIAL = "serial:"

@@ -9,15 +9,11 @@ the other trial.
 from dataclasses import dataclass
 
 import numpy as np
+from gnuradio.wiforce.calibration.calibrate import calibrate
+from gnuradio.wiforce.calibration.refine import refine
+from gnuradio.wiforce.calibration.tables import CalibrationTable, read_vna_csv
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.sensor import (
-    CalibrationTable,
-    PressTracker,
-    calibrate,
-    read_vna_csv,
-    refine,
-    smooth_press,
-)
+from gnuradio.wiforce.sensor import PressTracker, smooth_press
 from gnuradio.wiforce.sensor.curves import FORMS
 from gnuradio.wiforce.signal.carrier import wrap_deg
 

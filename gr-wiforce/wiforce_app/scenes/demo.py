@@ -8,19 +8,15 @@ import click
 import numpy as np
 import yaml
 from gnuradio.wiforce._config import DATA_DIR
+from gnuradio.wiforce.calibration.calibrate import calibrate
+from gnuradio.wiforce.calibration.simulated_vna import measure_vna
+from gnuradio.wiforce.calibration.tables import read_vna_csv, write_vna_csv
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.writers import open_writer
 from gnuradio.wiforce.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.sensor import (
-    load_sensor,
-    measure_vna,
-    read_vna_csv,
-    write_sensor,
-    write_vna_csv,
-)
-from gnuradio.wiforce.sensor.calibration import calibrate
+from gnuradio.wiforce.sensor import load_sensor, write_sensor
 from gnuradio.wiforce.simulation.score import read_truth, score
 from gnuradio.wiforce.simulation.simulator import simulate
 from gnuradio.wiforce.simulation.truth_file import frame_count

@@ -11,13 +11,12 @@ from ..errors import InputError, name_rule
 from ..io.schema import keys, plain, read
 from ..io.values import Choice, KeyPath, Scope
 from ..io.yamlfile import read_yaml, write_yaml
-from .checks import check_onset
 from .curves import Carrier, CurveModel
 from .earlier_files import with_present_keys
 from .file_schema import FILES, CarrierCurves, Provenance, SensorFile
 from .line import ContactLaw
 from .location import Transition
-from .model import LineModel, SensorModel
+from .model import LineModel, SensorModel, check_onset
 
 
 def shipped_sensors() -> list[str]:

@@ -14,13 +14,7 @@ from ..io.schema import DRAFT_7, Derived, ListOf, Mapping, declared, json_schema
 from ..io.values import AnyMapping, Choice, Date, Number, Scope, Text, Texts
 from .curves import FORMS, force_basis
 from .location import SHAPES
-from .model import (
-    LEAST,
-    LEAST_FREQUENCY_HZ,
-    MAX_FORCE_N,
-    MAX_LENGTH_MM,
-    MAX_PERMITTIVITY,
-)
+from .model import LEAST, LEAST_FREQUENCY_HZ, MAX_FORCE_N, MAX_LENGTH_MM, MAX_PERMITTIVITY
 
 _LOCATIONS = Size("locations", lambda scope: len(scope["location_mm"]))
 _COEFFICIENTS = Size(

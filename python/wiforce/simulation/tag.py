@@ -10,13 +10,7 @@ from .irregular_clock import IrregularClock
 from .random_sources import RandomSources
 from .skin import pressed_sensor
 from .streams import Ramp
-from .switching import (
-    SWITCHES,
-    SwitchingClock,
-    states_at,
-    switch_states,
-    with_duty_errors,
-)
+from .switching import SWITCHES, SwitchingClock, states_at, switch_states, with_duty_errors
 from .walk import RandomWalk
 
 if TYPE_CHECKING:

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-# Share of the least calibrated force up to which an onset counts as assumed (sensor/calibration.py
-# assumes half).
+# Share of the least calibrated force up to which an onset counts as assumed: `calibrate` assumes
+# half.
 _ASSUMED_ONSET = 0.501
 
 

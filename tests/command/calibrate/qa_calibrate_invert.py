@@ -6,7 +6,9 @@ import csv
 import numpy as np
 import pytest
 from command_runs import run_command
-from gnuradio.wiforce.sensor import load_sensor, measure_vna, write_vna_csv
+from gnuradio.wiforce.calibration.simulated_vna import measure_vna
+from gnuradio.wiforce.calibration.tables import write_vna_csv
+from gnuradio.wiforce.sensor import load_sensor
 
 
 @pytest.fixture(scope="module")

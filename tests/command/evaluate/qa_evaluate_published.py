@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gnuradio.wiforce._config import DATA_DIR
+from gnuradio.wiforce.calibration.tables import read_vna_csv
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.sensor import read_vna_csv
 from wiforce_app.evaluate import published
 from wiforce_app.evaluate.evaluate import evaluate
 

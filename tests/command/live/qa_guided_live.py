@@ -8,12 +8,14 @@ import signal
 import numpy as np
 import pytest
 import yaml
-from gnuradio.wiforce.sensor import calibrate, load_sensor, measure_vna
-from gnuradio.wiforce.sensor.session_plan import (
+from gnuradio.wiforce.calibration.calibrate import calibrate
+from gnuradio.wiforce.calibration.guided.session_plan import (
     DEFAULT_FORCES_N,
     DEFAULT_LOCATIONS_MM,
     RULER_STD_MM,
 )
+from gnuradio.wiforce.calibration.simulated_vna import measure_vna
+from gnuradio.wiforce.sensor import load_sensor
 from guided_operator import GuidedOperator
 from live_runs import FRAMES, GAINS, SLOW, command, scene_of
 from software_usrp import SoftwareUsrp

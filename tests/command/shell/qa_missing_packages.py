@@ -6,8 +6,8 @@ import sys
 import numpy as np
 import pytest
 from command_runs import run_command
+from gnuradio.wiforce.calibration.tables import read_touchstone_index
 from gnuradio.wiforce.errors import InputError, gnuradio_rule
-from gnuradio.wiforce.sensor.tables import read_touchstone_index
 from wiforce_app.shell.workers import _connect
 
 LIVE = ("live", "--scene", "demo", "--args", "addr=127.0.0.9")

@@ -5,8 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from gnuradio.wiforce.calibration.calibrate import calibrate
+from gnuradio.wiforce.calibration.simulated_vna import measure_vna
 from gnuradio.wiforce.io.readings import Reading
-from gnuradio.wiforce.sensor import calibrate, load_sensor, measure_vna
+from gnuradio.wiforce.sensor import load_sensor
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from wiforce_app.calibrate.plot import plot_calibration
 from wiforce_app.shell.plots import plot_readings

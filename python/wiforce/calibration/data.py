@@ -6,16 +6,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import InputError
+from ..sensor import curves, line
 from ..signal.carrier import CARRIERS_HZ, same_carrier
-from . import curves, line
 from .checks import check_places, continuous_phase, split_untouched
-from .sweeps import sweep_directions
 from .tables import CalibrationTable
 
 # Forces at which curves of different locations are compared.
 _FORCES_COMPARED = 9
 # Relative difference below which two frequencies of a table are the same carrier.
 _CARRIER_TOLERANCE = 1e-3
+# A branch ends where the force turns by more than this part of its span, which a load cell's noise
+# does not reach. Shorter branches are no sweeps, and data with more of them are in no order.
+_TURN, _LEAST_BRANCH, _ORDERED_SHARE = 0.2, 4, 0.8
 
 
 @dataclass(frozen=True)
@@ -303,3 +305,39 @@ def compared_forces(data: CarrierData) -> np.ndarray:
         every = np.concatenate([curve.force_n for curve in data.all_curves()])
         low, high = np.quantile(every, [0.25, 0.75])
     return np.linspace(low, high, _FORCES_COMPARED)
+
+
+def sweep_directions(force_n: np.ndarray) -> np.ndarray:
+    """Whether the force of a press rose or fell, from the order of its rows.
+
+    Returns ndarray of int, shape (n,): 1 while loading, -1 while unloading. All 0 where the rows
+    are in no order of measurement.
+
+    Parameters
+    ----------
+    force_n : ndarray, shape (n,)
+        Of one press, in the order in which it was measured.
+    """
+    direction = np.zeros(len(force_n), int)
+    for start, stop, sign in _branches(force_n):
+        if stop - start >= _LEAST_BRANCH:
+            direction[start:stop] = sign
+    if np.mean(direction != 0) < _ORDERED_SHARE:
+        direction[:] = 0
+    return direction
+
+
+def _branches(force_n: np.ndarray) -> list[tuple[int, int, int]]:
+    """First row, row after the last one, and sign of each rise and fall of the force."""
+    turn = _TURN * np.ptp(force_n)
+    found, start, extreme, sign = [], 0, 0, 0
+    for row in range(1, len(force_n)):
+        change = force_n[row] - force_n[extreme]
+        if not sign and abs(change) > turn:
+            sign = 1 if change > 0 else -1
+        if sign * change >= 0:
+            extreme = row if sign else extreme
+        elif abs(change) > turn:
+            found.append((start, extreme + 1, sign))
+            start, extreme, sign = extreme + 1, row, -sign
+    return [*found, (start, len(force_n), sign)]

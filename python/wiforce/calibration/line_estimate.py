@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..sensor import line
 from ..signal.carrier import same_carrier, wrap_deg
-from . import line
-from .calibration_data import carriers_of, untouched_phases
+from .data import carriers_of, untouched_phases
 from .tables import CalibrationTable
 
 # Concentration of the phases about a line: 1 without scatter. Below this the locations have phase

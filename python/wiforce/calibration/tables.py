@@ -42,7 +42,8 @@ class CalibrationTable:
 
     Examples
     --------
-    >>> from gnuradio.wiforce.sensor import load_sensor, measure_vna
+    >>> from gnuradio.wiforce.sensor import load_sensor
+    >>> from gnuradio.wiforce.calibration.simulated_vna import measure_vna
     >>> table = measure_vna(load_sensor("line-900mhz"), [40.0], [2.0], untouched_sweeps=1)
     >>> table.port.tolist(), table.force_n.tolist(), table.untouched.tolist()
     ([1, 2, 1, 2], [0.0, 0.0, 2.0, 2.0], [True, True, False, False])

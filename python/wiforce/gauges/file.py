@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..io.textfile import read_bytes
-from .force_gauge import UNITS_N, unit_n
+from .units import UNITS_N, unit_n
 
 if TYPE_CHECKING:
     import pandas as pd

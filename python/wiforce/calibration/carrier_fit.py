@@ -3,12 +3,12 @@
 
 import numpy as np
 
+from ..sensor import curves, line
+from ..sensor.location import learn_interpolation
 from ..signal.carrier import wrap_deg
-from . import curves, line
-from .calibration_data import compared_forces
+from .data import compared_forces
 from .fit import CurveFitter, noise_and_misfit
 from .hysteresis import find_hysteresis
-from .location import learn_interpolation
 
 # No press is so wide that it moves a short by more than this beyond what the line does.
 _LARGEST_EXTENT_MM = 30.0

@@ -11,9 +11,9 @@ import numpy as np
 
 from ..errors import InputError
 from ..io.readings_files import ReadingsFile
-from .gauge_comparison import compare_with_gauge
-from .gauge_errors import GaugeComparison, TimedForces
-from .gauge_file import GaugeRecord, read_gauge_file
+from .comparison import compare_with_gauge
+from .errors import GaugeComparison, TimedForces
+from .file import GaugeRecord, read_gauge_file
 
 if TYPE_CHECKING:
     import pandas

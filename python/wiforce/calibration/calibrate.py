@@ -7,19 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..errors import InputError
-from . import curves
-from .calibration_data import (
-    CarrierData,
-    anchor_force,
-    carrier_data,
-    carriers_of,
-    with_location_steps,
-)
+from ..sensor import curves
+from ..sensor.model import MAX_FORCE_N, MAX_LENGTH_MM, MAX_PERMITTIVITY, check_onset
 from .carrier_fit import fit_carrier
-from .checks import check_onset, check_table
+from .checks import check_table
+from .data import CarrierData, anchor_force, carrier_data, carriers_of, with_location_steps
 from .fit import force_knots
-from .model import MAX_FORCE_N, MAX_LENGTH_MM, MAX_PERMITTIVITY
-from .plausibility import stated_suspicions, suspicions
+from .mistakes import stated_suspicions, suspicions
 from .tables import CalibrationTable
 from .validation import leave_locations_out, validate_forms
 
@@ -92,7 +86,8 @@ def calibrate(
     Examples
     --------
     >>> import numpy as np
-    >>> from gnuradio.wiforce.sensor import load_sensor, measure_vna
+    >>> from gnuradio.wiforce.sensor import load_sensor
+    >>> from gnuradio.wiforce.calibration.simulated_vna import measure_vna
     >>> true = load_sensor("line-900mhz")
     >>> table = measure_vna(true, [20.0, 30.0, 40.0, 50.0, 60.0], np.linspace(1, 8, 15), 0.2)
     >>> model = calibrate(table, "arm", form="power")

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from . import curves, line
-from .calibration_data import CarrierData, ContactCurve, compared_forces
+from ..sensor import curves, line
 from .carrier_fit import interpolate
+from .data import CarrierData, ContactCurve, compared_forces
 from .fit import CurveFitter, force_knots
 
 # Blocks of neighbouring forces that are left out in turn: four of the six lie inside.

@@ -4,9 +4,9 @@
 import numpy as np
 
 from ..errors import InputError
+from ..sensor import line
+from ..sensor.model import LEAST
 from ..signal.carrier import wrap_deg
-from . import line
-from .model import LEAST
 from .tables import CalibrationTable
 
 # Forces per location and port from which a curve with four coefficients has a residual.
@@ -20,25 +20,6 @@ _ROUGHNESS_FACTOR = 10.0
 # A sweep that starts before the contact begins with the untouched phase, within 3 deg, and leaves
 # it by a step of more than 6 deg.
 _UNTOUCHED_DEG, _ONSET_STEP_DEG = 3.0, 6.0
-
-
-def check_onset(where: object, onset_n: float, highest_n: float) -> None:
-    """Check that the line is shorted within the calibrated forces.
-
-    Parameters
-    ----------
-    where : object
-        Parameter or key, for the message.
-    onset_n, highest_n : float
-        Force at which the line is first shorted, and highest calibrated force, in N.
-
-    Raises
-    ------
-    InputError
-    """
-    if onset_n >= highest_n:
-        rule = f"must be below the highest calibrated force, {highest_n:g}"
-        raise InputError(where, rule, onset_n)
 
 
 def check_table(table: CalibrationTable, length_mm: float) -> None:

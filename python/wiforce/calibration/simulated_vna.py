@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .model import SensorModel
+from ..sensor.model import SensorModel
 from .tables import CalibrationTable
 
 

@@ -9,12 +9,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..errors import InputError
-from ..signal.carrier import wrap_deg
-from . import line
-from .checks import continuous_phase
+from ...errors import InputError
+from ...sensor import line
+from ...signal.carrier import wrap_deg
+from ..checks import continuous_phase
+from ..tables import CalibrationTable
 from .press_measurement import PressMeasurement
-from .tables import CalibrationTable
 
 # The widening of the short is compared with what the five nearest forces at this location suggest
 # by a line over F^(-1/3), which describes a soft beam. With gauge errors of 1 % and 0.03 N it stays

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .calibration_data import ContactCurve
-from .curves import slope_over_force
+from ..sensor.curves import slope_over_force
+from .data import ContactCurve
 from .fit import CurveFitter, ForceCurve
 
 # The difference is a polynomial of this degree in force.

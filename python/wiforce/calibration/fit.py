@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from . import curves
+from ..sensor import curves
 
 # Knots of the spline, at equal steps of touch-down. Their freedom is limited by smoothing, whose
 # weight is chosen among these by cross-validation.

@@ -14,11 +14,11 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from ..errors import InputError
+from ..sensor import curves
+from ..sensor.filter_bank import NOISE_FREEDOM
 from ..signal.carrier import same_carrier, wrap_deg
-from . import curves
 from .checks import check_table
-from .filter_bank import NOISE_FREEDOM
-from .plausibility import stated_suspicions, suspicions
+from .mistakes import stated_suspicions, suspicions
 from .tables import CalibrationTable
 
 # Prior standard deviation of the difference between bench and air per location: a constant, and a

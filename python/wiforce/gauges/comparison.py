@@ -8,8 +8,8 @@ from scipy.fft import irfft, next_fast_len, rfft
 from scipy.optimize import minimize_scalar
 
 from ..errors import InputError
-from .gauge_errors import GaugeComparison, TimedForces
-from .gauge_file import GaugeRecord
+from .errors import GaugeComparison, TimedForces
+from .file import GaugeRecord
 
 # Readings and gauge must overlap by this share of the shorter one at any offset that is tried.
 _LEAST_OVERLAP = 0.5

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import InputError
-from .checks import LEAST_FORCES
-from .model import MAX_FORCE_N
+from ...errors import InputError
+from ...sensor.model import MAX_FORCE_N
+from ..checks import LEAST_FORCES
 
 DEFAULT_LOCATIONS_MM = (20.0, 30.0, 40.0, 50.0, 60.0)
 DEFAULT_FORCES_N = (1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0, 6.0, 7.0, 8.0)

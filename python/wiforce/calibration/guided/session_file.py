@@ -9,9 +9,9 @@ import os
 from pathlib import Path
 from types import TracebackType
 
-from ..errors import InputError, unwritable
-from ..io.textfile import check_output, read_csv
-from ..signal.carrier import same_carrier
+from ...errors import InputError, unwritable
+from ...io.textfile import check_output, read_csv
+from ...signal.carrier import same_carrier
 from .press_measurement import PressMeasurement
 
 COLUMNS = (

@@ -9,17 +9,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..errors import InputError
-from ..signal.carrier import wrap_deg
-from .calibration import calibrate
-from .checks import LEAST_FORCES
-from .curves import CurveModel
+from ...errors import InputError
+from ...gauges.units import UNITS_N
+from ...sensor.curves import CurveModel
+from ...signal.carrier import wrap_deg
+from ..calibrate import calibrate
+from ..checks import LEAST_FORCES
+from ..tables import read_tap_csv
 from .entry_plausibility import force_warning, press_warnings
-from .force_gauge import UNITS_N
 from .press_measurement import PressMeasurement
 from .session_file import SessionFile
 from .session_plan import Coverage, SessionPlan, Target
-from .tables import read_tap_csv
 
 # Untouched phases of runs with the same scene agree within this: their difference is drift.
 _UNTOUCHED_DEG = 1.0
