@@ -10,7 +10,7 @@ from gnuradio.wiforce.estimation.survey import survey_channel
 from gnuradio.wiforce.estimation.tracked_tag import TagClock
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.plan import plan
-from gnuradio.wiforce.planning.room import adapted
+from gnuradio.wiforce.planning.room.adaptation import adapted
 from gnuradio.wiforce.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate

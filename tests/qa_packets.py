@@ -11,9 +11,9 @@ from command_runs import run_command
 from gnuradio import wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.channel_snapshots import open_snapshots
-from gnuradio.wiforce.planning.packet_advice import recommendation
+from gnuradio.wiforce.planning.clocks.proposals import clocks_for
+from gnuradio.wiforce.planning.packets.advice import recommendation
 from gnuradio.wiforce.planning.plan import plan
-from gnuradio.wiforce.planning.proposed_clocks import clocks_for
 from packet_simulator import PacketCapture, PacketTag
 
 PERIOD_S = 0.5

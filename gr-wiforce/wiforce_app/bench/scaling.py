@@ -126,7 +126,7 @@ def _machine():
 
 def scene_of(setting):
     """The scene of a row, as a mapping."""
-    from gnuradio.wiforce.planning.proposed_clocks import clocks_for
+    from gnuradio.wiforce.planning.clocks.proposals import clocks_for
 
     sounding = {"frame_length": setting.frame_length}
     if setting.axis == "symbol_length":

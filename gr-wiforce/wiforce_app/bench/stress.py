@@ -217,7 +217,7 @@ def _near_clocks(name, path, search, seed, readable):
 
     ``readable`` selects pairs that the planner accepts, or those that it warns of.
     """
-    from gnuradio.wiforce.planning.clocks import assess_clocks
+    from gnuradio.wiforce.planning.clocks.assessment import assess_clocks
 
     from .snapshots.stress_paths import WAVEFORM, read_case
 

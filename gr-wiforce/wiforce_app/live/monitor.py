@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 from gnuradio.wiforce.estimation.frame import describe_frames
 from gnuradio.wiforce.io.readings import Reading
-from gnuradio.wiforce.planning.room_report import finding_rows
+from gnuradio.wiforce.planning.room.report import finding_rows
 
 from ..read.room_news import RoomNews
 from ..read.stream_events import describe_events, describe_loss

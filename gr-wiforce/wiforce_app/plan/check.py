@@ -13,14 +13,10 @@ from gnuradio.wiforce.estimation.levels import measure_levels
 from gnuradio.wiforce.estimation.survey import survey_samples
 from gnuradio.wiforce.io.samples import samples_of
 from gnuradio.wiforce.planning.bands import licence_note, outside_band
-from gnuradio.wiforce.planning.findings import findings as findings_of
 from gnuradio.wiforce.planning.plan import plan
-from gnuradio.wiforce.planning.room import adapted
-from gnuradio.wiforce.planning.room_report import (
-    finding_line,
-    finding_rows,
-    measure_tag,
-)
+from gnuradio.wiforce.planning.room.adaptation import adapted
+from gnuradio.wiforce.planning.room.findings import findings as findings_of
+from gnuradio.wiforce.planning.room.report import finding_line, finding_rows, measure_tag
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.schema import Scene
 

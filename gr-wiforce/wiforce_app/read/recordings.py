@@ -5,8 +5,8 @@ from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.capture_files import is_snapshots
 from gnuradio.wiforce.io.channel_snapshots import ChannelSnapshots, open_snapshots
 from gnuradio.wiforce.planning.advice import accepted_suspicions
-from gnuradio.wiforce.planning.findings import findings
 from gnuradio.wiforce.planning.plan import plan
+from gnuradio.wiforce.planning.room.findings import findings
 from gnuradio.wiforce.recording import RecordingReader
 from gnuradio.wiforce.snapshot_recording import SnapshotReader
 

@@ -4,7 +4,7 @@
 import sys
 
 import click
-from gnuradio.wiforce.planning.room_report import finding_line
+from gnuradio.wiforce.planning.room.report import finding_line
 
 
 class RoomNews:

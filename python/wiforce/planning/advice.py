@@ -10,14 +10,14 @@ from ..errors import InputError
 from ..scene import Scene
 from ..signal.lines import HIGHEST_LINE, NYQUIST_MARGIN, lamp_distances_hz
 from .bands import outside_band
-from .clocks import ClockReport, assess_clocks
+from .clocks.assessment import ClockReport, assess_clocks
+from .clocks.mains import lamp_multiples, lines_lie, lines_near_lamps
+from .clocks.proposals import clocks_for
 from .expected import phase_std_deg
 from .levels import receive_levels, why_not_readable
-from .mains import lamp_multiples, lines_lie, lines_near_lamps
-from .packet_advice import packet_warnings
+from .packets.advice import packet_warnings
 from .plan import Plan
 from .plan import plan as plan_of
-from .proposed_clocks import clocks_for
 
 # A press that rises within so many groups is blurred by them.
 _GROUPS_PER_RISE = 2

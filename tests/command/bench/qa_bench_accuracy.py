@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 from command_runs import run_command
-from gnuradio.wiforce.planning.room_report import NOISE_WEIGHTS, UNLISTED_TAGS
+from gnuradio.wiforce.planning.room.report import NOISE_WEIGHTS, UNLISTED_TAGS
 from wiforce_app.bench import accuracy
 from wiforce_app.bench.picture import plot_losses
 from wiforce_app.bench.scenes.rooms import RoomCase, room_cases, room_table

@@ -6,7 +6,7 @@ import json
 import pytest
 from command_runs import run_command
 from gnuradio import gr
-from gnuradio.wiforce.planning.room_report import UNLISTED_TAGS
+from gnuradio.wiforce.planning.room.report import UNLISTED_TAGS
 from gnuradio.wiforce.scene import load_scene
 from wiforce_app.bench import tradeoff
 from wiforce_app.bench.scenes import tradeoff_points

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from gnuradio.wiforce.estimation.compression import Compression, image_operator
 from gnuradio.wiforce.estimation.tracked_tag import TagClock
-from gnuradio.wiforce.planning.room_report import (
+from gnuradio.wiforce.planning.room.report import (
     COMPRESSION,
     NOISE_WEIGHTS,
     UNLISTED_TAGS,

@@ -11,7 +11,7 @@ import numpy as np
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.expected import expect
 from gnuradio.wiforce.planning.plan import plan
-from gnuradio.wiforce.planning.room_report import changes_of, skipped_of
+from gnuradio.wiforce.planning.room.report import changes_of, skipped_of
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.simulation.score import read_truth

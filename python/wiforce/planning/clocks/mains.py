@@ -9,8 +9,8 @@ it lies a bin, the inverse of a phase group, away.
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from ..signal.lines import STRONG_LINES, lamp_distances_hz
-from .plan import Plan
+from ...signal.lines import STRONG_LINES, lamp_distances_hz
+from ..plan import Plan
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from ..scene import Scene
+from ...scene import Scene
 
 # Of the typical group's times; any other seed gives the same expected errors within 0.1 dB.
 _SEED = 1

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..estimation.frame_slip import without_slip
-from ..estimation.survey import LONGEST_S, SHORTEST_S, Survey, survey_folded
-from .plan import Plan
+from ...estimation.frame_slip import without_slip
+from ...estimation.survey import LONGEST_S, SHORTEST_S, Survey, survey_folded
+from ..plan import Plan
 
 
 def surveyed_snapshots(plan: Plan) -> int:

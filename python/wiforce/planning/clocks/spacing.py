@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..signal.waveform import Waveform
+from ...signal.waveform import Waveform
 from .pulses import Pulses, line_coefficients
 
 # Lines of two tags: strong lines at the same number, or at numbers 1:2 and 1:4. Other pairs of

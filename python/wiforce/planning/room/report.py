@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ..estimation.groups import Groups
+from ...estimation.groups import Groups
+from ..plan import Plan
 from .findings import Finding
-from .plan import Plan
 
 # Steps that only some rooms need.
 UNLISTED_TAGS = "separation of tags that the scene does not list"

@@ -12,10 +12,10 @@ from itertools import product
 
 import numpy as np
 
-from ..estimation.likelihood import PHASE_MARGIN, phase_margin
-from ..signal.clutter import clutter_basis
-from ..signal.lines import aliased_hz, centered_times_s
-from ..signal.waveform import Waveform
+from ...estimation.likelihood import PHASE_MARGIN, phase_margin
+from ...signal.clutter import clutter_basis
+from ...signal.lines import aliased_hz, centered_times_s
+from ...signal.waveform import Waveform
 from .pulses import Pulses, double_rate_pulses, line_coefficients, switch_waveform
 
 # An end that loses more than half its information to its neighbours, or to aliases, is not

@@ -3,13 +3,13 @@
 
 from collections.abc import Iterator
 
-from ..errors import InputError
-from ..signal.lines import STRONG_LINES, lamp_distances_hz
-from .expected import phase_std_deg
-from .mains import lamp_multiples, lines_lie
-from .plan import Plan
-from .plan import plan as plan_of
-from .proposed_clocks import clocks_for
+from ...errors import InputError
+from ...signal.lines import STRONG_LINES, lamp_distances_hz
+from ..clocks.mains import lamp_multiples, lines_lie
+from ..clocks.proposals import clocks_for
+from ..expected import phase_std_deg
+from ..plan import Plan
+from ..plan import plan as plan_of
 
 # Distance of strong lines from those of lamps, in bins of a group, up to which they interfere.
 _NEAR_BINS = 2.0

@@ -5,11 +5,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..estimation.sources import RoomLine, Source
-from ..estimation.survey import Survey
-from ..estimation.tracked_tag import TagClock
-from ..signal.lines import aliased_hz
-from ..signal.waveform import Waveform
+from ...estimation.sources import RoomLine, Source
+from ...estimation.survey import Survey
+from ...estimation.tracked_tag import TagClock
+from ...signal.lines import aliased_hz
+from ...signal.waveform import Waveform
 
 # Supplies pass the mains frequency or, behind a rectifier, twice that.
 RIPPLE_HZ = (50.0, 60.0, 100.0, 120.0)

@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..estimation.sources import SLOWEST_TAG_HZ, RoomLine, Source
-from ..estimation.survey import Survey
-from ..signal.lines import COINCIDING_BINS, STRONG_LINES, aliased_hz
-from .mains import line_numbers
-from .other_clock import other_clock_hz
-from .plan import Plan
+from ...estimation.sources import SLOWEST_TAG_HZ, RoomLine, Source
+from ...estimation.survey import Survey
+from ...signal.lines import COINCIDING_BINS, STRONG_LINES, aliased_hz
+from ..clocks.mains import line_numbers
+from ..clocks.other_clock import other_clock_hz
+from ..plan import Plan
+from .adaptation import NEGLIGIBLE, added_noise
 from .ripple import ripple_of
-from .room import NEGLIGIBLE, added_noise
 
 # Regions of raised noise: at least so many bins of the survey, apart by so many line widths.
 _LEAST_BINS = 4

@@ -6,11 +6,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ..errors import InputError
-from ..estimation.sources import RoomLine
-from ..signal.lines import STRONG_LINES
-from .plan import Plan
-from .proposed_clocks import propose_clocks
+from ...errors import InputError
+from ...estimation.sources import RoomLine
+from ...signal.lines import STRONG_LINES
+from ..plan import Plan
+from .proposals import propose_clocks
 
 # Clocks that are tried: the first one is separable unless tags are in the room that no scene lists.
 _ATTEMPTS = 4

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from ..errors import InputError
-from ..estimation.likelihood import PHASE_MARGIN, own_lines, phase_margin
-from ..estimation.tracked_tag import TagClock
-from ..scene import Scene, load_scene
-from ..signal.lines import (
+from ...errors import InputError
+from ...estimation.likelihood import PHASE_MARGIN, own_lines, phase_margin
+from ...estimation.tracked_tag import TagClock
+from ...scene import Scene, load_scene
+from ...signal.lines import (
     CLUTTER_MARGIN,
     HIGHEST_LINE,
     NYQUIST_MARGIN,
@@ -27,14 +27,14 @@ from ..signal.lines import (
     lamp_distances_hz,
     tag_lines,
 )
-from ..signal.switching import harmonics
-from ..signal.waveform import Waveform
-from ..signal.weights import WORST_GAIN, design_weights
-from .clock_spacing import LineTable, line_distances_hz, most_that_fit
-from .clocks import assess_clocks
-from .clutter_band import BANDS_HZ
-from .packet_clocks import packet_clocks
+from ...signal.switching import harmonics
+from ...signal.waveform import Waveform
+from ...signal.weights import WORST_GAIN, design_weights
+from ..clutter_band import BANDS_HZ
+from ..packets.clocks import packet_clocks
+from .assessment import assess_clocks
 from .pulses import Pulses, double_rate_pulses
+from .spacing import LineTable, line_distances_hz, most_that_fit
 
 # Distances of strong lines that are tried, in bins. Lines one bin apart are separate. More than
 # two are only a reserve, so that they are given up for a place away from lamps.

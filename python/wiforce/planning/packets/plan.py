@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..errors import InputError
-from ..estimation.groups import Groups
-from ..estimation.packet_groups import PacketGroups
-from ..estimation.separation import EndSeparator
-from ..signal.packets import packet_waveform
-from ..signal.timed_weights import TimedTable
-from .plan import Plan
+from ...errors import InputError
+from ...estimation.groups import Groups
+from ...estimation.packet_groups import PacketGroups
+from ...estimation.separation import EndSeparator
+from ...signal.packets import packet_waveform
+from ...signal.timed_weights import TimedTable
+from ..plan import Plan
 
 # Clutter bands that are tried, how far they may come to a clock, and by which factor a band must
 # reduce the noise: 0.1 dB.

@@ -8,15 +8,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..estimation.clock_lines import measured
-from ..estimation.sources import RoomLine, Source
-from ..estimation.survey import Survey
-from ..estimation.tracked_tag import TagClock
-from ..signal.lines import CLUTTER_MARGIN
-from ..signal.room_noise import RoomNoise, room_noise
-from ..signal.switching import harmonics
-from ..signal.weights import ToneTable
-from .plan import Plan
+from ...estimation.clock_lines import measured
+from ...estimation.sources import RoomLine, Source
+from ...estimation.survey import Survey
+from ...estimation.tracked_tag import TagClock
+from ...signal.lines import CLUTTER_MARGIN
+from ...signal.room_noise import RoomNoise, room_noise
+from ...signal.switching import harmonics
+from ...signal.weights import ToneTable
+from ..plan import Plan
 
 # Noise that the room adds to a tone, relative to white noise and averaged over the subcarriers,
 # below which the weights stay as they are: it costs 0.2 dB in that tone.

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..estimation.tracked_tag import TagClock
-from ..scene import Scene
-from ..signal.lines import STRONG_LINES, lamp_distances_hz
-from ..signal.timed_weights import clutter_at, timed_lines
-from .clock_spacing import line_distances_hz
-from .loss import end_variances
-from .packet_times import typical_times_s
+from ...estimation.tracked_tag import TagClock
+from ...scene import Scene
+from ...signal.lines import STRONG_LINES, lamp_distances_hz
+from ...signal.timed_weights import clutter_at, timed_lines
+from ..clocks.spacing import line_distances_hz
+from ..loss import end_variances
+from .times import typical_times_s
 
 # Clocks that are tried: slow tags, whose oscillators are watch crystals and dividers. Higher ones
 # gain nothing where packets are irregular, and meet their own aliases where they are regular.
