@@ -12,6 +12,14 @@ from pathlib import Path
 
 import click
 import numpy as np
+import yaml
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.planning.plan import plan
+from gnuradio.wiforce.receiver import Receiver
+from gnuradio.wiforce.recording import RecordingReader
+from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.simulation.simulator import simulate
 
 from ..shell.markdown import markdown_table
 from ..shell.options import FiniteRange
@@ -155,9 +163,6 @@ def scene_of(sensors, snapshots, duration_s=4.0):
 
 def _record(folder, sensors, seconds):
     """A capture of some sensors: a simulated piece, repeated."""
-    from gnuradio.wiforce.scene import load_scene
-    from gnuradio.wiforce.simulation.simulator import simulate
-
     period_s = 720 / 12.5e6
     scene = load_scene(scene_of(sensors, 625, (_PIECE_FRAMES + 0.5) * period_s))
     capture = folder / "capture"
@@ -176,10 +181,6 @@ def _record(folder, sensors, seconds):
 
 def _measure(capture, sensors, snapshots):
     """The row of a capture read in groups of some length; None when the plan refuses it."""
-    from gnuradio.wiforce.errors import InputError
-    from gnuradio.wiforce.io.capture import open_capture
-    from gnuradio.wiforce.planning.plan import plan
-
     try:
         settings = plan(scene_of(sensors, snapshots))
     except InputError:
@@ -204,8 +205,6 @@ def _measure(capture, sensors, snapshots):
 
 def _time_command(capture, sensors, snapshots):
     """Wall and processor time of ``gr-wiforce read``."""
-    import yaml
-
     scene = capture.with_name("scene.yaml")
     scene.write_text(yaml.safe_dump(scene_of(sensors, snapshots)), encoding="utf-8")
     command = [sys.executable, "-c", "from wiforce_app.main import run; raise SystemExit(run())"]
@@ -222,9 +221,6 @@ def _time_command(capture, sensors, snapshots):
 
 def _time_stages(recording, settings):
     """Processor time from samples to tones, and per group from tones to readings."""
-    from gnuradio.wiforce.receiver import Receiver
-    from gnuradio.wiforce.recording import RecordingReader
-
     source, batches = RecordingReader(recording, settings, 0).source, []
     start = time.process_time()
     while len(groups := source.read()):

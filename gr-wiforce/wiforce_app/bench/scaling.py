@@ -10,6 +10,14 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from gnuradio.wiforce.estimation.groups import Groups
+from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.planning.clocks.proposals import clocks_for
+from gnuradio.wiforce.planning.plan import plan
+from gnuradio.wiforce.receiver import Receiver
+from gnuradio.wiforce.recording import RecordingReader
+from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.simulation.simulator import simulate
 
 from ..shell.markdown import markdown_table
 from ..shell.progress import progress
@@ -126,8 +134,6 @@ def _machine():
 
 def scene_of(setting):
     """The scene of a row, as a mapping."""
-    from gnuradio.wiforce.planning.clocks.proposals import clocks_for
-
     sounding = {"frame_length": setting.frame_length}
     if setting.axis == "symbol_length":
         sounding |= {"symbol_length": setting.symbol_length, "repetitions": 2}
@@ -175,10 +181,6 @@ def _presses(names):
 
 def _recorded(scene, folder):
     """The recording of a scene, which the row before may have had as well."""
-    from gnuradio.wiforce.io.capture import open_capture
-    from gnuradio.wiforce.scene import load_scene
-    from gnuradio.wiforce.simulation.simulator import simulate
-
     capture, made = folder / "capture", folder / "made.json"
     # What is sent and received does not depend on the groups.
     sent = json.dumps({key: scene[key] for key in ("sounding", "sensors", "simulation")})
@@ -193,9 +195,6 @@ def _recorded(scene, folder):
 
 def _measure(setting, folder):
     """The row of a setting."""
-    from gnuradio.wiforce.planning.plan import plan
-    from gnuradio.wiforce.recording import RecordingReader
-
     scene = scene_of(setting)
     recording = _recorded(scene, folder)
     start = time.process_time()
@@ -224,9 +223,6 @@ def _measure(setting, folder):
 
 def _time_samples(recording, settings):
     """Processor time from a piece's samples to its tones, and these."""
-    from gnuradio.wiforce.estimation.groups import Groups
-    from gnuradio.wiforce.recording import RecordingReader
-
     took = []
     for _ in range(_REPEATS):
         source, batches = RecordingReader(recording, settings, 0, survey=False).source, []
@@ -239,9 +235,6 @@ def _time_samples(recording, settings):
 
 def _time_groups(settings, piece):
     """Processor time until clocks and reference are known, and of a group in a batch after this."""
-    from gnuradio.wiforce.estimation.groups import Groups
-    from gnuradio.wiforce.receiver import Receiver
-
     receiver = Receiver(settings)
     start = time.process_time()
     first = 0

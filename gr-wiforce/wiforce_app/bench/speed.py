@@ -7,10 +7,14 @@ import tempfile
 
 import click
 import numpy as np
+from gnuradio.wiforce.planning.plan import plan
+from gnuradio.wiforce.scene import load_scene
 
 from ..shell.options import FiniteRange, IntegerRange
 from ..shell.progress import progress
 from .report import Column, echo, head_and_cells, text_table
+from .throughput.recording import tone_weights, write_recording
+from .throughput.workers import Row, Worker
 
 # Row, number of tones, share of the recording that it reads.
 _CHAINS = (
@@ -81,7 +85,6 @@ def speed(as_json, runs, megabytes, folder, only, cpu_time, latency_seconds):
     ratios within a turn.
     """
     from .throughput.latency import measure_latency
-    from .throughput.recording import tone_weights, write_recording
 
     lines = _lines(only)
     with tempfile.TemporaryDirectory(prefix="wiforce-speed-", dir=folder) as place:
@@ -105,9 +108,6 @@ def _check_room(folder, size, megabytes):
 
 
 def _lines(only):
-    from .throughput.recording import tone_weights
-    from .throughput.workers import Row
-
     lines = [Row(name, name, tone_weights(tones), share) for name, tones, share in _CHAINS]
     lines += [Row(name, "file-sc16", _planned(scene)) for name, scene in _SCENES.items()]
     known = {line.name for line in lines}
@@ -121,9 +121,6 @@ def _lines(only):
 
 def _planned(scene):
     """Weights of the plan of a shipped scene."""
-    from gnuradio.wiforce.planning.plan import plan
-    from gnuradio.wiforce.scene import load_scene
-
     return plan(load_scene(scene)).table.weights
 
 
@@ -154,8 +151,6 @@ def _measure(lines, recording, runs, pinned, cpu_time):
 
 def _run_in_turns(lines, recording, runs, pinned, clock):
     """Msps of every run, (lines, runs), and peak memory of each line's process in MB."""
-    from .throughput.workers import Worker
-
     cpu = max(os.sched_getaffinity(0)) if pinned else None
     workers = [Worker(line, recording, cpu) for line in lines]
     try:
@@ -167,17 +162,14 @@ def _run_in_turns(lines, recording, runs, pinned, clock):
                 for n, worker in enumerate(workers):
                     figures[n, turn] = worker.run(clock)
                     step(1)
-        return figures, [worker.close() for worker in workers]
+        return figures, [worker.peak_memory_mb() for worker in workers]
     finally:
         for worker in workers:
-            worker.kill()
+            worker.close()
 
 
 def _lengths(recording, runs, cpu_time):
     """The same chain on a recording and on its first tenth: time per sample and memory."""
-    from .throughput.recording import tone_weights
-    from .throughput.workers import Row
-
     shares = (0.1, 1.0)
     lines = [Row("file-fc32", "file-fc32", tone_weights(16), share) for share in shares]
     figures, peaks = _run_in_turns(lines, recording, runs, True, "cpu" if cpu_time else "wall")

@@ -6,13 +6,18 @@ from pathlib import Path
 
 import click
 import numpy as np
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.readings import WEAK_PHASE_DEG
 from gnuradio.wiforce.io.textfile import check_output
+from gnuradio.wiforce.planning.clocks.assessment import assess_clocks
+from gnuradio.wiforce.sensor import load_sensor
 
 from ..shell.markdown import filled_page, markdown_table
 from ..shell.options import IntegerRange
 from ..shell.progress import progress
 from .report import Column, echo, head_and_cells, text_table
 from .snapshots.cases import Case
+from .snapshots.stress_paths import WAVEFORM, read_case
 
 # gamma with negligible noise, so that systematic errors remain; even less noise for clutter.
 _QUIET_DB, _SILENT_DB = 60.0, 140.0
@@ -129,8 +134,6 @@ def _limited(stress, path, worst, unit, limit, undetected, discarded, not_finite
 
 
 def _clutter(name, path, clutter_db, limit):
-    from .snapshots.stress_paths import read_case
-
     cause = {
         "double": "remaining noise and the fit of the clock",
         "channel first": "rounding in the FFT of each snapshot, before clutter is removed",
@@ -141,8 +144,6 @@ def _clutter(name, path, clutter_db, limit):
 
 
 def _week_gap(name, path):
-    from .snapshots.stress_paths import read_case
-
     case = _case(name, groups=40)
     first = list(range(case.reference_groups))
     indices = first + [_WEEK_GROUPS + i for i in range(case.groups)]
@@ -159,8 +160,6 @@ def _week_gap(name, path):
 
 
 def _week_on(name, path):
-    from .snapshots.stress_paths import read_case
-
     case = _case(name)
     count = case.reference_groups + case.groups
     outcome = read_case(case, path, [_WEEK_GROUPS + i for i in range(count)])
@@ -168,8 +167,6 @@ def _week_on(name, path):
 
 
 def _levels(name, path, factor):
-    from .snapshots.stress_paths import read_case
-
     case = _case(name, groups=12)
 
     def scale(number):
@@ -182,8 +179,6 @@ def _levels(name, path, factor):
 
 
 def _scaled(name, path, factor):
-    from .snapshots.stress_paths import read_case
-
     outcome = read_case(_case(name, static_db=20.0), path, scale=lambda number: factor)
     single = path != "double"
     cause = "single precision loses digits below 1e-38" if single and factor < 1e-30 else (
@@ -193,8 +188,6 @@ def _scaled(name, path, factor):
 
 
 def _not_finite_samples(name, path):
-    from .snapshots.stress_paths import read_case
-
     rng = np.random.default_rng(1)
 
     def hurt(number, snapshots):
@@ -217,10 +210,6 @@ def _near_clocks(name, path, search, seed, readable):
 
     ``readable`` selects pairs that the planner accepts, or those that it warns of.
     """
-    from gnuradio.wiforce.planning.clocks.assessment import assess_clocks
-
-    from .snapshots.stress_paths import WAVEFORM, read_case
-
     rng = np.random.default_rng(seed)
     ratios = (1.0, 1.25, 4 / 3, 1.5, 2.0, 0.5, 0.8)
 
@@ -234,13 +223,11 @@ def _near_clocks(name, path, search, seed, readable):
     def label(case):
         return f"clocks 1000 and {case.clocks_hz[1]:.2f} Hz"
 
-    return _searched(name, path, search, trial, label, read_case)
+    return _searched(name, path, search, trial, label)
 
 
 def _any_setting(name, path, search, seed):
     """Random settings from the whole permitted range of a scene."""
-    from .snapshots.stress_paths import read_case
-
     rng = np.random.default_rng(seed)
 
     def trial():
@@ -266,14 +253,11 @@ def _any_setting(name, path, search, seed):
             f"dB, clutter +{case.static_db:.0f} dB in {case.clutter_hz:.0f} Hz"
         )
 
-    return _searched(name, path, search, trial, label, read_case)
+    return _searched(name, path, search, trial, label)
 
 
-def _searched(name, path, search, trial, label, read_case):
+def _searched(name, path, search, trial, label):
     """Worst of many trials: the largest unflagged error in stated standard deviations."""
-    from gnuradio.wiforce.errors import InputError
-    from gnuradio.wiforce.io.readings import WEAK_PHASE_DEG
-
     worst, cause, refused, not_finite, discarded = 0.0, "", 0, 0, 0
     for run in range(search):
         case = trial()
@@ -301,8 +285,6 @@ _UNDETECTED_STD = 6.0
 
 def _inversion(name, path, sensor, seed):
     """Presses over the whole span of a model at any noise; unflagged errors in stated std."""
-    from gnuradio.wiforce.sensor import load_sensor
-
     model, rng, count = load_sensor(sensor), np.random.default_rng(seed), 4000
     worst, cause, discarded, not_finite = 0.0, "", 0, 0
     for noise_deg in (1e-6, 0.01, 0.1, 0.5, 1.0, 2.0, 4.0):

@@ -63,7 +63,7 @@ def test_a_chain_that_fails_ends_the_bench_with_its_name(recording):
         with pytest.raises(RuntimeError, match="odd: "):
             worker.run("wall")
     finally:
-        worker.kill()
+        worker.close()
 
 
 def test_the_interval_holds_the_median():
