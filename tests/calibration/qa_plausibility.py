@@ -222,7 +222,7 @@ def test_phase_suspicions_name_mistakes_of_a_table_to_invert(tmp_path):
 
 def test_line_sensor_of_the_documentation_can_be_used(tmp_path):
     """Users who describe a line by its physics begin with this example."""
-    page = (Path(__file__).parent.parent / "docs" / "sensor-files.md").read_text()
+    page = (Path(__file__).parents[2] / "docs" / "sensor-files.md").read_text()
     (example,) = re.findall(r"```yaml\n(name: my-line\n.*?)```", page, re.DOTALL)
     (tmp_path / "my-line.yaml").write_text(example)
     line = load_sensor(tmp_path / "my-line.yaml")

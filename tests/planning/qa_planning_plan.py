@@ -24,7 +24,7 @@ from gnuradio.wiforce.simulation.score import read_truth, score
 from gnuradio.wiforce.simulation.simulator import simulate
 from long_cases import cases
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 
 T, TA = 57.6e-6, 20.48e-6
 
