@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.simulation.adc import Adc
 from gnuradio.wiforce.simulation.channel import AirChannel
+from gnuradio.wiforce.simulation.radio.adc import Adc
 
 from .air import Cable, amplitude
 from .dsp import FULL_SCALE

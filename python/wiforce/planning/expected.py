@@ -19,7 +19,7 @@ from ..sensor.curves import CurveModel
 from ..signal.bound import phase_bound_deg
 from ..signal.carrier import same_carrier
 from ..signal.timed_weights import clutter_at
-from ..simulation.skin import pressed_sensor
+from ..simulation.presses.skin import pressed_sensor
 from .levels import ReceivedLevels, line_amplitude, receive_levels, why_not_readable
 
 if TYPE_CHECKING:

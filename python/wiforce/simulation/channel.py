@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .front_end import AnalogueFrontEnd, GainRipple
-from .interference import power_over_noise, transmitters
 from .levels import Levels
-from .oscillators import FreeOscillators
-from .paths import static_taps
-from .presses import TouchState
+from .presses.presses import TouchState
+from .radio.front_end import AnalogueFrontEnd, GainRipple
+from .radio.oscillators import FreeOscillators
 from .random_sources import RandomSources
-from .room import modulated_paths, tag_paths
+from .room.interference import power_over_noise, transmitters
+from .room.moving_paths import modulated_paths, tag_paths
+from .room.paths import static_taps
 from .streams import Fir, Ramp
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .paths import mean_power
+from .room.paths import mean_power
 
 if TYPE_CHECKING:
     from ..scene import Scene

@@ -17,10 +17,10 @@ import numpy as np
 from ..errors import InputError, unwritable
 from ..io.textfile import check_output
 from ..scene import Scene, load_scene
-from .presses import TouchState
+from .presses.presses import TouchState
 from .random_sources import RandomSources
 from .streams import Ramp
-from .tag import SwitchedTag
+from .tags.tag import SwitchedTag
 from .truth_file import all_or_nothing, write_truth
 
 # Delay spread of a room's echoes (tens of ns indoors: IEEE 802.11-03/940r4, models B to D), their
@@ -28,7 +28,7 @@ from .truth_file import all_or_nothing, write_truth
 _SPREAD_S = 30e-9
 _ECHOES = 12
 _ECHO_POWER = 1.0
-# Paths by way of moving objects, as in simulation/paths.py.
+# Paths by way of moving objects, as in simulation/room/paths.py.
 _MOVERS = 4
 # c1[1] = d1 sinc(d1) of the pulses of clock 1: the line that a scene's levels refer to.
 _LINE = 0.25 * float(np.sinc(0.25))

@@ -13,9 +13,9 @@ from ..io.samples import DATATYPES, samples_of
 from ..io.sigmf_metadata import write_metadata
 from ..io.textfile import check_output
 from ..scene import Scene, load_scene
-from .adc import Adc
 from .channel import AirChannel
 from .packets import simulate_packets
+from .radio.adc import Adc
 from .truth_file import all_or_nothing, frame_count, write_truth
 
 _SUFFIXES = (".sigmf-data", ".truth.csv", ".sigmf-meta")

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..io.readings import rounded
 from ..scene import Scene
-from .skin import surface_truth
+from .presses.skin import surface_truth
 
 TRUTH_COLUMNS = (
     "time_s", "sensor", "touch", "force_n", "location_mm", "phase1_deg", "phase2_deg",

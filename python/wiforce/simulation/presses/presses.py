@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..signal.carrier import SPEED_OF_LIGHT_M_S
+from ...signal.carrier import SPEED_OF_LIGHT_M_S
 from .press_force import press_force, shown_force
 
 if TYPE_CHECKING:
-    from ..scene.effects import Beam
-    from ..scene.simulated import Move, Press
-    from ..sensor import SensorModel
+    from ...scene.effects import Beam
+    from ...scene.simulated import Move, Press
+    from ...sensor import SensorModel
 
 # Points over which a mean within a phase group is taken.
 _MEAN_POINTS = 32

@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .paths import BASE_DELAY, delay_taps
+from ..room.paths import BASE_DELAY, delay_taps
 from .switching import SWITCHES, SwitchingClock, switch_states
 
 if TYPE_CHECKING:
-    from ..scene import Scene
-    from ..scene.effects import OtherTag
+    from ...scene import Scene
+    from ...scene.effects import OtherTag
 
 
 class UnlistedTag:

@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..levels import Levels
+from ..random_sources import RandomSources
+from ..streams import Ramp
+from ..tags.hand import NearHand
+from ..tags.other_tags import UnlistedTag
+from ..tags.tag import SwitchedTag
 from .fan import FanBlades
-from .hand import NearHand
-from .levels import Levels
 from .mains import MainsLamps
-from .other_tags import UnlistedTag
 from .paths import MOVING_PATHS, MovingPath, tag_taps
 from .person import Person
-from .random_sources import RandomSources
-from .streams import Ramp
-from .tag import SwitchedTag
 
 if TYPE_CHECKING:
-    from ..scene import Scene
+    from ...scene import Scene
 
 
 @dataclass(frozen=True)

@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..random_sources import Seeds
 from .paths import random_taps
-from .random_sources import Seeds
 
 if TYPE_CHECKING:
-    from ..scene.effects import Fan
+    from ...scene.effects import Fan
 
 BLADES = 3
 # Part of a blade's amplitude that depends on how it faces the antennas.

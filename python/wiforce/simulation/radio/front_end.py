@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .random_sources import Seeds
-from .streams import Ramp
+from ..random_sources import Seeds
+from ..streams import Ramp
 
 if TYPE_CHECKING:
-    from ..scene.effects import FrontEnd, Ripple
+    from ...scene.effects import FrontEnd, Ripple
 
 
 def image_gains(gain_db: float, phase_deg: float) -> tuple[complex, complex]:

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from ..scene.effects import Beam
-    from ..scene.simulated import Press
+    from ...scene.effects import Beam
+    from ...scene.simulated import Press
 
 # Physiological tremor of a hand lies between 8 and 12 Hz.
 TREMOR_HZ = (8.3, 9.7, 11.4)

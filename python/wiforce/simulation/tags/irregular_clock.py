@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .random_sources import Seeds
+from ..random_sources import Seeds
+from ..walk import RandomWalk
 from .switching import SwitchingClock
-from .walk import RandomWalk
 
 if TYPE_CHECKING:
-    from ..scene.simulated_tags import Tag
+    from ...scene.simulated_tags import Tag
 
 # Most that the frequency wanders from its stated course.
 MOST_WANDER_PPM = 1000.0

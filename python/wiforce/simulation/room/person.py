@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..signal.carrier import SPEED_OF_LIGHT_M_S
+from ...signal.carrier import SPEED_OF_LIGHT_M_S
+from ..random_sources import Seeds
 from .paths import BASE_DELAY, LAST_DELAY, delay_taps
-from .random_sources import Seeds
 
 if TYPE_CHECKING:
-    from ..scene.effects import Walker
+    from ...scene.effects import Walker
 
 # Two steps, in metres of way.
 STRIDE_M = 1.4

@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..random_sources import Seeds
+from ..walk import RandomWalk
 from .paths import random_taps
-from .random_sources import Seeds
-from .walk import RandomWalk
 
 if TYPE_CHECKING:
-    from ..scene.effects import Lamps
+    from ...scene.effects import Lamps
 
 # Harmonics up to here; the gain is interpolated between knots about 10 us apart.
 _HIGHEST_HZ = 10_000

@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..signal.carrier import SPEED_OF_LIGHT_M_S
-from .paths import BASE_DELAY, delay_taps
+from ...signal.carrier import SPEED_OF_LIGHT_M_S
+from ..room.paths import BASE_DELAY, delay_taps
 
 if TYPE_CHECKING:
-    from ..scene import Scene
-    from ..scene.effects import Hand
+    from ...scene import Scene
+    from ...scene.effects import Hand
     from .tag import SwitchedTag
 
 _SWAY_HZ = 0.7

@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from ..signal.waveform import Waveform
+from ...signal.waveform import Waveform
 
 # Delay of the first path in samples, which leaves room for the interpolator, and of the last.
 BASE_DELAY = 2

@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from .streams import Ramp
+from ..streams import Ramp
 
 
 class FreeOscillators:

@@ -6,17 +6,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..presses.skin import pressed_sensor
+from ..random_sources import RandomSources
+from ..streams import Ramp
+from ..walk import RandomWalk
 from .irregular_clock import IrregularClock
-from .random_sources import RandomSources
-from .skin import pressed_sensor
-from .streams import Ramp
 from .switching import SWITCHES, SwitchingClock, states_at, switch_states, with_duty_errors
-from .walk import RandomWalk
 
 if TYPE_CHECKING:
-    from ..scene import Scene
-    from ..scene.schema import SceneSensor
-    from ..scene.simulated_tags import Tag
+    from ...scene import Scene
+    from ...scene.schema import SceneSensor
+    from ...scene.simulated_tags import Tag
 
 
 class SwitchedTag:
