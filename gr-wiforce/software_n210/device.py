@@ -9,12 +9,12 @@ from collections.abc import Callable, Iterable
 
 from gnuradio.wiforce.errors import InputError
 
-from .air import Cable
+from .air.cable import Cable
 from .faults import Fault, FaultQueue, apply_fault, check_fault
 from .hardware import Hardware
-from .host_link import HostLink
+from .host.host_link import HostLink
+from .host.sockets import Sockets, check_loopback
 from .pacing import HostBacklog, Throttle, WallClock
-from .sockets import Sockets, check_loopback
 from .wire import TICK_RATE, TX_PORT
 
 _IDLE_TICKS = 1_000_000

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 import zmq
 from gnuradio import blocks, gr, uhd
-from software_n210.air import Cable
+from software_n210.air.cable import Cable
 from software_n210.console import ZmqControl
 from software_n210.device import Device
 

@@ -8,8 +8,8 @@ import pytest
 from device_parts import SPACING, Air, unit_gain
 from software_n210 import wire
 from software_n210.clock import DeviceClock
-from software_n210.network import Network
-from software_n210.receive import ReceiveChain
+from software_n210.host.network import Network
+from software_n210.streams.receive import ReceiveChain
 
 
 def receive_chain(clock=None):

@@ -8,7 +8,7 @@ import pytest
 from device_parts import SPACING, Air, unit_gain
 from software_n210 import wire
 from software_n210.clock import DeviceClock
-from software_n210.transmit import TransmitChain
+from software_n210.streams.transmit import TransmitChain
 from software_n210.wire import Malformed
 
 

@@ -12,7 +12,7 @@ from gnuradio import blocks, gr, uhd
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.channel import AirChannel
 from gnuradio.wiforce.simulation.simulator import capture
-from software_n210.scene_air import SceneAir
+from software_n210.air.scene_air import SceneAir
 
 REFERENCE_AMPLITUDE = 0.5  # of the sounding waveform, at gains of 15 dB
 

@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from .wire import RX_HEADER_WORDS, RX_OVERHEAD_WORDS, rx_error, rx_header, rx_trailer
+from ..wire import RX_HEADER_WORDS, RX_OVERHEAD_WORDS, rx_error, rx_header, rx_trailer
 
 _DEFAULT_SAMPLES_PER_PACKET = 363  # what fits the driver's frames of 1472 bytes
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Flow control of the transmit stream: which packets the host knows to be consumed."""
 
-from .wire import TX_FLOW, tx_report
+from ..wire import TX_FLOW, tx_report
 
 _UPDATE_ENABLED = 1 << 31
 # The driver takes the device for a FIFO of 1 MiB, and asks for eight reports per FIFO length.

@@ -3,7 +3,7 @@
 
 import struct
 
-from .wire import READBACK_BASE, SETTINGS_BASE, Malformed
+from ..wire import READBACK_BASE, SETTINGS_BASE, Malformed
 
 PROTOCOL_VERSION = 12
 _HEAD = struct.Struct(">III")

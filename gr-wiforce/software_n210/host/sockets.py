@@ -8,7 +8,7 @@ import struct
 
 from gnuradio.wiforce.errors import InputError
 
-from .wire import ALL_PORTS
+from ..wire import ALL_PORTS
 
 _SOL_UDP, _UDP_SEGMENT = 17, 103
 _MAX_SEGMENTS = 60

@@ -5,10 +5,10 @@ from collections import deque
 
 import numpy as np
 
+from ..wire import TX_BURST_ACK, TX_LATE, TX_SEQUENCE_ERROR, TX_UNDERFLOW, Malformed
 from .dsp import FULL_SCALE, DspRegisters
 from .flow_control import FlowControl
 from .tx_packets import parse_packet
-from .wire import TX_BURST_ACK, TX_LATE, TX_SEQUENCE_ERROR, TX_UNDERFLOW, Malformed
 
 _POLICY_NEXT_BURST = 4
 _MAX_QUEUE = 4096

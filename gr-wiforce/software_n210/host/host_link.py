@@ -3,15 +3,7 @@
 
 from collections import Counter, deque
 
-from .wire import (
-    CONTROL_PORT,
-    FIFO_PORT,
-    GPS_PORT,
-    RX_PORTS,
-    TX_PORT,
-    Malformed,
-    is_announcement,
-)
+from ..wire import CONTROL_PORT, FIFO_PORT, GPS_PORT, RX_PORTS, TX_PORT, Malformed, is_announcement
 
 
 class HostLink:

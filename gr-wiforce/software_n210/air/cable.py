@@ -4,7 +4,7 @@
 import numpy as np
 from gnuradio.wiforce.errors import InputError
 
-from .dsp import FULL_SCALE
+from ..streams.dsp import FULL_SCALE
 from .history import SampleHistory
 
 

@@ -4,7 +4,7 @@
 import ipaddress
 import struct
 
-from .wire import Malformed
+from ..wire import Malformed
 
 MOTHERBOARD = 0x50
 DAUGHTERBOARD_TX = 0x54

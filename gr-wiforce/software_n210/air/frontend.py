@@ -4,7 +4,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from .wire import TICK_RATE
+from ..wire import TICK_RATE
 
 _GPIO_RX_ONLY, _GPIO_TX_ONLY = 1, 2
 _SPI_CONTROL, _SPI_DATA = 1, 2

@@ -8,10 +8,10 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.simulation.channel import AirChannel
 from gnuradio.wiforce.simulation.radio.adc import Adc
 
-from .air import Cable, amplitude
-from .dsp import FULL_SCALE
+from ..streams.dsp import FULL_SCALE
+from ..wire import TICK_RATE
+from .cable import Cable, amplitude
 from .history import SampleHistory
-from .wire import TICK_RATE
 
 # A sounding waveform of this amplitude (its mean preamble power is the square), at the board's
 # middle gains, gives the levels of the scene.

@@ -5,7 +5,7 @@ import struct
 from collections import deque
 from dataclasses import dataclass
 
-from .wire import HAS_TIME, TYPE_MASK, Malformed, fifo_reply, words
+from ..wire import HAS_TIME, TYPE_MASK, Malformed, fifo_reply, words
 
 _POKE = 1 << 8
 _TYPE_CONTEXT = 0x40000000

@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from .wire import TICK_RATE
+from ..wire import TICK_RATE
 
 
 class Tuning:

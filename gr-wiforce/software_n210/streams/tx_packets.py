@@ -4,7 +4,7 @@
 import struct
 from dataclasses import dataclass
 
-from .wire import END_OF_BURST, HAS_TIME, HAS_TRAILER, TYPE_MASK, Malformed, words
+from ..wire import END_OF_BURST, HAS_TIME, HAS_TRAILER, TYPE_MASK, Malformed, words
 
 _TIME = struct.Struct(">Q")
 

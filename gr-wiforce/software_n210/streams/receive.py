@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..wire import RX_BROKEN_CHAIN, RX_LATE, RX_OVERFLOW
 from .dsp import FULL_SCALE, DspRegisters
 from .rx_packets import PacketStream
-from .wire import RX_BROKEN_CHAIN, RX_LATE, RX_OVERFLOW
 
 _NOW, _CHAIN, _RELOAD, _STOP = 1 << 31, 1 << 30, 1 << 29, 1 << 28
 _COUNT = _STOP - 1

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The register file: setting registers, passed on to their blocks, and readback words."""
 
-from .wire import SR_TIME
+from ..wire import SR_TIME
 
 _COMPATIBILITY = (11 << 16) | 1
 _REFERENCE_LOCKED = 1 << 11
