@@ -10,6 +10,7 @@ from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.signal.partial_weights import tones_of
+from gnuradio.wiforce.simulation.score import steady_rows
 
 from .error_summary import calibration_bias_deg, summary
 
@@ -79,10 +80,10 @@ def paper_errors(scene, index, changes, truth, detrend):
     phases, _ = corrected_phase_deg(
         np.exp(1j * angles), model.untouched_deg(frequency), sensor.off_reflection
     )
-    steady = _steady([row["touch"] == 1 for row in truth[:count]])
-    if not steady.any():
+    kept = steady_rows(truth[:count])
+    if not kept:
         return {}
-    kept = [row for row, keep in zip(truth, steady, strict=False) if keep]
+    steady = [truth.index(row) for row in kept]
     true_deg = np.array([[row["phase1_deg"], row["phase2_deg"]] for row in kept])
     found = model.invert(phases[steady], frequency_hz=frequency)
     force = found.force_n - [row["force_n"] for row in kept]
@@ -100,12 +101,3 @@ def _detrended(angles, reference_groups):
         return angles
     slope, start = np.polyfit(times[reference], angles[reference], 1)
     return angles - np.outer(times, slope) - start
-
-
-def _steady(touch):
-    """Groups that are touched and whose neighbours are touched."""
-    touch = np.array(touch, bool)
-    steady = touch.copy()
-    steady[1:-1] &= touch[:-2] & touch[2:]
-    steady[[0, -1]] = False
-    return steady

@@ -69,6 +69,16 @@ def _number(cell: str) -> float | None:
     return float(cell) if cell else None
 
 
+def steady_rows(rows: Sequence[Mapping]) -> list[Mapping]:
+    """Rows of one sensor's truth, in time, that are touched like the rows before and after."""
+    rows = sorted(rows, key=lambda row: row["time_s"])
+    return [
+        row
+        for before, row, after in zip(rows, rows[1:], rows[2:], strict=False)
+        if before["touch"] == row["touch"] == after["touch"] == 1
+    ]
+
+
 def score(readings: Sequence[Reading], truth: Sequence[Mapping], sensor: str) -> Score:
     """Compare one sensor's readings with the truth.
 
@@ -81,13 +91,7 @@ def score(readings: Sequence[Reading], truth: Sequence[Mapping], sensor: str) ->
     """
     rows = {round(row["time_s"], 4): row for row in truth if row["sensor"] == sensor}
     own = [reading for reading in readings if reading.sensor == sensor]
-    touches = {time: row["touch"] for time, row in rows.items()}
-    times = sorted(rows)
-    steady_times = {
-        times[i]
-        for i in range(1, len(times) - 1)
-        if touches[times[i - 1]] == touches[times[i]] == touches[times[i + 1]] == 1
-    }
+    steady_times = {round(row["time_s"], 4) for row in steady_rows(list(rows.values()))}
     force, location, phase = [], [], []
     flagged = missed = false = 0
     for reading in own:

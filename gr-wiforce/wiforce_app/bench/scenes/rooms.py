@@ -14,7 +14,7 @@ from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.planning.room.report import changes_of, skipped_of
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.carrier import wrap_deg
-from gnuradio.wiforce.simulation.score import read_truth
+from gnuradio.wiforce.simulation.score import read_truth, steady_rows
 from gnuradio.wiforce.simulation.simulator import simulate
 
 from ...evaluate.error_summary import calibration_bias_deg
@@ -95,13 +95,7 @@ class RoomResult:
 
 def _result(scene, found, truth):
     """Errors of the groups whose neighbours are touched as well."""
-    rows = sorted(truth, key=lambda row: row["time_s"])
-    touch = [row["touch"] == 1 for row in rows]
-    steady = {
-        round(row["time_s"], 4): row
-        for i, row in enumerate(rows[1:-1], 1)
-        if touch[i - 1] and touch[i] and touch[i + 1]
-    }
+    steady = {round(row["time_s"], 4): row for row in steady_rows(truth)}
     read = [
         (reading, steady[round(reading.time_s, 4)])
         for reading in found.readings
